@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,59 +12,68 @@ import yaml
 from bags import NS, START_NS, BagWriter
 from click.testing import CliRunner, Result
 
-from semcal_cli.bags.importing import import_bag
+from semcal_cli.bags.importing import ImportedDrive, import_bag
 from semcal_cli.bags.topics import Request
 from semcal_cli.cli import semcal
-from semcal_cli.drive.document import Drive
+from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import pose_from_mounting
 
+Maker = Callable[[BagWriter, int, int], Any]
+"""Makes a message of a writer, the index of a moment and its stamp; or none."""
 T_MOUNT = pose_from_mounting([1.0, -2.0, 3.0], [0.3, 0.1, -0.2])
 STAMP_S = START_NS / NS
-COLORS = (
-    np.array([[[200, 100, 50], [30, 60, 90]], [[10, 20, 250], [240, 230, 5]]], np.uint8)
-    .repeat(8, 0)
-    .repeat(8, 1)
+COLORS = np.kron(
+    np.array([[[200, 100, 50], [30, 60, 90]], [[10, 20, 250], [240, 230, 5]]], np.uint8),
+    np.ones((8, 8, 1), np.uint8),
 )
 """Four patches of blue, green, red."""
+CAMERA = Camera(model="plumb_bob", width=16, height=16, K=((9.0, 0, 8.0), (0, 9.0, 8.0), (0, 0, 1.0)))
+RECORDS = np.ones(20, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")])
+RECORDS["x"], RECORDS["time"] = np.arange(20), np.linspace(0.0, 0.09, 20)
 
 
-class Small:
-    """A small recording: `count` sweeps and pictures, a tenth of a second apart; functions change its messages."""
+def nothing(bag: BagWriter, index: int, stamp: int) -> None:
+    """Make no message."""
 
-    def __init__(self, folder: Path, kind: str = "sqlite3", count: int = 6) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.bag = BagWriter(folder, kind)
-        self.count = count
-        camera = {
-            "model": "plumb_bob",
-            "width": 16,
-            "height": 16,
-            "K": ((9.0, 0.0, 8.0), (0.0, 9.0, 8.0), (0.0, 0.0, 1.0)),
-        }
-        self.camera = Drive.model_validate(
-            {"semcal_drive": 1, "camera": camera, "frames": [{"points": "p.bin"}]}
-        ).camera
-        self.records = np.ones(20, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")])
-        self.records["x"] = np.arange(20)
-        self.records["time"] = np.linspace(0.0, 0.09, 20)
 
-    def write(self, **changes: Any) -> Path:
-        """Write the recording; a change is a function of the writer, the index and the stamp that gives a message."""
-        make = {
-            "info": lambda bag, index, stamp: bag.camera_info(self.camera, stamp),
-            "image": lambda bag, index, stamp: bag.image(np.roll(COLORS, index, 0), "bgr8", stamp),
-            "points": lambda bag, index, stamp: bag.cloud(self.records, stamp),
-        } | changes
-        names = {"info": "/cam/camera_info", "image": "/cam/image_raw", "points": "/points"}
-        with self.bag as bag:
-            for index in range(self.count):
-                stamp = START_NS + index * NS // 10
-                for key, function in make.items():
-                    message = function(bag, index, stamp)
-                    if message is not None:
-                        bag.write(names.get(key, f"/{key}"), message, stamp + NS // 100)
-        return self.bag.path
+def info(**changes: Any) -> Maker:
+    return lambda bag, index, stamp: bag.camera_info(CAMERA, stamp, **changes)
+
+
+def image(encoding: str = "bgr8", **changes: Any) -> Maker:
+    """Make pictures that move."""
+    return lambda bag, index, stamp: bag.image(np.roll(COLORS, index, 0), encoding, stamp, **changes)
+
+
+def cloud(records: np.ndarray = RECORDS, **changes: Any) -> Maker:
+    return lambda bag, index, stamp: bag.cloud(records, stamp, **changes)
+
+
+def at(maker: Maker, shift_ns: Callable[[int], int]) -> Maker:
+    """Make messages whose stamps are shifted, by their index."""
+    return lambda bag, index, stamp: maker(bag, index, stamp + shift_ns(index))
+
+
+def fill(bag: BagWriter, count: int = 6, **changes: Maker) -> Path:
+    """Write `count` cameras, pictures and sweeps, a tenth of a second apart; changes are by topic, or make others."""
+    makers = {"cam/camera_info": info(), "cam/image_raw": image(), "points": cloud()}
+    names = {"info": "cam/camera_info", "image": "cam/image_raw"}
+    makers |= {names.get(key, key): maker for key, maker in changes.items()}
+    with bag:
+        for index in range(count):
+            stamp = START_NS + index * NS // 10
+            for name, maker in makers.items():
+                message = maker(bag, index, stamp)
+                if message is not None:
+                    bag.write(f"/{name}", message, stamp + NS // 100)
+    return bag.path
+
+
+def small(folder: Path, kind: str = "sqlite3", count: int = 6, **changes: Maker) -> Path:
+    """Write a small recording, see `fill`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return fill(BagWriter(folder, kind), count, **changes)
 
 
 def run_cli(*arguments: object, code: int | None = 0) -> Result:
@@ -73,15 +83,24 @@ def run_cli(*arguments: object, code: int | None = 0) -> Result:
     return result
 
 
+def done(path: Path, out: Path, **settings: Any) -> ImportedDrive:
+    """Import a recording."""
+    return import_bag(Request([path], **settings), out)
+
+
 def imported(path: Path, out: Path, **settings: Any) -> Any:
     """Import a recording, and return the content of the drive.yaml."""
-    import_bag(Request([path], **settings), out)
-    return yaml.safe_load((out / "drive.yaml").read_text())
+    return yaml.safe_load(done(path, out, **settings).written.path.read_text())
+
+
+def remarks(path: Path, out: Path, **settings: Any) -> str:
+    """Import a recording, and return the remarks, one on each line."""
+    return "\n".join(done(path, out, **settings).written.remarks)
 
 
 def refused(path: Path, out: Path, **settings: Any) -> str:
     """Import what has to be refused, and return the message."""
     with pytest.raises(InputError) as error:
-        import_bag(Request([path], **settings), out)
+        done(path, out, **settings)
     assert not (out / "drive.yaml").exists()
     return str(error.value)

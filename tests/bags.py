@@ -1,4 +1,4 @@
-"""Recordings for tests, by rosbags' writers, and MCAP by the library `mcap`, too, by which semcal does not read."""
+"""Recordings for tests, by rosbags' writers, and MCAP by that of the library `mcap`, too."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -25,6 +26,8 @@ from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 NS = 1_000_000_000
 START_NS = 1_581_624_663_000_000_000
 KINDS = ("ros1", "sqlite3", "mcap", "mcap library")
+CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+"""Datatypes of a PointField."""
 SUFFIXES = {"ros1": "bag.bag", "sqlite3": "bag", "mcap": "bag", "mcap library": "bag.mcap"}
 LIVOX = """std_msgs/Header header
 uint64 timebase
@@ -44,11 +47,10 @@ uint8 line
 """
 
 
-class BagWriter:
-    """Writes messages of the types of one generation of ROS."""
+class Messages:
+    """Makes messages of the types of one generation of ROS."""
 
-    def __init__(self, folder: Path, kind: str, compression: str = "", **mcap_options: Any) -> None:
-        self.kind, self.path = kind, folder / SUFFIXES[kind]
+    def __init__(self, kind: str) -> None:
         self.is_ros1 = kind == "ros1"
         self.store = get_typestore(Stores.ROS1_NOETIC if self.is_ros1 else Stores.ROS2_HUMBLE)
         if self.is_ros1:
@@ -57,6 +59,127 @@ class BagWriter:
         for package in ("livox_ros_driver", "livox_ros_driver2"):
             text = LIVOX.replace("livox_ros_driver2", package)
             self.store.register(get_types_from_msg(text, f"{package}/msg/CustomMsg"))
+
+    def raw(self, message: Any) -> bytes:
+        """Serialize a message."""
+        serialize = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
+        return bytes(serialize(message, message.__msgtype__))
+
+    def make(self, kind: str, **values: Any) -> Any:
+        """Make a message of a type; inner messages are mappings, and what is not given is zero or empty."""
+        fields = self.store.fielddefs[kind][1]
+        return self.store.types[kind](**{name: self._value(*of, values.get(name)) for name, of in fields})
+
+    def _value(self, node: Nodetype, of: Any, value: Any) -> Any:
+        if node == Nodetype.NAME:
+            return self.make(of, **(value or {}))
+        if node == Nodetype.BASE:
+            default = "" if of[0] == "string" else np.zeros((), of[0]).item()
+            return default if value is None else value
+        (node, inner), count = of
+        if node == Nodetype.NAME:
+            return [self.make(inner, **each) for each in value or []]
+        return np.zeros(count, inner[0]) if value is None else np.asarray(value, inner[0])
+
+    def cloud(self, records: np.ndarray, stamp_ns: int, frame: str = "lidar", **changes: Any) -> Any:
+        """Make a PointCloud2 of records (N,) or (H, W) of any layout."""
+        layout, rows = records.dtype, np.atleast_2d(records)
+        fields = [
+            {"name": name, "offset": layout.fields[name][1], "datatype": CODES[layout[name].base.str[1:]],
+             "count": int(np.prod(layout[name].shape, dtype=int))}
+            for name in layout.names or ()
+        ]  # fmt: skip
+        values = {
+            "header": header(stamp_ns, frame),
+            "height": rows.shape[0],
+            "width": rows.shape[1],
+            "fields": fields,
+            "is_bigendian": any(layout[name].base.str[0] == ">" for name in layout.names or ()),
+            "point_step": layout.itemsize,
+            "row_step": layout.itemsize * rows.shape[1],
+            "data": np.frombuffer(rows.tobytes(), np.uint8),
+        }
+        return self.make("sensor_msgs/msg/PointCloud2", **(values | changes))
+
+    def image(
+        self, pixels: np.ndarray, encoding: str, stamp_ns: int, frame: str = "optical", **changes: Any
+    ) -> Any:
+        """Make an Image of stored pixels (H, W) or (H, W, C)."""
+        values = {
+            "header": header(stamp_ns, frame),
+            "height": pixels.shape[0],
+            "width": pixels.shape[1],
+            "encoding": encoding,
+            "is_bigendian": int(pixels.dtype.str[0] == ">"),
+            "step": pixels[0].nbytes,
+            "data": np.frombuffer(pixels.tobytes(), np.uint8),
+        }
+        return self.make("sensor_msgs/msg/Image", **(values | changes))
+
+    def compressed(self, content: bytes, name: str, stamp_ns: int) -> Any:
+        """Make a CompressedImage."""
+        data = np.frombuffer(content, np.uint8)
+        return self.make(
+            "sensor_msgs/msg/CompressedImage", header=header(stamp_ns, "optical"), format=name, data=data
+        )
+
+    def camera_info(self, camera: Any, stamp_ns: int, **changes: Any) -> Any:
+        """Make a CameraInfo of a drive's camera."""
+        values: dict[str, Any] = {
+            "header": header(stamp_ns, "optical"),
+            "height": camera.height,
+            "width": camera.width,
+            "distortion_model": {"fisheye": "equidistant"}.get(camera.model, camera.model),
+            "D": camera.distortion,
+            "K": np.ravel(camera.K),
+            "R": np.eye(3).ravel(),
+            "P": np.hstack([np.array(camera.K), np.zeros((3, 1))]).ravel(),
+        } | changes
+        if not self.is_ros1:
+            values = {key.lower() if key in "DKRP" else key: value for key, value in values.items()}
+        return self.make("sensor_msgs/msg/CameraInfo", **values)
+
+    def transforms(self, edges: dict[tuple[str, str], Pose], stamp_ns: int = START_NS) -> Any:
+        """Make a TFMessage of T_parent_child by parent and child."""
+        stamped = [
+            {"header": header(stamp_ns, parent), "child_frame_id": child,
+             "transform": {"translation": position(T), "rotation": rotation(T)}}
+            for (parent, child), T in edges.items()
+        ]  # fmt: skip
+        return self.make("tf2_msgs/msg/TFMessage", transforms=stamped)
+
+    def pose(self, T: Pose, stamp_ns: int) -> Any:
+        """Make a PoseStamped."""
+        pose = {"position": position(T), "orientation": rotation(T)}
+        return self.make("geometry_msgs/msg/PoseStamped", header=header(stamp_ns, "odom"), pose=pose)
+
+    def odometry(self, T: Pose, stamp_ns: int, child: str) -> Any:
+        """Make an Odometry."""
+        pose = {"pose": {"position": position(T), "orientation": rotation(T)}}
+        return self.make(
+            "nav_msgs/msg/Odometry", header=header(stamp_ns, "odom"), child_frame_id=child, pose=pose
+        )
+
+    def livox(
+        self, records: np.ndarray, stamp_ns: int, package: str = "livox_ros_driver2", frame: str = "lidar"
+    ) -> Any:
+        """Make a CustomMsg of records with the fields of CustomPoint."""
+        points = [{name: each[name].item() for name in records.dtype.names} for each in records]
+        return self.make(
+            f"{package}/msg/CustomMsg",
+            header=header(stamp_ns, frame),
+            timebase=stamp_ns,
+            point_num=len(points),
+            points=points,
+        )
+
+
+class BagWriter(Messages):
+    """Writes messages of the types of one generation of ROS."""
+
+    def __init__(self, folder: Path, kind: str, compression: str = "", **mcap_options: Any) -> None:
+        self.kind, self.path = kind, folder / SUFFIXES[kind]
+        super().__init__(kind)
         self._stack = ExitStack()
         self._connections: dict[tuple[str, str], Any] = {}
         self._writer: Any
@@ -87,200 +210,45 @@ class BagWriter:
     ) -> None:
         self._stack.close()
 
-    def raw(self, message: Any) -> bytes:
-        """Serialize a message."""
-        if self.is_ros1:
-            return bytes(self.store.serialize_ros1(message, message.__msgtype__))
-        return bytes(self.store.serialize_cdr(message, message.__msgtype__))
-
     def write(self, topic: str, message: Any, received_ns: int) -> None:
         """Write a message."""
         self.write_raw(topic, message.__msgtype__, self.raw(message), received_ns)
 
     def write_raw(self, topic: str, kind: str, raw: bytes, received_ns: int) -> None:
         """Write the bytes of a message."""
-        connection = self._connections.get((topic, kind))
+        if (topic, kind) not in self._connections:
+            self._connections[topic, kind] = self._connection(topic, kind)
+        connection = self._connections[topic, kind]
         if self.kind == "mcap library":
-            if connection is None:
-                schema = self._writer.register_schema(name=kind, encoding="ros2msg", data=b"")
-                connection = self._writer.register_channel(
-                    topic=topic, message_encoding="cdr", schema_id=schema
-                )
             self._writer.add_message(connection, log_time=received_ns, data=raw, publish_time=received_ns)
         else:
-            if connection is None:
-                known = kind in self.store.fielddefs
-                text = {} if known else {"msgdef": "uint8 data", "md5sum": "0" * 32}
-                if known or self.is_ros1:
-                    connection = self._writer.add_connection(
-                        topic, kind, **({"typestore": self.store} if known else text)
-                    )
-                else:
-                    connection = self._writer.add_connection(
-                        topic, kind, msgdef="uint8 data", rihs01="RIHS01_" + "0" * 64
-                    )
             self._writer.write(connection, received_ns, raw)
-        self._connections[topic, kind] = connection
 
-    def make(self, kind: str, **fields: Any) -> Any:
-        """Make a message of a type of the package before its last slash."""
-        return self.store.types[kind](**fields)
+    def _connection(self, topic: str, kind: str) -> Any:
+        if self.kind == "mcap library":
+            schema = self._writer.register_schema(name=kind, encoding="ros2msg", data=b"")
+            return self._writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+        if kind in self.store.fielddefs:
+            return self._writer.add_connection(topic, kind, typestore=self.store)
+        digest = {"md5sum": "0" * 32} if self.is_ros1 else {"rihs01": "RIHS01_" + "0" * 64}
+        return self._writer.add_connection(topic, kind, msgdef="uint8 data", **digest)
 
-    def header(self, stamp_ns: int, frame: str) -> Any:
-        """Make a header."""
-        stamp = self.make("builtin_interfaces/msg/Time", sec=stamp_ns // NS, nanosec=stamp_ns % NS)
-        more = {"seq": 0} if self.is_ros1 else {}
-        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **more)
 
-    def cloud(self, records: np.ndarray, stamp_ns: int, frame: str = "lidar", **changes: Any) -> Any:
-        """Make a PointCloud2 of records (N,) or (H, W) of any layout."""
-        codes = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
-        layout = records.dtype
-        rows = np.atleast_2d(records)
-        fields = []
-        for name in layout.names or ():
-            kind, offset = layout.fields[name][:2]
-            fields.append(
-                self.make(
-                    "sensor_msgs/msg/PointField",
-                    name=name,
-                    offset=offset,
-                    datatype=codes[kind.base.str[1:]],
-                    count=int(np.prod(kind.shape, dtype=int)),
-                )
-            )
-        is_bigendian = any(layout.fields[name][0].base.str[0] == ">" for name in layout.names or ())
-        values: dict[str, Any] = {
-            "header": self.header(stamp_ns, frame),
-            "height": rows.shape[0],
-            "width": rows.shape[1],
-            "fields": fields,
-            "is_bigendian": is_bigendian,
-            "point_step": layout.itemsize,
-            "row_step": layout.itemsize * rows.shape[1],
-            "data": np.frombuffer(rows.tobytes(), np.uint8),
-            "is_dense": False,
-        }
-        return self.make("sensor_msgs/msg/PointCloud2", **(values | changes))
+def header(stamp_ns: int, frame: str) -> dict[str, Any]:
+    """Fields of a Header."""
+    return {"stamp": {"sec": stamp_ns // NS, "nanosec": stamp_ns % NS}, "frame_id": frame}
 
-    def image(
-        self, pixels: np.ndarray, encoding: str, stamp_ns: int, frame: str = "optical", **changes: Any
-    ) -> Any:
-        """Make an Image of stored pixels (H, W) or (H, W, C)."""
-        values: dict[str, Any] = {
-            "header": self.header(stamp_ns, frame),
-            "height": pixels.shape[0],
-            "width": pixels.shape[1],
-            "encoding": encoding,
-            "is_bigendian": int(pixels.dtype.str[0] == ">"),
-            "step": pixels[0].nbytes,
-            "data": np.frombuffer(pixels.tobytes(), np.uint8),
-        }
-        return self.make("sensor_msgs/msg/Image", **(values | changes))
 
-    def compressed(self, content: bytes, name: str, stamp_ns: int, frame: str = "optical") -> Any:
-        """Make a CompressedImage."""
-        return self.make(
-            "sensor_msgs/msg/CompressedImage",
-            header=self.header(stamp_ns, frame),
-            format=name,
-            data=np.frombuffer(content, np.uint8),
-        )
+def position(T: Pose) -> dict[str, float]:
+    """Fields of a Point or a Vector3."""
+    return dict(zip("xyz", T[:3, 3].tolist(), strict=True))
 
-    def camera_info(self, camera: Any, stamp_ns: int, **changes: Any) -> Any:
-        """Make a CameraInfo of a drive's camera."""
-        K = np.array(camera.K).ravel()
-        P = np.hstack([np.array(camera.K), np.zeros((3, 1))]).ravel()
-        roi = self.make(
-            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-        )
-        values: dict[str, Any] = {
-            "header": self.header(stamp_ns, "optical"),
-            "height": camera.height,
-            "width": camera.width,
-            "distortion_model": {"fisheye": "equidistant"}.get(camera.model, camera.model),
-            "D": np.array(camera.distortion, dtype=float),
-            "K": K,
-            "R": np.eye(3).ravel(),
-            "P": P,
-            "binning_x": 0,
-            "binning_y": 0,
-            "roi": roi,
-        } | changes
-        if not self.is_ros1:
-            values = {key.lower() if key in "DKRP" else key: value for key, value in values.items()}
-        return self.make("sensor_msgs/msg/CameraInfo", **values)
 
-    def transforms(self, edges: dict[tuple[str, str], Pose], stamp_ns: int = START_NS) -> Any:
-        """Make a TFMessage of T_parent_child by parent and child."""
-        stamped = []
-        for (parent, child), T in edges.items():
-            transform = self.make(
-                "geometry_msgs/msg/Transform",
-                translation=self._vector("Vector3", T),
-                rotation=self._rotation(T),
-            )
-            stamped.append(
-                self.make(
-                    "geometry_msgs/msg/TransformStamped",
-                    header=self.header(stamp_ns, parent),
-                    child_frame_id=child,
-                    transform=transform,
-                )
-            )
-        return self.make("tf2_msgs/msg/TFMessage", transforms=stamped)
-
-    def pose(self, T: Pose, stamp_ns: int) -> Any:
-        """Make a PoseStamped."""
-        return self.make(
-            "geometry_msgs/msg/PoseStamped", header=self.header(stamp_ns, "odom"), pose=self._pose(T)
-        )
-
-    def odometry(self, T: Pose, stamp_ns: int, child: str) -> Any:
-        """Make an Odometry."""
-        zero = self.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-        twist = self.make("geometry_msgs/msg/Twist", linear=zero, angular=zero)
-        covariance = np.zeros(36)
-        return self.make(
-            "nav_msgs/msg/Odometry",
-            header=self.header(stamp_ns, "odom"),
-            child_frame_id=child,
-            pose=self.make("geometry_msgs/msg/PoseWithCovariance", pose=self._pose(T), covariance=covariance),
-            twist=self.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance),
-        )
-
-    def livox(self, records: np.ndarray, stamp_ns: int, package: str = "livox_ros_driver2") -> Any:
-        """Make a CustomMsg of records with the fields of CustomPoint."""
-        points = [
-            self.make(
-                f"{package}/msg/CustomPoint", **{name: each[name].item() for name in records.dtype.names}
-            )
-            for each in records
-        ]
-        return self.make(
-            f"{package}/msg/CustomMsg",
-            header=self.header(stamp_ns, "lidar"),
-            timebase=stamp_ns,
-            point_num=len(points),
-            lidar_id=0,
-            rsvd=np.zeros(3, np.uint8),
-            points=points,
-        )
-
-    def _vector(self, name: str, T: Pose) -> Any:
-        x, y, z = (float(each) for each in T[:3, 3])
-        return self.make(f"geometry_msgs/msg/{name}", x=x, y=y, z=z)
-
-    def _rotation(self, T: Pose) -> Any:
-        turn = np.eye(4)
-        turn[:3, :3] = T[:3, :3]  # a position may be no number
-        x, y, z, w = (float(each) for each in quaternion_xyzw(turn))
-        return self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-    def _pose(self, T: Pose) -> Any:
-        return self.make(
-            "geometry_msgs/msg/Pose", position=self._vector("Point", T), orientation=self._rotation(T)
-        )
+def rotation(T: Pose) -> dict[str, float]:
+    """Fields of a Quaternion."""
+    turn = np.eye(4)
+    turn[:3, :3] = T[:3, :3]  # a position may be no number
+    return dict(zip("xyzw", np.asarray(quaternion_xyzw(turn)).tolist(), strict=True))
 
 
 def write_drive_as_bag(

@@ -9,21 +9,20 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from bag_imports import COLORS, STAMP_S, Small, imported, refused
-from bags import START_NS, BagWriter, jpeg, png
+from bag_imports import COLORS, STAMP_S, Maker, cloud, done, image, imported, info, nothing, refused, small
+from bags import START_NS, BagWriter, Messages, jpeg, png
 
 from semcal_cli.bags.clouds import read_sweep
-from semcal_cli.bags.importing import import_bag
-from semcal_cli.bags.messages import Message, MessageError
+from semcal_cli.bags.messages import Message, MessageError, Topic
 from semcal_cli.bags.pictures import ENCODINGS, read_picture
-from semcal_cli.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
 
 
-def sweep_of(bag: BagWriter, message: Any, stamp_ns: int = START_NS) -> Any:
+def sweep_of(bag: Messages, message: Any, stamp_ns: int = START_NS) -> Any:
     raw = bag.raw(message)
-    return read_sweep(Message("/points", message.__msgtype__, stamp_ns, raw, bag.is_ros1), stamp_ns)
+    topic = Topic("/points", message.__msgtype__)
+    return read_sweep(Message(topic, stamp_ns, raw, bag.is_ros1), stamp_ns)
 
 
 LAYOUTS: dict[str, Any] = {
@@ -53,9 +52,8 @@ def test_every_field_of_a_sweep_is_kept(kind: str, name: str, shape: tuple[int, 
             records[field] = records[field] * scale
     records["x"].flat[3] = np.nan
     records["x"].flat[4] = records["y"].flat[4] = records["z"].flat[4] = 0.0
-    with BagWriter(tmp_path, kind) as bag:
-        found = sweep_of(bag, bag.cloud(records, START_NS))
-        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    bag = Messages(kind)
+    found = sweep_of(bag, bag.cloud(records, START_NS))
     assert found.records.dtype.names == records.dtype.names
     for field in records.dtype.names or ():
         np.testing.assert_array_equal(found.records[field].ravel(), np.atleast_2d(records)[field].ravel())
@@ -75,7 +73,7 @@ def one_cloud(folder: Path) -> Drive:
 
 @pytest.mark.parametrize("package", ["livox_ros_driver", "livox_ros_driver2"])
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
-def test_livox_custom_messages(kind: str, package: str, tmp_path: Path) -> None:
+def test_livox_custom_messages(kind: str, package: str) -> None:
     layout = [("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"),
               ("line", "u1")]  # fmt: skip
     records = np.zeros(7, layout)
@@ -83,16 +81,11 @@ def test_livox_custom_messages(kind: str, package: str, tmp_path: Path) -> None:
         records[name] = np.arange(7) * (place + 1) + 1
     records["offset_time"] = np.arange(7) * 15_000_000
     for frame in ("lidar", "livox_frame", ""):  # the length of the frame's name moves all that follows
-        with BagWriter(tmp_path, kind) as bag:
-            message = bag.livox(records, START_NS, package)
-            message.header.frame_id = frame
-            sweep = sweep_of(bag, message)
-            bag.write("/x", message, START_NS)
+        bag = Messages(kind)
+        sweep = sweep_of(bag, bag.livox(records, START_NS, package, frame))
         for name, _ in layout:
             np.testing.assert_array_equal(sweep.records[name][0], records[name])
         assert sweep.times.reference == "relative"
-        tmp_path = tmp_path / "next"
-        tmp_path.mkdir()
 
 
 SECONDS = np.linspace(0.0, 0.09, 10)
@@ -116,9 +109,8 @@ def test_times_of_points_in_every_unit(unit: str, tmp_path: Path) -> None:
     name, kind, values, expected, is_told = TIMES[unit]
     records = np.ones(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, kind)])
     records[name] = values
-    with BagWriter(tmp_path, "sqlite3") as bag:
-        sweep = sweep_of(bag, bag.cloud(records, START_NS))
-        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    bag = Messages("sqlite3")
+    sweep = sweep_of(bag, bag.cloud(records, START_NS))
     assert sweep.times.reference == expected
     assert (sweep.times.remark is not None) == is_told
     (tmp_path / "cloud.pcd").write_bytes(sweep.pcd())
@@ -174,20 +166,17 @@ def stored_pixels(encoding: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_every_encoding_of_a_picture(encoding: str, tmp_path: Path) -> None:
+def test_every_encoding_of_a_picture(encoding: str) -> None:
     stored, expected = stored_pixels(encoding)
     orders = ["<", ">"] if stored.dtype.itemsize == 2 else ["<"]
     for order in orders:
         pixels = np.ascontiguousarray(stored).astype(stored.dtype.newbyteorder(order))
         padded = np.pad(pixels.view(np.uint8).reshape(len(pixels), -1), ((0, 0), (0, 6)))
-        with BagWriter(tmp_path, "sqlite3") as bag:
-            changes = {"step": padded.shape[1], "data": padded.ravel()}
-            message = bag.image(pixels, encoding, START_NS, **changes)
-            raw = bag.raw(message)
-            bag.write("/x", message, START_NS)
-        tmp_path = tmp_path / "next"
-        tmp_path.mkdir()
-        picture = read_picture(Message("/image", message.__msgtype__, START_NS, raw, is_ros1=False))
+        bag = Messages("sqlite3")
+        changes = {"step": padded.shape[1], "data": padded.ravel()}
+        message = bag.image(pixels, encoding, START_NS, **changes)
+        raw = bag.raw(message)
+        picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=False))
         found = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
         if encoding.startswith(("yuv", "uyvy", "yuyv")):
             np.testing.assert_allclose(found, expected, atol=1.01)
@@ -199,120 +188,88 @@ def test_every_encoding_of_a_picture(encoding: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("encode", "suffix"), [(png, ".png"), (jpeg, ".jpg")])
-def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str, tmp_path: Path) -> None:
+def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str) -> None:
     content = encode(COLORS)
-    with BagWriter(tmp_path, "ros1") as bag:
-        message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
-        raw = bag.raw(message)
-        bag.write("/x", message, START_NS)
-    picture = read_picture(Message("/image", message.__msgtype__, START_NS, raw, is_ros1=True))
+    bag = Messages("ros1")
+    message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
+    raw = bag.raw(message)
+    picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=True))
     assert picture == (content, suffix, (16, 16))
 
 
-def test_points_without_a_range_have_no_times(tmp_path: Path) -> None:
+def test_points_without_a_range_have_no_times() -> None:
     records = np.ones(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("timestamp", "<f8")])
     records["timestamp"] = SECONDS + STAMP_S
     records["x"][4], records["timestamp"][4] = np.nan, 0.0
-    with BagWriter(tmp_path, "sqlite3") as bag:
-        sweep = sweep_of(bag, bag.cloud(records, START_NS))
-        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    bag = Messages("sqlite3")
+    sweep = sweep_of(bag, bag.cloud(records, START_NS))
     assert sweep.times.reference == "absolute"
     assert sweep.times.ends_s == pytest.approx((0.0, 0.09), abs=1e-6)
 
 
-CLOUD_LIES: dict[str, Any] = {
-    "point_step": ({"point_step": 14}, "up to byte 16, but point_step 14"),
-    "point_step huge": ({"point_step": 1 << 30}, "point_step 1,073,741,824"),
-    "row_step": ({"row_step": 3, "height": 2, "width": 10}, "found row_step 3, needed 160"),
-    "data": ({"data": np.zeros(5, np.uint8)}, "found 5 bytes of points, needed 320"),
-    "width": ({"width": 4_000_000_000}, "found 4,000,000,000 points"),
-    "empty": ({"width": 0}, "found a cloud without points"),
-    "fields": ({"fields": []}, "found the fields none, needed x, y and z"),
-}
+def compressed(content: bytes) -> Maker:
+    return lambda bag, index, stamp: bag.compressed(content, "jpeg", stamp)
 
 
-IMAGE_LIES: dict[str, Any] = {
-    "no bytes": ({"data": np.zeros(0, np.uint8)}, "found 0 bytes of pixels, needed 768"),
-    "step": ({"step": 7}, "found step 7, needed 48"),
-    "size": ({"width": 0}, "found a picture of 0 x 16 pixels"),
-    "huge": ({"width": 1 << 31, "height": 1 << 31}, "needed at most 100,000,000"),
-    "encoding": ({"encoding": "32FC1"}, "found encoding '32FC1', needed one of: mono8"),
-    "other size": ({"width": 8, "step": 24}, "found a picture of 8 x 16 pixels, needed 16 x 16"),
-}
+LIES: dict[str, tuple[dict[str, Maker], str]] = {
+    "point_step": ({"points": cloud(point_step=14)}, "up to byte 16, but point_step 14"),
+    "point_step huge": ({"points": cloud(point_step=1 << 30)}, "point_step 1,073,741,824"),
+    "row_step": ({"points": cloud(row_step=3, height=2, width=10)}, "found row_step 3, needed 160"),
+    "points": ({"points": cloud(data=np.zeros(5, np.uint8))}, "found 5 bytes of points, needed 320"),
+    "many points": ({"points": cloud(width=4_000_000_000)}, "found 4,000,000,000 points"),
+    "no points": ({"points": cloud(width=0)}, "found a cloud without points"),
+    "no fields": ({"points": cloud(fields=[])}, "found the fields none, needed x, y and z"),
+    "no pixels": ({"image": image(data=[])}, "found 0 bytes of pixels, needed 768"),
+    "step": ({"image": image(step=7)}, "found step 7, needed 48"),
+    "size": ({"image": image(width=0)}, "found a picture of 0 x 16 pixels"),
+    "huge": ({"image": image(width=1 << 31, height=1 << 31)}, "needed at most 100,000,000"),
+    "encoding": ({"image": image("32FC1")}, "found encoding '32FC1', needed one of: mono8"),
+    "other size": ({"image": image(width=8, step=24)}, "found a picture of 8 x 16 pixels, needed 16 x 16"),
+    "empty": ({"image": compressed(b"")}, "found 0 bytes of"),
+    "other format": ({"image": compressed(b"RIFF1234WEBP")}, "found 12 bytes of"),
+    "JPEG": ({"image": compressed(b"\xff\xd8\xff\xe0")}, "found 4 bytes of"),
+    "PNG": ({"image": compressed(b"\x89PNG\r\n\x1a\n")}, "found 8 bytes of"),
+    "K": ({"info": info(K=np.zeros(9))}, "/cam/camera_info: K: found zeros only, needed a calibrated camera"),
+    "lens": ({"info": info(distortion_model="odd")},
+             "/cam/camera_info: distortion_model: found 'odd', needed one of: plumb_bob"),
+    "no camera": ({"info": nothing}, "found no topic of intrinsics (CameraInfo), only"),
+    "no pictures": ({"image": nothing}, "found no topic of pictures (Image, CompressedImage), only"),
+    "two sweeps": ({"rear": cloud()}, "--points: found 2 topics of sweeps (PointCloud2, Livox CustomMsg), "
+                   "needed one of: /points, /rear"),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("lie", CLOUD_LIES)
-def test_a_sweep_that_lies_gets_one_line(lie: str, tmp_path: Path) -> None:
-    changes, expected = CLOUD_LIES[lie]
-    small = Small(tmp_path)
-    path = small.write(points=lambda bag, index, stamp: bag.cloud(small.records, stamp, **changes))
-    assert expected in refused(path, tmp_path / "drive")
-
-
-@pytest.mark.parametrize("lie", IMAGE_LIES)
-def test_a_picture_that_lies_gets_one_line(lie: str, tmp_path: Path) -> None:
-    changes, expected = IMAGE_LIES[lie]
-    path = Small(tmp_path).write(
-        image=lambda bag, index, stamp: bag.image(COLORS, stamp_ns=stamp, **{"encoding": "bgr8"} | changes)
-    )
-    assert expected in refused(path, tmp_path / "drive")
-
-
-@pytest.mark.parametrize("content", [b"", b"RIFF1234WEBP", b"\xff\xd8\xff\xe0", b"\x89PNG\r\n\x1a\n"])
-def test_a_compressed_picture_that_is_none_gets_one_line(content: bytes, tmp_path: Path) -> None:
-    path = Small(tmp_path).write(image=lambda bag, index, stamp: bag.compressed(content, "jpeg", stamp))
-    assert f"found {len(content)} bytes of" in refused(path, tmp_path / "drive")
+@pytest.mark.parametrize("lie", LIES)
+def test_a_recording_that_lies_gets_one_line(lie: str, tmp_path: Path) -> None:
+    changes, expected = LIES[lie]
+    assert expected in refused(small(tmp_path, **changes), tmp_path / "drive")
 
 
 def test_one_bad_message_is_left_out_and_counted(tmp_path: Path) -> None:
-    small = Small(tmp_path)
-    path = small.write(
-        points=lambda bag, index, stamp: bag.cloud(
-            small.records, stamp, **({"point_step": 3} if index == 2 else {})
-        )
-    )
-    done = import_bag(Request([path]), tmp_path / "drive")
-    assert done.written.num_frames == 5
-    assert done.left_out.total() == 1
+    def points(bag: BagWriter, index: int, stamp: int) -> Any:
+        return cloud(**({"point_step": 3} if index == 2 else {}))(bag, index, stamp)
+
+    found = done(small(tmp_path, points=points), tmp_path / "drive")
+    assert found.written.num_frames == 5
+    assert found.left_out.total() == 1
 
 
-def test_cameras_that_are_none_and_topics_that_are_missing(tmp_path: Path) -> None:
-    small = Small(tmp_path / "zeros")
-    path = small.write(info=lambda bag, index, stamp: bag.camera_info(small.camera, stamp, K=np.zeros(9)))
-    assert "/cam/camera_info: K: found zeros only, needed a calibrated camera" in refused(
-        path, tmp_path / "a"
-    )
-    small = Small(tmp_path / "lens")
-    path = small.write(
-        info=lambda bag, index, stamp: bag.camera_info(small.camera, stamp, distortion_model="odd")
-    )
-    assert "/cam/camera_info: distortion_model: found 'odd', needed one of: plumb_bob" in refused(
-        path, tmp_path / "b"
-    )
-    path = Small(tmp_path / "none").write(info=lambda *_: None)
-    assert "found no topic of intrinsics (CameraInfo), needed one, or --intrinsics FILE" in refused(
-        path, tmp_path / "c"
-    )
+def test_what_is_asked_for_counts(tmp_path: Path) -> None:
+    path = small(tmp_path, info=nothing, rear=cloud())
     file = tmp_path / "info.yaml"
     file.write_text(
         "{image_width: 16, image_height: 16, distortion_model: plumb_bob, distortion_coefficients: [],"
         " camera_matrix: [9, 0, 8, 0, 9, 8, 0, 0, 1]}"
     )
-    assert imported(path, tmp_path / "d", intrinsics=file)["camera"]["width"] == 16
-    path = Small(tmp_path / "no_image").write(image=lambda *_: None)
-    assert "found no topic of pictures (Image, CompressedImage), only" in refused(path, tmp_path / "e")
-    small = Small(tmp_path / "two")
-    path = small.write(rear=lambda bag, index, stamp: bag.cloud(small.records, stamp))
-    message = refused(path, tmp_path / "f")
-    assert message.startswith("--points: found 2 topics of sweeps")
-    assert message.endswith("needed one of: /points, /rear")
-    assert len(imported(path, tmp_path / "g", points="/rear")["frames"]) == 6
-    assert "found no topic '/front' of sweeps" in refused(path, tmp_path / "h", points="/front")
+    document = imported(path, tmp_path / "drive", intrinsics=file, points="/rear")
+    assert document["camera"]["width"] == 16
+    assert len(document["frames"]) == 6
+    assert "found no topic '/front' of sweeps" in refused(path, tmp_path / "x", points="/front")
 
 
 def test_messages_too_short_for_a_header() -> None:
     for raw in (b"", b"\0", b"\0\1\0\0\0\0"):
-        message = Message("/x", "sensor_msgs/msg/PointCloud2", 1, raw, is_ros1=False)
+        message = Message(Topic("/x", "sensor_msgs/msg/PointCloud2"), 1, raw, is_ros1=False)
         for read in (
             lambda message: message.header_ns,
             lambda message: message.frame_id,

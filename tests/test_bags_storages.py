@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import sqlite3
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from bag_imports import T_MOUNT, Small, imported, refused, run_cli
+from bag_imports import COLORS, RECORDS, T_MOUNT, fill, imported, refused, remarks, run_cli, small
 from bags import KINDS, NS, START_NS, BagWriter, cut, write_drive_as_bag
 from conftest import run
 from mcap.writer import IndexType
@@ -18,6 +22,7 @@ from semcal_cli.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.files.images import read_image
+from semcal_cli.files.reading import MAX_DOCUMENT_BYTES
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -76,42 +81,51 @@ def test_the_parts_of_a_recording_are_one(synthetic: Drive, tmp_path: Path) -> N
         part = synthetic.model_copy(update={"frames": synthetic.frames[chosen]})
         paths.append(write_drive_as_bag(part, tmp_path / name, "ros1"))
     # The stamps of both parts are the same: a second part that begins again is told by its stamps.
-    done = import_bag(Request(paths), tmp_path / "drive")
-    assert done.written.num_frames == 3
-    assert sum(done.left_out.values()) == 3
+    found = import_bag(Request(paths), tmp_path / "drive")
+    assert found.written.num_frames == 3
+    assert found.left_out.total() == 3
 
 
-def test_an_index_without_those_of_messages(tmp_path: Path) -> None:
-    with BagWriter(tmp_path, "mcap library", index_types=IndexType.ALL & ~IndexType.MESSAGE) as bag:
-        small = Small(tmp_path / "unused")
-        small.bag.write("/x", small.bag.camera_info(small.camera, START_NS), START_NS)
-        small.bag.__exit__(None, None, None)
-        small.bag = bag
-        path = small.write()
-    assert len(imported(path, tmp_path / "drive")["frames"]) == 6
+INDEXES: dict[str, Any] = {
+    "without those of messages": {"index_types": IndexType.ALL & ~IndexType.MESSAGE},
+    "without any": {"index_types": IndexType.NONE},
+    "without statistics": {"use_statistics": False},
+    "without chunks": {"use_chunking": False},
+    "without a summary": {"index_types": IndexType.NONE, "use_statistics": False, "repeat_channels": False,
+                          "repeat_schemas": False, "use_summary_offsets": False},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("index", INDEXES)
+def test_an_index_that_lacks_something(index: str, tmp_path: Path) -> None:
+    """The same frames as with a whole one; without indexes of messages, their times are known by chunks alone."""
+    count = 6 if index == "without those of messages" else 60
+    drives = []
+    for name, options in (("whole", {}), ("part", INDEXES[index])):
+        (tmp_path / name).mkdir()
+        path = fill(BagWriter(tmp_path / name, "mcap library", **options), count)
+        drives.append(imported(path, tmp_path / name / "drive", max_frames=9)["frames"])
+    assert drives[0] == drives[1]
 
 
 def test_a_database_that_was_not_closed_says_so(tmp_path: Path) -> None:
-    path = Small(tmp_path).write()
-    file = next(path.glob("*.db3"))
-    file.with_name(f"{file.name}-wal").write_bytes(bytes(5000))
-    done = import_bag(Request([path]), tmp_path / "drive")
-    assert any(
-        "bag.db3-wal, 5,000 bytes: the recording was not closed" in each for each in done.written.remarks
-    )
+    path = small(tmp_path)
+    (path / "bag.db3-wal").write_bytes(bytes(5000))
+    told = remarks(path, tmp_path / "drive")
+    assert "bag.db3-wal, 5,000 bytes: the recording was not closed" in told
 
 
 def test_ten_thousand_topics_and_unknown_types(tmp_path: Path) -> None:
-    small = Small(tmp_path, "mcap library")
+    bag = BagWriter(tmp_path, "mcap library")
     for index in range(10_000):
-        small.bag.write_raw(f"/odd/{index:05d}", "odd_msgs/msg/Odd", b"\0\1\0\0\7", START_NS)
-    path = small.write()
+        bag.write_raw(f"/odd/{index:05d}", "odd_msgs/msg/Odd", b"\0\1\0\0\7", START_NS)
+    path = fill(bag)
     assert len(imported(path, tmp_path / "drive")["frames"]) == 6
-    done = run_cli("import", "bag", path, "--list")
-    assert len(done.stdout.splitlines()) == 10_004
+    listed = run_cli("import", "bag", path, "--list")
+    assert len(listed.stdout.splitlines()) == 10_004
 
 
-@pytest.mark.parametrize("kind", ["ros1", "mcap library", "sqlite3"])
+@pytest.mark.parametrize("kind", ["mcap library", "sqlite3"])
 def test_a_recording_that_is_cut_off_gives_what_is_whole(
     kind: str, synthetic: Drive, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -145,9 +159,77 @@ def test_damage_in_the_middle_costs_what_lies_there(
     middle = len(content) // 2
     content[middle : middle + 64] = bytes(64)
     path.write_bytes(content)
-    done = import_bag(Request([path]), tmp_path / "drive")
-    assert 1 <= done.written.num_frames < len(synthetic.frames)
-    assert any("damaged data, left out" in remark for remark in done.written.remarks)
+    assert "damaged data, left out" in remarks(path, tmp_path / "drive")
+    assert 1 <= len(read_drive(tmp_path / "drive").frames) < len(synthetic.frames)
+
+
+def test_a_bag_without_its_index_names_what_mends_it(synthetic: Drive, tmp_path: Path) -> None:
+    path = write_drive_as_bag(synthetic, tmp_path, "ros1")
+    for share in (0.05, 0.5, 0.95):
+        part = cut(path, share, tmp_path / "part.bag")
+        message = refused(part, tmp_path / "drive")
+        assert message.startswith(f"{part}: found a recording that cannot be read: ")
+        assert message.endswith("; if it is damaged, `rosbag reindex` may mend it")
+
+
+@pytest.mark.parametrize("name", ["other.db3?x.db3", "run#1.db3", "50%25.db3"])
+def test_a_database_is_the_one_that_is_named(name: str, tmp_path: Path) -> None:
+    """SQLite opens these as other.db3, run and 50%.db3 where names are not quoted."""
+    for path, count in ((tmp_path / name, 6), (tmp_path / "other.db3", 2), (tmp_path / "50%.db3", 2)):
+        (small(tmp_path / path.name[:2] / str(count), count=count) / "bag.db3").rename(path)
+    assert len(imported(tmp_path / name, tmp_path / "drive")["frames"]) == 6
+
+
+TABLES = "found no tables 'topics' and 'messages'"
+ODD_ROWS = "1 rows whose timestamp is no whole number or whose data are no bytes"
+DATABASES = {
+    "a timestamp that is text": ("UPDATE messages SET timestamp = 'soon' WHERE id = 3", ODD_ROWS),
+    "a timestamp with a fraction": ("UPDATE messages SET timestamp = 0.5 WHERE id = 3", ODD_ROWS),
+    "a message that is text": ("UPDATE messages SET data = 'x' WHERE id = 3", ODD_ROWS),
+    "a name that is none": ("UPDATE topics SET name = x'00' WHERE id = 3", "found no topic of sweeps"),
+    "a view of messages": ("ALTER TABLE messages RENAME TO m; CREATE VIEW messages AS SELECT * FROM m", TABLES),
+    "a view of topics": ("ALTER TABLE topics RENAME TO t; CREATE VIEW topics AS SELECT * FROM t", TABLES),
+    "no topics": ("DROP TABLE topics", TABLES),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", DATABASES)
+def test_a_database_that_holds_anything_else(fault: str, tmp_path: Path) -> None:
+    script, expected = DATABASES[fault]
+    file = small(tmp_path) / "bag.db3"
+    with closing(sqlite3.connect(file)) as database:
+        database.executescript(script)
+    if expected != ODD_ROWS:
+        assert expected in refused(file, tmp_path / "drive")
+        return
+    assert expected in remarks(file, tmp_path / "drive")
+    assert len(read_drive(tmp_path / "drive").frames) == 5
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_types_of_one_name_are_two_topics(kind: str, tmp_path: Path) -> None:
+    def both(bag: BagWriter, index: int, stamp: int) -> Any:
+        bag.write("/points", bag.image(COLORS, "bgr8", stamp), stamp)
+        bag.write("/cam/image_raw", bag.cloud(RECORDS, stamp), stamp)
+        return bag.cloud(RECORDS, stamp)
+
+    path = small(tmp_path, kind, points=both)
+    document = imported(path, tmp_path / "drive", points="/points", image="/cam/image_raw")
+    assert len(document["frames"]) == 6
+    assert "found 2 topics of sweeps" in refused(path, tmp_path / "other")
+
+
+def test_metadata_that_cannot_be_read(tmp_path: Path) -> None:
+    path = small(tmp_path)
+    metadata = path / "metadata.yaml"
+    metadata.write_bytes(b"#" * (MAX_DOCUMENT_BYTES + 1))
+    assert "metadata.yaml: found 16,777,217 bytes, needed at most" in refused(path, tmp_path / "drive")
+    metadata.unlink()
+    os.mkfifo(metadata)
+    assert "metadata.yaml: found no regular file" in refused(path, tmp_path / "drive")
+    metadata.unlink()
+    metadata.write_text("rosbag2_bagfile_information: {relative_file_paths: [gone.db3]}")
+    assert "found no file 'gone.db3'" in remarks(path, tmp_path / "drive")
 
 
 def test_a_recording_without_its_metadata(synthetic: Drive, tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -10,34 +10,8 @@ from semcal_cli.bags.messages import Message
 from semcal_cli.errors import InputError
 from semcal_cli.formats.intrinsics import ros_camera
 
-RECTIFIED = "image_rect"
-"""Start of the name of a topic with rectified pictures (image_proc)."""
-
-
-class CameraInfo(NamedTuple):
-    """What a CameraInfo states."""
-
-    model: str
-    width: int
-    height: int
-    K: tuple[float, ...]
-    """(9,) by rows."""
-    D: tuple[float, ...]
-    R: tuple[float, ...]
-    """(9,) by rows: rectified = R * raw."""
-    P: tuple[float, ...]
-    """(12,) by rows."""
-    binning: tuple[int, int]
-    roi: tuple[int, int, int, int]
-    """x_offset, y_offset, width and height."""
-
-    def difference(self, other: CameraInfo) -> str | None:
-        """Name the first field that differs, with both values; None if all are the same."""
-        for name in self._fields:
-            mine, theirs = getattr(self, name), getattr(other, name)
-            if repr(mine) != repr(theirs):  # NaN is the same as NaN.
-                return f"{name} {_short(mine)}, before {_short(theirs)}"
-        return None
+CameraInfo: TypeAlias = dict[str, Any]
+"""Fields of a CameraInfo without its header: K, R and P by rows, where rectified = R * raw; `roi` is a mapping."""
 
 
 def read_camera_info(message: Message) -> CameraInfo:
@@ -47,17 +21,24 @@ def read_camera_info(message: Message) -> CameraInfo:
         MessageError: the bytes are none.
     """
     info = message.content
-    K, D, R, P = (
-        tuple(map(float, getattr(info, name if hasattr(info, name) else name.lower()))) for name in "KDRP"
-    )
-    roi = info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height
-    binning = info.binning_x, info.binning_y
-    return CameraInfo(info.distortion_model, info.width, info.height, K, D, R, P, binning, roi)
+    matrices = {name: getattr(info, name if hasattr(info, name) else name.lower()) for name in "KDRP"}
+    return {
+        "distortion_model": info.distortion_model,
+        "width": info.width,
+        "height": info.height,
+        **{name: list(map(float, values)) for name, values in matrices.items()},
+        "binning_x": info.binning_x,
+        "binning_y": info.binning_y,
+        "roi": {name: getattr(info.roi, name) for name in ("x_offset", "y_offset", "width", "height")},
+    }
 
 
-def is_rectified(topic: str) -> bool:
-    """Whether the pictures of a topic are rectified, by its name."""
-    return any(part.startswith(RECTIFIED) for part in topic.split("/"))
+def difference(info: CameraInfo, before: CameraInfo) -> str | None:
+    """Name the first field that differs, with both values; None if all are the same."""
+    for name, value in info.items():
+        if repr(value) != repr(before[name]):  # NaN is the same as NaN.
+            return f"{name} {_short(value)}, before {_short(before[name])}"
+    return None
 
 
 def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, Any]:
@@ -71,27 +52,20 @@ def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, 
     Raises:
         InputError: the camera is not calibrated, or its lens is not known, or a value cannot be right.
     """
-    if not any(info.P if rectified else info.K):
-        name = "P" if rectified else "K"
+    name = "P" if rectified else "K"
+    if not any(info[name]):
         raise InputError(
             f"{topic}: {name}: found zeros only, needed a calibrated camera; or give --intrinsics FILE"
         )
-    document: dict[Any, Any] = {
-        "width": info.width,
-        "height": info.height,
-        "distortion_model": info.model or ("plumb_bob" if not info.D else ""),
-        "K": list(info.K),
-        "D": list(info.D),
-        "binning_x": info.binning[0],
-        "binning_y": info.binning[1],
-        "roi": dict(zip(("x_offset", "y_offset", "width", "height"), info.roi, strict=True)),
-    }
+    document: dict[Any, Any] = {key: value for key, value in info.items() if key not in ("R", "P")}
     if rectified:
-        projection = np.reshape(info.P, (3, 4))[:, :3]
+        projection = np.reshape(info["P"], (3, 4))[:, :3]
         document |= {"distortion_model": "plumb_bob", "K": projection.ravel().tolist(), "D": []}
+    elif not info["distortion_model"] and not info["D"]:
+        document["distortion_model"] = "plumb_bob"
     return ros_camera(topic, document)
 
 
 def _short(value: object) -> str:
-    text = ", ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else str(value)
+    text = ", ".join(f"{each:g}" for each in value) if isinstance(value, list) else str(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

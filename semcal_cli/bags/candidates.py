@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import os
 from bisect import bisect_left
-from collections import deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.bags.bag import Bag
 from semcal_cli.bags.messages import NS, Message, MessageError
+from semcal_cli.bags.motion import Trajectory
 from semcal_cli.bags.pairs import AFTER_NS, Pair, Pairing
 from semcal_cli.bags.pictures import thumbnail
 from semcal_cli.bags.topics import MAX_FRAMES, Request, Topics
@@ -26,21 +26,7 @@ LEAST_TRAVELLED_M = 5.0
 """Way of the rig from which on frames are spread along it; below, by how much their pictures differ."""
 MAX_SPREAD = 500
 """Most frames that are chosen by how much they differ; more, which would take long, are spaced evenly."""
-MAX_WAITING = 2
-"""Pairs that may wait to be put on disk: reading goes on meanwhile."""
 Looks = npt.NDArray[np.float32]
-
-
-class PosesAround(Protocol):
-    """What has to be read around a sweep, so that there are poses before and after its points."""
-
-    @property
-    def before_ns(self) -> int:
-        """Time before the stamp of the sweep."""
-
-    @property
-    def after_ns(self) -> int:
-        """Time after its receipt."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +90,7 @@ def read_pairs(
     wanted_ns: Sequence[int],
     pairing: Pairing,
     watched: Callable[[int, int], Iterator[Message]],
-    poses: PosesAround | None,
+    trajectory: Trajectory | None,
     on_place: Callable[[int, int], None],
 ) -> Iterator[Pair]:
     """Read the pairs near wanted times: no more of the recording than that takes, if it has an index.
@@ -114,53 +100,59 @@ def read_pairs(
         wanted_ns: The times.
         pairing: What finds the pairs.
         watched: Function that yields the sweeps and pictures from a start to before a stop.
-        poses: What has to be read around a sweep for the poses of its points; None for nothing.
+        trajectory: What has to be read around a sweep for the poses of its points; None for nothing.
         on_place: Called with the number of times that were read, and of all.
     """
     if not bag.is_indexed:
         on_place(0, 1)
         yield from pairing.pairs(watched(bag.start_ns, bag.end_ns + 1))
         return
-    read_ns = 0
-
-    def noted(messages: Iterable[Message]) -> Iterator[Message]:
-        nonlocal read_ns
-        for message in messages:
-            read_ns = message.received_ns + 1
-            yield message
-
     for index, wanted in enumerate(wanted_ns):
         on_place(index, len(wanted_ns))
         if pairing.is_wanted(wanted):
             before_ns = pairing.before_ns
-            if poses is not None:
-                before_ns = max(before_ns, pairing.delay_ns + poses.before_ns)
-            messages = noted(watched(max(read_ns, wanted - before_ns), wanted + AFTER_NS))
-            yield from pairing.pairs(messages, wanted, lambda: 0 if poses is None else poses.after_ns)
+            if trajectory is not None:
+                before_ns = max(before_ns, pairing.delay_ns + trajectory.before_ns)
+            start_ns = max(pairing.read_ns, wanted - before_ns)
+            yield from pairing.pairs(watched(start_ns, wanted + AFTER_NS), wanted, trajectory)
 
 
-def spooled(pairs: Iterable[Pair], spool: Spool, on_error: Callable[[MessageError], None]) -> list[Candidate]:
-    """Put pairs on disk while the next ones are read; those whose picture cannot be read are told and left out."""
-    found: list[Candidate] = []
-
-    def finish(waiting: Future[Candidate]) -> None:
+def spooled(pairs: Iterable[Pair], spool: Spool, left_out: Counter[str]) -> list[Candidate]:
+    """Put pairs on disk; those whose picture cannot be read are counted and left out."""
+    found = []
+    for pair in pairs:
         try:
-            found.append(waiting.result())
+            found.append(spool.put(pair))
         except MessageError as error:
-            on_error(error)
-
-    with ThreadPoolExecutor(1) as worker:
-        waiting: deque[Future[Candidate]] = deque()
-        for pair in pairs:
-            waiting.append(worker.submit(spool.put, pair))
-            if len(waiting) > MAX_WAITING:
-                finish(waiting.popleft())
-        for each in waiting:
-            finish(each)
+            left_out[f"pairs: picture: {error}"] += 1
     return found
 
 
-def way_m(positions: Sequence[npt.NDArray[np.float64] | None]) -> npt.NDArray[np.float64] | None:
+def choose(
+    candidates: Sequence[Candidate],
+    request: Request,
+    trajectory: Trajectory | None,
+    left_out: Counter[str],
+) -> list[Candidate]:
+    """Choose the pairs whose scenes differ most, in order of time, and count the others."""
+    kept = [candidates[index] for index in longest_ascending([each.pair.sweep_ns for each in candidates])]
+    if left := len(candidates) - len(kept):
+        left_out["pairs: their stamps run backwards"] += left
+    count = request.max_frames or (MAX_FRAMES if request.every_s is None else len(kept))
+    if len(kept) <= count:
+        return kept
+    if request.every_s is not None:
+        left_out["pairs: more than --max-frames"] += len(kept) - count
+        return kept[:count]
+    way = None if trajectory is None else _way_m([trajectory.position(each.pair.sweep_ns) for each in kept])
+    why = (
+        "their pictures are like those of others" if way is None else "others are spread better along the way"
+    )
+    left_out[f"pairs: {why}"] += len(kept) - count
+    return [kept[index] for index in _most_different([each.look for each in kept], count, way)]
+
+
+def _way_m(positions: Sequence[npt.NDArray[np.float64] | None]) -> npt.NDArray[np.float64] | None:
     """Compute the length of the way to each position (N,), metres; None if it is short, or a position is unknown."""
     known = [position for position in positions if position is not None]
     if len(known) < max(len(positions), 2):
@@ -186,9 +178,7 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
     return found[::-1]
 
 
-def most_different(
-    looks: Sequence[Looks], count: int, way: npt.NDArray[np.float64] | None = None
-) -> list[int]:
+def _most_different(looks: Sequence[Looks], count: int, way: npt.NDArray[np.float64] | None) -> list[int]:
     """Choose `count` pairs that are far apart along the way or whose pictures differ, in ascending order.
 
     Args:
@@ -198,13 +188,12 @@ def most_different(
     """
     if count > MAX_SPREAD:
         return evenly_spaced(range(len(looks)), count)
-    rows = np.stack(looks) if way is None else np.column_stack([way, np.stack(looks)])
+    positions = np.zeros(len(looks), np.float32) if way is None else way
+    rows = np.column_stack([positions, np.stack(looks)])
 
     def distances(rows: npt.NDArray[np.float64], row: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         apart = np.abs(rows - row)
-        found: npt.NDArray[np.float64] = (
-            apart.mean(axis=1) if way is None else apart[:, 0] + apart[:, 1:].mean(axis=1)
-        )
+        found: npt.NDArray[np.float64] = apart[:, 0] + apart[:, 1:].mean(axis=1)
         return found
 
     return farthest_points(rows, count, distances)

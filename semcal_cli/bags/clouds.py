@@ -18,7 +18,6 @@ from semcal_cli.files.messages import listed
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
-PCD_KINDS = {"i": "I", "u": "U", "f": "F"}
 MAX_POINT_BYTES, MAX_FIELDS = 1024, 128
 LIVOX_POINT = [
     ("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"), ("line", "u1"),
@@ -29,6 +28,8 @@ TIMES = ("t", "time", "timestamp", "offset_time", "time_offset", "time_stamp", "
 READ_AS_TIME = ("t", "time", "timestamp", "offset_time", "time_offset", "gps_time")
 """Those of them that the reader of point clouds knows."""
 TICKS_S = {"nanoseconds": 1e-9, "microseconds": 1e-6, "milliseconds": 1e-3, "seconds": 1.0}
+CDR_BYTES = 4
+"""Bytes of CDR's encapsulation, behind which alignment counts."""
 SHORTEST_SWEEP_S, LONGEST_SWEEP_S = 0.004, 1.5
 """Time that the points of a sweep can span. Units are a thousand apart, so that at most one of them fits."""
 
@@ -55,21 +56,23 @@ class Sweep(NamedTuple):
     def pcd(self) -> bytes:
         """Make the content of a binary PCD 0.7."""
         height, width = self.records.shape
-        fields = [(name, *_scalar(self.records.dtype, name)) for name in self.records.dtype.names or ()]
-        header = [
-            "# .PCD v0.7 - Point Cloud Data file format",
-            "VERSION 0.7",
-            "FIELDS " + " ".join(name for name, _, _ in fields),
-            "SIZE " + " ".join(str(scalar.itemsize) for _, scalar, _ in fields),
-            "TYPE " + " ".join(PCD_KINDS[scalar.kind] for _, scalar, _ in fields),
-            "COUNT " + " ".join(str(count) for _, _, count in fields),
-            f"WIDTH {width}",
-            f"HEIGHT {height}",
-            "VIEWPOINT 0 0 0 1 0 0 0",
-            f"POINTS {width * height}",
-            "DATA binary",
-        ]
-        return "\n".join(header).encode() + b"\n" + self.records.tobytes()
+        layout = self.records.dtype
+        fields = {name: layout[name] for name in layout.names or ()}
+        header = {
+            "VERSION": ["0.7"],
+            "FIELDS": fields,
+            "SIZE": [each.base.itemsize for each in fields.values()],
+            "TYPE": [each.base.kind.upper() for each in fields.values()],
+            "COUNT": [_count(each) for each in fields.values()],
+            "WIDTH": [width],
+            "HEIGHT": [height],
+            "VIEWPOINT": [0, 0, 0, 1, 0, 0, 0],
+            "POINTS": [width * height],
+            "DATA": ["binary"],
+        }
+        lines = [f"{key} {' '.join(map(str, values))}" for key, values in header.items()]
+        text = "\n".join(["# .PCD v0.7 - Point Cloud Data file format", *lines])
+        return text.encode() + b"\n" + self.records.tobytes()
 
 
 def read_sweep(message: Message, stamp_ns: int) -> Sweep:
@@ -84,15 +87,19 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
     """
     records = _point_cloud2(message) if message.type == CLOUD else _livox(message)
     names = records.dtype.names or ()
-    missing = [axis for axis in "xyz" if axis not in names]
-    if missing:
+    if not {"x", "y", "z"} <= set(names):
         raise MessageError(f"found the fields {listed(names)}, needed x, y and z")
-    if several := [axis for axis in "xyz" if _scalar(records.dtype, axis)[1] > 1]:
+    if several := [axis for axis in "xyz" if _count(records.dtype[axis]) > 1]:
         raise MessageError(f"found several numbers in field {several[0]!r}, needed one")
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found no point of {records.size:,} with a range")
     return Sweep(*_readable_times(records, has_range, stamp_ns))
+
+
+def _count(field: np.dtype[Any]) -> int:
+    """Number of numbers of a field."""
+    return int(np.prod(field.shape, dtype=int))
 
 
 def _has_range(records: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
@@ -119,10 +126,7 @@ def _point_cloud2(message: Message) -> npt.NDArray[np.void]:
     if len(cloud.data) < needed:
         raise MessageError(f"found {len(cloud.data):,} bytes of points, needed {needed:,}")
     points: npt.NDArray[np.void] = np.ndarray((height, width), layout, cloud.data.tobytes(), 0, (row, step))
-    packed = np.empty((height, width), _packed(layout))
-    for name in layout.names or ():
-        packed[name] = points[name]
-    return packed
+    return points.astype([(name, layout[name].newbyteorder("<")) for name in layout.names or ()])
 
 
 def _layout(cloud: Any, step: int) -> np.dtype[Any]:
@@ -147,52 +151,31 @@ def _layout(cloud: Any, step: int) -> np.dtype[Any]:
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
 
 
-def _packed(layout: np.dtype[Any]) -> np.dtype[Any]:
-    """Make the same fields, little endian and without gaps."""
-    fields = []
-    for name in layout.names or ():
-        scalar, count = _scalar(layout, name)
-        fields.append((name, scalar.newbyteorder("<"), (count,) if count > 1 else ()))
-    return np.dtype([(name, scalar, shape) if shape else (name, scalar) for name, scalar, shape in fields])
-
-
-def _scalar(layout: np.dtype[Any], name: str) -> tuple[np.dtype[Any], int]:
-    """Tell the type of a field's numbers and how many there are."""
-    assert layout.fields is not None
-    kind = layout.fields[name][0]
-    return kind.base, int(np.prod(kind.shape, dtype=int))
-
-
 def _livox(message: Message) -> npt.NDArray[np.void]:
     """Read the points of a CustomMsg from its bytes, which a reader of any message would make an object of each.
 
     After the header stand `timebase` (u8 bytes), `point_num`, `lidar_id` with three reserved bytes, and the points with
     their number in front. CDR aligns each of these, and each point, to the size of its numbers.
     """
-    order, start = message.byte_order, 0 if message.is_ros1 else 4
+    order, raw = message.byte_order, message.raw
     layout = np.dtype([(name, order + kind) for name, kind in LIVOX_POINT], align=not message.is_ros1)
-    (length,) = (
-        struct.unpack_from(f"{order}I", message.raw, HEADER_BYTES - 4) if len(message.raw) >= 16 else (0,)
+    packed = np.dtype([(name, f"<{kind}") for name, kind in LIVOX_POINT])
+    place = HEADER_BYTES + (
+        struct.unpack_from(f"{order}I", raw, HEADER_BYTES - 4)[0] if len(raw) >= 16 else 0
     )
-    place = HEADER_BYTES + length
     if not message.is_ros1:
-        place = start + -(-(place - start) // 8) * 8
+        place += (CDR_BYTES - place) % 8
     place += 8 + 4 + 4  # timebase, point_num, and lidar_id with what is reserved
-    if place + 4 > len(message.raw):
-        raise MessageError(f"found {len(message.raw):,} bytes that are no {message.type}")
-    (count,) = struct.unpack_from(f"{order}I", message.raw, place)
+    if place + 4 > len(raw):
+        raise MessageError(f"found {len(raw):,} bytes that are no {message.type}")
+    (count,) = struct.unpack_from(f"{order}I", raw, place)
     if count == 0:
         raise MessageError("found a cloud without points")
-    used = sum(np.dtype(kind).itemsize for _, kind in LIVOX_POINT)
-    needed = place + 4 + (count - 1) * layout.itemsize + used
-    if count > MAX_POINTS or needed > len(message.raw):
-        raise MessageError(f"found {count:,} points in {len(message.raw):,} bytes")
-    padded = message.raw[place + 4 :] + bytes(layout.itemsize - used)
-    points = np.frombuffer(padded, layout, count)
-    packed = np.empty((1, count), [(name, f"<{kind}") for name, kind in LIVOX_POINT])
-    for name, _ in LIVOX_POINT:
-        packed[name] = points[name]
-    return packed
+    # The last point has no padding behind it.
+    if count > MAX_POINTS or place + 4 + (count - 1) * layout.itemsize + packed.itemsize > len(raw):
+        raise MessageError(f"found {count:,} points in {len(raw):,} bytes")
+    padded = raw[place + 4 :] + bytes(layout.itemsize - packed.itemsize)
+    return np.frombuffer(padded, layout, count).astype(packed).reshape(1, count)
 
 
 def _readable_times(
@@ -206,7 +189,7 @@ def _readable_times(
     """
     lowered = {name.lower(): name for name in reversed(records.dtype.names or ())}
     name = next((lowered[each] for each in TIMES if each in lowered), None)
-    if name is None or _scalar(records.dtype, name)[1] > 1:
+    if name is None or _count(records.dtype[name]) > 1:
         return records, PointTimes()
     alike = [each for each in records.dtype.names or () if each.lower() in (name.lower(), "t")]
     if len(alike) > 1:
@@ -254,16 +237,9 @@ def _with_times(
     records: npt.NDArray[np.void], name: str, seconds: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.void]:
     """Replace a field by times in seconds, with the name that is read first."""
-    fields = [
-        ("t", "<f8") if each == name else (each, *_kept(records.dtype, each))
-        for each in records.dtype.names or ()
-    ]
-    changed = np.empty(records.shape, fields)
-    for each in records.dtype.names or ():
-        changed["t" if each == name else each] = seconds if each == name else records[each]
+    layout = records.dtype
+    changed = records.astype(
+        [("t", "<f8") if each == name else (each, layout[each]) for each in layout.names or ()]
+    )
+    changed["t"] = seconds
     return changed
-
-
-def _kept(layout: np.dtype[Any], name: str) -> tuple[Any, ...]:
-    scalar, count = _scalar(layout, name)
-    return (scalar, (count,)) if count > 1 else (scalar,)

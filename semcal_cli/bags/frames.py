@@ -17,7 +17,7 @@ from semcal_cli.bags.candidates import Candidate, Spool
 from semcal_cli.bags.clouds import PointTimes, read_sweep
 from semcal_cli.bags.messages import NS, MessageError
 from semcal_cli.bags.motion import Trajectory, seconds_text
-from semcal_cli.bags.pictures import Picture, read_picture
+from semcal_cli.bags.pictures import read_picture
 from semcal_cli.bags.topics import Topics
 from semcal_cli.datasets.recording import SourceFrame
 from semcal_cli.events import Listener, Progress
@@ -29,15 +29,19 @@ AT_A_TIME = 2
 """Frames that are written at a time."""
 
 
-class WrittenFrames(NamedTuple):
-    """Frames whose files are there."""
+class WrittenFrame(NamedTuple):
+    """A frame whose files are there."""
 
-    frames: list[SourceFrame]
-    """The frames, in order of time."""
-    times: list[PointTimes]
-    """Times of the points of each."""
-    left_out: Counter[str]
-    """Number of pairs that cannot be used, by the reason."""
+    source: SourceFrame
+    """The frame."""
+    times: PointTimes
+    """Times of its points."""
+
+    @property
+    def moments_ns(self) -> list[int]:
+        """The times at which poses are needed: of the picture, and of the first and the last point."""
+        points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp or 0.0
+        return [round(each * NS) for each in (image_s, *(points_s + end_s for end_s in self.times.ends_s))]
 
 
 def write_frames(
@@ -47,8 +51,9 @@ def write_frames(
     topics: Topics,
     folder: Path,
     on_event: Listener,
-) -> WrittenFrames:
-    """Write the files of frames, two at a time.
+    left_out: Counter[str],
+) -> list[WrittenFrame]:
+    """Write the files of frames, two at a time, in order of time.
 
     Args:
         chosen: The pairs.
@@ -57,31 +62,31 @@ def write_frames(
         topics: The topics that they come from.
         folder: Folder of the drive.
         on_event: Called with each event.
+        left_out: Counts the pairs that cannot be used, by the reason.
 
     Raises:
         InputError: a file cannot be written.
     """
-    written = WrittenFrames([], [], Counter())
 
-    def write(candidate: Candidate) -> tuple[SourceFrame, PointTimes] | MessageError:
+    def write(candidate: Candidate) -> WrittenFrame | MessageError:
         try:
             return _write_frame(candidate, spool, camera, topics, folder)
         except MessageError as error:
             return error
 
+    written = []
     with ThreadPoolExecutor(AT_A_TIME) as workers:
         for index, each in enumerate(workers.map(write, chosen)):
             on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
             if isinstance(each, MessageError):
-                written.left_out[f"pairs: {each}"] += 1
+                left_out[f"pairs: {each}"] += 1
             else:
-                written.frames.append(each[0])
-                written.times.append(each[1])
+                written.append(each)
     return written
 
 
 def write_motion(
-    trajectory: Trajectory, written: WrittenFrames, drive: Path
+    trajectory: Trajectory, written: Sequence[WrittenFrame], drive: Path
 ) -> tuple[dict[str, Any] | None, list[SourceFrame], str]:
     """Write the poses of the LiDAR, if the points of most frames have times that they can correct.
 
@@ -92,23 +97,19 @@ def write_motion(
     Raises:
         InputError: the file cannot be written.
     """
-    source, frames = trajectory.source, written.frames
-    told = f"{source.topic.name} tells of the motion of {source.frame!r}"
-    timed = Counter(each.reference for each in written.times if each.reference)
+    told = f"{trajectory.source.topic.name} tells of the motion of {trajectory.source.frame!r}"
+    timed = Counter(each.times.reference for each in written if each.times.reference)
     ((reference, num_timed),) = timed.most_common(1) or [("relative", 0)]
-    if 2 * num_timed < len(frames):
-        return (
-            None,
-            frames,
-            f"{told}, but most points have no times that it could correct; no motion is written",
-        )
     covered = [
-        frame
-        for frame, each in zip(frames, written.times, strict=True)
-        if each.reference == reference and trajectory.covers(*_moments_ns(frame, each))
+        each.source
+        for each in written
+        if each.times.reference == reference and trajectory.covers(*each.moments_ns)
     ]
-    if 2 * len(covered) < len(frames):
-        return None, frames, f"{told}, but there are no poses around most frames; no motion is written"
+    if 2 * min(num_timed, len(covered)) < len(written):
+        why = "there are no poses around most frames"
+        if 2 * num_timed < len(written):
+            why = "most points have no times that it could correct"
+        return None, [each.source for each in written], f"{told}, but {why}; no motion is written"
     # Which poses there are depends on the frames, so that they are of this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"
     make_folder(path.parent)
@@ -119,12 +120,15 @@ def write_motion(
 
 def _write_frame(
     candidate: Candidate, spool: Spool, camera: dict[str, Any], topics: Topics, folder: Path
-) -> tuple[SourceFrame, PointTimes]:
+) -> WrittenFrame:
     pair = candidate.pair
     sweep_message, picture_message = spool.get(candidate)
     sweep = read_sweep(sweep_message, pair.sweep_ns)
     picture = read_picture(picture_message)
-    _check_size(picture, camera)
+    needed = camera["width"], camera["height"]
+    if picture.size != needed:
+        found, states = ("{} x {}".format(*size) for size in (picture.size, needed))
+        raise MessageError(f"found a picture of {found} pixels, needed {states}, as its camera states")
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
     image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.picture_ns)}{picture.suffix}"
     for path, content in ((points, sweep.pcd()), (image, picture.content)):
@@ -132,24 +136,7 @@ def _write_frame(
         write_bytes(content, path)
     stamps = pair.sweep_ns / NS, pair.picture_ns / NS
     frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
-    return frame, sweep.times
-
-
-def _check_size(picture: Picture, camera: dict[str, Any]) -> None:
-    size = camera["width"], camera["height"]
-    if picture.size != size:
-        found = "{} x {}".format(*picture.size)
-        raise MessageError(
-            f"found a picture of {found} pixels, needed {size[0]} x {size[1]}, as its camera states"
-        )
-
-
-def _moments_ns(frame: SourceFrame, times: PointTimes) -> list[int]:
-    """List the times at which poses are needed: of the picture, and of the first and the last point."""
-    assert frame.points_stamp is not None
-    assert frame.image_stamp is not None
-    moments_s = [frame.image_stamp, *(frame.points_stamp + time for time in times.ends_s)]
-    return [round(moment * NS) for moment in moments_s]
+    return WrittenFrame(frame, sweep.times)
 
 
 def _slug(topic: str) -> str:

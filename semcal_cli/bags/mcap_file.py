@@ -2,169 +2,172 @@
 
 from __future__ import annotations
 
-import os
 import struct
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack
 from io import BytesIO
-from typing import BinaryIO
+from pathlib import Path
 
-from rosbags.rosbag2 import storage_mcap as mcap
+from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
+from mcap.reader import SeekingReader
+from mcap.records import Channel, ChunkIndex, McapRecord, MessageIndex, Schema
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
 
-from semcal_cli.bags.storage import Span, described_damage
+from semcal_cli.bags.messages import Message, Span, Topic
+from semcal_cli.files.reading import open_file, size_of
 
-RECORD = struct.Struct("<BQ")
-"""Operation and length of a record."""
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-MESSAGE_INDEX, CHUNK_INDEX = 0x07, 0x08
-MESSAGE_START = struct.Struct("<HIQ")
-"""Channel, sequence and log time, with which a message starts."""
-INDEX_START_BYTES, MAX_INDEX_BYTES = 6, 1 << 26
-"""Channel and length, with which an index of messages starts, and its largest size."""
+MAGIC_BYTES = 8
+MAX_INDEX_BYTES = 1 << 26
+"""Largest size of the indexes of a chunk that are read."""
 
 
-class McapFile(mcap.McapReader):
+class McapFile:
     """An MCAP of ROS 2."""
 
-    damage: str | None = None
-    """Description of what is missing; None if nothing is."""
-    is_indexed = True
-    """Whether a time can be looked up without reading all that stands before it."""
+    def __init__(self, path: Path, stack: ExitStack) -> None:
+        """Open the file, until `stack` closes it, and read its index, or without one all of it.
 
-    def _open(self) -> None:
-        error = None
+        Raises:
+            ValueError: it is none of ROS 2; the library raises errors of any kind for what is no MCAP.
+        """
+        self._path = path
+        self._file = stack.enter_context(open_file(path))
+        self._size = size_of(self._file)
+        self._reader = SeekingReader(self._file, validate_crcs=True, record_size_limit=self._size)
+        self.damage: str | None = None
+        self._topics: dict[int, Topic] = {}
+        self._times: dict[int, dict[int, tuple[int, int]]] = {}
+        self._missing, self._num_bad = 0, 0
+        profile = self._reader.get_header().profile
+        if profile != "ros2":
+            raise ValueError(f"found the profile {profile!r}, needed that of ROS 2")
+        is_whole, summary = True, None
         try:
-            super()._open()
-        except Exception as caught:  # Errors of any kind, see `Ros1File.open`.
-            error = caught
-        if error is None and any(chunk.channel_count for chunk in self.chunks):
-            return  # The library counts messages by their indexes, which are optional.
-        if not self.data_start:
-            assert error is not None
-            raise error
-        missing, num_bad = self._index_again()
-        if error is not None:
-            self.damage = described_damage("its index", missing, num_bad)
-        self.is_indexed = bool(self.chunks)
+            summary = self._reader.get_summary()
+        except Exception:  # Hostile bytes raise errors of any kind in the library.
+            is_whole = False
+        self.is_indexed = summary is not None and _is_index(summary)
+        if summary is not None and self.is_indexed:
+            self._take_index(summary)
+        else:
+            self._count(is_whole)
+        self.topics = list(self._topics.values())
 
-    def _index_again(self) -> tuple[int, int]:
-        """Index the whole chunks of the file; return the bytes that are missing, and the number of damaged chunks."""
-        file = self.bio
-        assert file is not None
-        size = os.fstat(file.fileno()).st_size
-        for half_read in (self.schemas, self.channels, self.connections, self.chunks):
-            half_read.clear()
-        summary, counts, loose, num_bad = BytesIO(), list[Counter[int]](), Counter[int](), 0
-        times: list[int] = []
-        end, is_cut_off = self.data_start, True
-        for operation, place, start, end in _records(file, self.data_start, size):
-            if operation in (SCHEMA, CHANNEL):
-                summary.write(_read(file, place, end))
-            elif operation == MESSAGE:
-                _count(_read(file, start, end), loose, times)
-            elif operation == CHUNK:
-                counted = _take_chunk(_read(file, start, end), place, end, summary)
-                num_bad += counted is None
-                counts += [] if counted is None else [counted]
-            elif operation == FOOTER:
-                is_cut_off = False
-                break
-        summary.write(RECORD.pack(FOOTER, 0))
-        self.bio, self.data_end = summary, 0
+    def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
+        """Yield the messages of some topics from `start_ns` to before `stop_ns`.
+
+        They come in the order of receipt; without an index, in that of the file.
+
+        Raises:
+            ValueError: a chunk is damaged; without an index, those are left out.
+        """
+        names = {topic.name for topic in topics}
+        for each in self._indexed(names, start_ns, stop_ns) if self.is_indexed else self._records():
+            if isinstance(each, McapMessage) and start_ns <= each.log_time < stop_ns:
+                topic = self._topics.get(each.channel_id)
+                if topic is not None and topic in topics:
+                    yield Message(topic, each.log_time, each.data, is_ros1=False)
+
+    def _indexed(self, names: Collection[str], start_ns: int, stop_ns: int) -> Iterator[McapRecord]:
         try:
-            self.read_index()
-        finally:
-            self.bio, self.data_end = file, end
-        for chunk, counted in zip(self.chunks, counts, strict=True):
-            chunk.channel_count.update(counted)
-        total = sum(counts, loose)
-        times += [
-            time for chunk in self.chunks for time in (chunk.message_start_time, chunk.message_end_time)
-        ]
-        first, last = (min(times), max(times)) if times else (0, 0)
-        self.statistics = mcap.Statistics(
-            total.total(), len(self.schemas), len(self.channels), 0, 0, len(counts), first, last, dict(total)
-        )
-        self.connections = [each._replace(msgcount=total[each.id]) for each in self.connections]
-        return (size - end if is_cut_off else 0), num_bad
+            for _, _, message in self._reader.iter_messages(
+                names, starting_at=start_ns, ending_before=stop_ns
+            ):
+                yield message
+        except Exception as error:  # Hostile bytes raise errors of any kind in the library.
+            raise ValueError("found a damaged chunk") from error
 
-    def spans(self) -> dict[int, Span]:
-        """Count the messages of each connection; without an index, the times are those of the chunks that hold them."""
-        assert self.statistics is not None
-        found: dict[int, Span] = {}
-        of_channel: dict[int, list[mcap.ChunkInfo]] = {}
-        for chunk in self.chunks:
-            for key, count in chunk.channel_count.items():
-                if count:
-                    of_channel.setdefault(key, []).append(chunk)
-        for key, chunks in of_channel.items():
-            first = min(chunks, key=lambda chunk: chunk.message_start_time)
-            last = max(chunks, key=lambda chunk: chunk.message_end_time)
-            count = sum(chunk.channel_count[key] for chunk in chunks)
-            found[key] = Span(count, self._times(first, key)[0], self._times(last, key)[1])
-        if not self.chunks:
-            ends = self.statistics.start_time, self.statistics.end_time
-            found = {key: Span(n, *ends) for key, n in self.statistics.channel_message_counts.items()}
-        return {each.id: found.get(each.id, Span(0, 0, 0)) for each in self.connections}
+    def _take_index(self, summary: Summary) -> None:
+        """Take the topics of a summary, with the times of messages from the indexes of their chunks."""
+        assert summary.statistics is not None
+        chunks_of: dict[int, list[ChunkIndex]] = {channel: [] for channel in summary.channels}
+        for chunk in summary.chunk_indexes:
+            for channel in chunk.message_index_offsets or summary.channels:
+                chunks_of.setdefault(channel, []).append(chunk)
+        for channel, record in summary.channels.items():
+            count, span = summary.statistics.channel_message_counts.get(channel, 0), Span()
+            if count and chunks_of[channel]:
+                span = Span(count, *self._ends_ns(channel, chunks_of[channel]))
+            self._topics[channel] = _topic(record, summary.schemas, span)
 
-    def _times(self, chunk: mcap.ChunkInfo, channel: int) -> tuple[int, int]:
-        """Read the first and last time of a channel in a chunk from its index; those of the chunk without an index."""
-        place = chunk.message_index_offsets.get(channel)
-        assert self.bio is not None
+    def _ends_ns(self, channel: int, chunks: Sequence[ChunkIndex]) -> tuple[int, int]:
+        """Find the times of the first and the last message of a channel, from the chunks that can hold them."""
+        first_end = min(chunk.message_end_time for chunk in chunks)
+        last_start = max(chunk.message_start_time for chunk in chunks)
+        ends = []
+        for chunk in chunks:
+            if chunk.message_start_time <= first_end or chunk.message_end_time >= last_start:
+                if chunk.chunk_start_offset not in self._times:
+                    self._times[chunk.chunk_start_offset] = self._read_times(chunk)
+                whole = chunk.message_start_time, chunk.message_end_time
+                ends.append(self._times[chunk.chunk_start_offset].get(channel, whole))
+        return min(first for first, _ in ends), max(last for _, last in ends)
+
+    def _read_times(self, chunk: ChunkIndex) -> dict[int, tuple[int, int]]:
+        """Read the first and the last time of each channel in a chunk; none without a whole index."""
+        self._file.seek(min(chunk.message_index_offsets.values(), default=0))
+        content = BytesIO(self._file.read(min(chunk.message_index_length, MAX_INDEX_BYTES)))
+        found: dict[int, tuple[int, int]] = {}
         try:
-            operation, length = RECORD.unpack(_read(self.bio, place or 0, (place or 0) + RECORD.size))
-            if place is None or operation != MESSAGE_INDEX or length > MAX_INDEX_BYTES:
-                raise ValueError
-            entries = _read(self.bio, place + RECORD.size, place + RECORD.size + length)[INDEX_START_BYTES:]
-            times = [time for time, _ in struct.iter_unpack("<QQ", entries)]
-            return min(times), max(times)
-        except (ValueError, struct.error):
-            return chunk.message_start_time, chunk.message_end_time
+            for record in StreamReader(content, skip_magic=True).records:
+                if isinstance(record, MessageIndex) and record.records:
+                    times = [time for time, _ in record.records]
+                    found[record.channel_id] = min(times), max(times)
+        except Exception:  # The end of what was read, or hostile bytes.
+            pass
+        return found
+
+    def _count(self, is_whole: bool) -> None:
+        """Read the whole file for its topics, their times, and what is missing."""
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        spans: dict[int, Span] = {}
+        for record in self._records():
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, McapMessage):
+                time = record.log_time
+                spans[record.channel_id] = spans.get(record.channel_id, Span()).joined(Span(1, time, time))
+        for key, channel in channels.items():
+            self._topics[key] = _topic(channel, schemas, spans.get(key, Span()))
+        missing = [] if is_whole else ["its index"]
+        missing += [f"the last {self._missing:,} bytes, which are not whole"] if self._missing else []
+        missing += [f"{self._num_bad:,} damaged chunks"] if self._num_bad else []
+        self.damage = ", ".join(missing) or None
+
+    def _records(self) -> Iterator[McapRecord]:
+        """Yield the records of the file, and those of its whole chunks, in their order."""
+        self._missing, self._num_bad, end = 0, 0, MAGIC_BYTES
+        with open_file(self._path) as file:
+            file.seek(end)
+            while True:
+                reader = StreamReader(file, skip_magic=True, validate_crcs=True, record_size_limit=self._size)
+                try:
+                    for record in reader.records:
+                        yield record
+                        end = file.tell()
+                    return
+                except (EndOfFile, RecordLengthLimitExceeded, struct.error):
+                    self._missing = self._size - end
+                    return
+                except Exception:  # A chunk that cannot be unpacked; the next record stands behind it.
+                    self._num_bad += 1
 
 
-def _records(file: BinaryIO, place: int, size: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield operation, place, start and end of the content of each whole record."""
-    while place + RECORD.size <= size:
-        operation, length = RECORD.unpack(_read(file, place, place + RECORD.size))
-        start = place + RECORD.size
-        if start + length > size:
-            return
-        yield operation, place, start, start + length
-        place = start + length
+def _is_index(summary: Summary) -> bool:
+    """Whether a summary states all that is needed to read by it."""
+    if summary.statistics is None or not summary.chunk_indexes:
+        return False
+    used = set(summary.statistics.channel_message_counts)
+    used |= {channel for chunk in summary.chunk_indexes for channel in chunk.message_index_offsets}
+    known = {key for key, each in summary.channels.items() if each.schema_id in (0, *summary.schemas)}
+    return used <= known
 
 
-def _take_chunk(content: bytes, place: int, end: int, summary: BytesIO) -> Counter[int] | None:
-    """Add the schemas and channels of a chunk, and the chunk, to a summary; return the messages of each channel."""
-    counts, times = Counter[int](), list[int]()
-    try:
-        *_, size, crc = mcap.deserialize_qqqi(content[:28])
-        rest = BytesIO(content[28:])
-        compression = mcap.read_string(rest)
-        (num_bytes,) = mcap.deserialize_uint64(mcap.read_exact(rest, 8))
-        records = BytesIO(
-            mcap.decompress(mcap.read_exact(rest, num_bytes), compression, size, crc & 0xFFFFFFFF)
-        )
-        found = BytesIO()
-        for operation, inner, start, stop in _records(records, 0, size):
-            if operation in (SCHEMA, CHANNEL):
-                found.write(_read(records, inner, stop))
-            elif operation == MESSAGE:
-                _count(_read(records, start, start + MESSAGE_START.size), counts, times)
-    except Exception:  # Errors of any kind, see `Ros1File.open`.
-        return None
-    name = compression.encode()
-    index = struct.pack("<QQQQIQ", min(times, default=0), max(times, default=0), place, end - place, 0, 0)
-    index += struct.pack("<I", len(name)) + name + struct.pack("<QQ", num_bytes, size)
-    summary.write(found.getvalue() + RECORD.pack(CHUNK_INDEX, len(index)) + index)
-    return counts
-
-
-def _count(message: bytes, counts: Counter[int], times: list[int]) -> None:
-    channel, _, time = MESSAGE_START.unpack_from(message)
-    counts[channel] += 1
-    times.append(time)
-
-
-def _read(file: BinaryIO, start: int, end: int) -> bytes:
-    file.seek(start)
-    return file.read(end - start)
+def _topic(channel: Channel, schemas: dict[int, Schema], span: Span) -> Topic:
+    schema = schemas.get(channel.schema_id)
+    return Topic(channel.topic, "" if schema is None else schema.name, span)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -27,14 +27,48 @@ class MessageError(ValueError):
     """A message cannot be used; the text says what was found and what was needed."""
 
 
+class Span(NamedTuple):
+    """The messages of a topic."""
+
+    num_messages: int = 0
+    """Number of messages."""
+    first_ns: int = 0
+    """Time of the first, as it was received."""
+    last_ns: int = 0
+    """Time of the last."""
+
+    def joined(self, other: Span) -> Span:
+        """Join the messages of two parts."""
+        if not (self.num_messages and other.num_messages):
+            return self if self.num_messages else other
+        count = self.num_messages + other.num_messages
+        return Span(count, min(self.first_ns, other.first_ns), max(self.last_ns, other.last_ns))
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording; messages of another type under the same name are another topic."""
+
+    name: str
+    """Name of the topic."""
+    type: str
+    """Name of the type of its messages, as sensor_msgs/msg/Image."""
+    span: Span = field(default=Span(), compare=False)
+    """Number and times of its messages."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages a second; 0 if it has fewer than two."""
+        duration_ns = self.span.last_ns - self.span.first_ns
+        return (self.span.num_messages - 1) * NS / duration_ns if duration_ns > 0 else 0.0
+
+
 @dataclass(frozen=True)
 class Message:
     """A message as the recording holds it."""
 
-    topic: str
-    """Name of its topic."""
-    type: str
-    """Name of its type, as sensor_msgs/msg/Image."""
+    topic: Topic
+    """Its topic."""
     received_ns: int
     """Time at which it was received."""
     raw: bytes
@@ -43,22 +77,24 @@ class Message:
     """Whether the bytes are those of ROS 1, and not CDR."""
 
     @property
+    def type(self) -> str:
+        """Name of its type."""
+        return self.topic.type
+
+    @property
     def byte_order(self) -> str:
         """The sign of the byte order in `struct`."""
         return "<" if self.is_ros1 or self.raw[1:2] in (b"\1", b"\3") else ">"
 
-    @cached_property
+    @property
     def header_ns(self) -> int:
         """The stamp of the header.
 
         Raises:
             MessageError: the message is too short for a header.
         """
-        self._need_header()
-        seconds, nanoseconds = struct.unpack_from(
-            f"{self.byte_order}{'I' if self.is_ros1 else 'i'}I", self.raw, 4
-        )
-        return int(seconds) * NS + int(nanoseconds)
+        seconds, nanoseconds, _ = self._header
+        return seconds * NS + nanoseconds
 
     @property
     def frame_id(self) -> str:
@@ -67,8 +103,7 @@ class Message:
         Raises:
             MessageError: the message is too short for a header.
         """
-        self._need_header()
-        (length,) = struct.unpack_from(f"{self.byte_order}I", self.raw, HEADER_BYTES - 4)
+        _, _, length = self._header
         if length > min(MAX_FRAME_ID, len(self.raw) - HEADER_BYTES):
             raise MessageError(f"found a frame_id of {length:,} characters in {len(self.raw):,} bytes")
         name = self.raw[HEADER_BYTES : HEADER_BYTES + length]
@@ -88,9 +123,15 @@ class Message:
         except Exception as error:  # Hostile bytes raise errors of any kind in the library.
             raise MessageError(f"found {len(self.raw):,} bytes that are no {self.type}") from error
 
-    def _need_header(self) -> None:
+    @cached_property
+    def _header(self) -> tuple[int, int, int]:
+        """Seconds and nanoseconds of the stamp, and the length of the frame's name."""
         if len(self.raw) < HEADER_BYTES:
             raise MessageError(f"found {len(self.raw)} bytes, needed a header of {HEADER_BYTES} or more")
+        seconds, nanoseconds, length = struct.unpack_from(
+            f"{self.byte_order}{'I' if self.is_ros1 else 'i'}II", self.raw, 4
+        )
+        return seconds, nanoseconds, length
 
 
 def plain_frame(name: str) -> str:

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Sequence
+from bisect import bisect_left, insort
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.bags.bag import Bag, Topic
-from semcal_cli.bags.messages import NS, ODOMETRY, POSE, TRANSFORMS, Message, MessageError, plain_frame
-from semcal_cli.bags.transforms import SAME, Edge, FrameTree, pose_of, stated_transforms
+from semcal_cli.bags.bag import Bag
+from semcal_cli.bags.messages import NS, ODOMETRY, POSE, TRANSFORMS, Message, MessageError, Topic, plain_frame
+from semcal_cli.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, stated_transforms
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
 from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
 
 NONE = "none"
 """Value of --motion that asks for no motion."""
-TF_STATIC = "/tf_static"
 SCOUTED_PLACES, SCOUTED_NS = 8, NS
 """Places of the recording, and time from each, at which `/tf` is read to learn which of its frames move."""
 LONGEST_GAP_NS = NS // 2
@@ -27,37 +26,26 @@ LONGEST_SWEEP_NS, LONGEST_LATENCY_NS = NS // 5, NS
 """Time before the stamp that the points of a sweep may begin, and time that poses may take to be received."""
 
 
-class MovingFrame(NamedTuple):
-    """A frame that moves in another one, by a topic of transforms."""
-
-    topic: Topic
-    """The topic."""
-    parent: str
-    """The frame that it moves in."""
-    child: str
-    """The frame that moves."""
-
-
 class MotionSource(NamedTuple):
-    """A topic that tells where the LiDAR is."""
+    """A frame whose poses a topic tells."""
 
     topic: Topic
     """The topic."""
     frame: str
-    """Frame whose poses it holds."""
+    """The frame that moves."""
     parent: str | None
-    """Frame in which they are; None if any is taken."""
-    T_frame_lidar: Pose
-    """(4, 4) fixed transform of the LiDAR in it, metres."""
+    """The frame that it moves in; None if that is not known."""
 
 
 class Trajectory:
     """Poses of the LiDAR in a fixed frame, by their stamps."""
 
-    def __init__(self, source: MotionSource) -> None:
+    def __init__(self, source: MotionSource, T_frame_lidar: Pose) -> None:
+        """Without poses as yet; the LiDAR has a fixed transform (4, 4), metres, in the frame that moves."""
         self.source = source
+        self._T_frame_lidar = T_frame_lidar
         self._poses: dict[int, Pose] = {}
-        self._sorted: list[int] | None = []
+        self._stamps: list[int] = []
         self._latency_ns = 0
 
     @property
@@ -79,12 +67,14 @@ class Trajectory:
         for stamp, T in found:
             if not received:
                 self._latency_ns = max(self._latency_ns, min(message.received_ns - stamp, LONGEST_LATENCY_NS))
-            self._poses[message.received_ns if received else stamp] = T @ self.source.T_frame_lidar
-            self._sorted = None
+            time = message.received_ns if received else stamp
+            if time not in self._poses:
+                insort(self._stamps, time)
+            self._poses[time] = T @ self._T_frame_lidar
 
     def covers(self, *stamps_ns: int) -> bool:
         """Whether poses stand closely before and after each of the stamps."""
-        stamps = self._stamps()
+        stamps = self._stamps
         places = [bisect_left(stamps, stamp) for stamp in stamps_ns]
         return all(
             0 < place < len(stamps) and stamps[place] - stamps[place - 1] <= LONGEST_GAP_NS
@@ -93,76 +83,72 @@ class Trajectory:
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
         """Position (3,) of the pose that is nearest in time, metres; None without poses."""
-        stamps = self._stamps()
-        if not stamps:
+        if not self._stamps:
             return None
-        place = min(bisect_left(stamps, stamp_ns), len(stamps) - 1)
-        nearest = min(stamps[max(place - 1, 0) : place + 1], key=lambda stamp: abs(stamp - stamp_ns))
+        place = bisect_left(self._stamps, stamp_ns)
+        near = self._stamps[max(place - 1, 0) : place + 1]
+        nearest = min(near, key=lambda stamp: abs(stamp - stamp_ns))
         position: np.ndarray = self._poses[nearest][:3, 3]
         return position
 
     def tum(self) -> str:
         """Write the poses, one line each: seconds x y z qx qy qz qw (TUM)."""
         lines = []
-        for stamp in self._stamps():
+        for stamp in self._stamps:
             T = self._poses[stamp]
             numbers = [*T[:3, 3], *quaternion_xyzw(T)]
             lines.append(" ".join([seconds_text(stamp), *(f"{each:.12g}" for each in numbers)]))
         return "\n".join(lines) + "\n"
 
-    def _stamps(self) -> list[int]:
-        """Stamps of the poses, ascending; sorted once, since they are asked for again and again after the last pose."""
-        if self._sorted is None:
-            self._sorted = sorted(self._poses)
-        return self._sorted
 
-
-def read_frames(bag: Bag) -> tuple[FrameTree, list[MovingFrame]]:
+def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
     """Read the fixed transforms of a recording, and what moves by its topics of transforms.
 
     Transforms of `/tf` that stay the same at every place that is read are fixed, too: ROS 1 has no other way.
     """
     tree, moving = FrameTree(), []
     topics = bag.of_types(TRANSFORMS)
-    for message in bag.messages([topic for topic in topics if topic.name == TF_STATIC]):
-        with suppress(MessageError):
-            tree.add(stated_transforms(message.content.transforms))
+    for edge, T in _stated(bag, [topic for topic in topics if topic.name == TF_STATIC]):
+        tree.add(edge, T)
     for topic in topics:
-        if topic.name != TF_STATIC:
-            stated = _scouted(bag, topic)
-            for (parent, child), poses in stated.items():
-                if any(np.abs(T - poses[0]).max() > SAME for T in poses):
-                    moving.append(MovingFrame(topic, parent, child))
-                elif (parent, child) not in tree.edges:
-                    tree.add([((parent, child), poses[0])])
+        if topic.name == TF_STATIC:
+            continue
+        found: dict[Edge, list[Pose]] = {}
+        for start_ns, stop_ns in _places(bag, topic):
+            for edge, T in _stated(bag, [topic], start_ns, stop_ns):
+                found.setdefault(edge, []).append(T)
+        for (parent, child), poses in found.items():
+            if any(np.abs(T - poses[0]).max() > SAME for T in poses):
+                moving.append(MotionSource(topic, child, parent))
+            elif (parent, child) not in tree.edges:
+                tree.add((parent, child), poses[0])
     return tree, moving
 
 
-def _scouted(bag: Bag, topic: Topic) -> dict[Edge, list[Pose]]:
-    """Read the transforms of a topic at a few places of the recording."""
-    starts = np.linspace(topic.span.first_ns, topic.span.last_ns, SCOUTED_PLACES)
-    places = (
-        [(int(start), int(start) + SCOUTED_NS) for start in starts]
-        if bag.is_indexed
-        else [(0, bag.end_ns + 1)]
-    )
-    found: dict[Edge, list[Pose]] = {}
-    for start, stop in places:
-        for message in bag.messages([topic], start, stop):
-            with suppress(MessageError):
-                for edge, T in stated_transforms(message.content.transforms):
-                    found.setdefault(edge, []).append(T)
-    return found
+def _stated(
+    bag: Bag, topics: Sequence[Topic], start_ns: int | None = None, stop_ns: int | None = None
+) -> Iterator[tuple[Edge, Pose]]:
+    for message in bag.messages(topics, start_ns, stop_ns):
+        with suppress(MessageError):
+            yield from stated_transforms(message.content.transforms)
+
+
+def _places(bag: Bag, topic: Topic) -> list[tuple[int, int]]:
+    """List the stretches in which transforms are read to learn which of them change."""
+    if not bag.is_indexed:
+        return [(bag.start_ns, bag.end_ns + 1)]
+    starts_ns = map(int, np.linspace(topic.span.first_ns, topic.span.last_ns, SCOUTED_PLACES))
+    return [(start_ns, start_ns + SCOUTED_NS) for start_ns in starts_ns]
 
 
 def find_motion(
     bag: Bag,
     tree: FrameTree,
-    moving: Sequence[MovingFrame],
+    moving: Sequence[MotionSource],
     lidar: str,
     wanted: str | None,
     frame: str | None,
-) -> tuple[MotionSource | None, str | None]:
+) -> tuple[Trajectory | None, str | None]:
     """Find the topic that tells how the LiDAR moves.
 
     Args:
@@ -174,7 +160,8 @@ def find_motion(
         frame: Frame whose poses the topic holds; None for the one that its messages name.
 
     Returns:
-        The source, if there is one, and a sentence that says why there is none although there are poses.
+        The trajectory, if there is one, without poses as yet, and a sentence that says why there is none although
+        there are topics of poses.
 
     Raises:
         InputError: the topic that is wanted is missing, or does not fit.
@@ -182,92 +169,61 @@ def find_motion(
     if wanted == NONE:
         return None, None
     fixed = tree.reached(lidar)
+    carrying = [each for each in moving if each.frame in fixed and each.parent not in fixed]
+    posed = _posed(bag, wanted, frame)
     if wanted is not None:
-        return _wanted(bag, moving, fixed, wanted, frame), None
-    candidates = [*bag.of_types([ODOMETRY]), *bag.of_types([POSE] if frame else [])]
-    usable = [source for topic in candidates if (source := _source(bag, topic, fixed, frame)) is not None]
-    usable = usable or _carrying(moving, fixed)
+        carrying = [each for each in carrying if each.topic.name == wanted and frame in (None, each.frame)]
+    usable = [each for each in posed if each.frame and each.frame in fixed] or carrying
     if len(usable) == 1:
-        return usable[0], None
+        return Trajectory(usable[0], inverse(fixed[usable[0].frame])), None
+    if wanted is not None:
+        raise _misfit(bag, wanted, posed, carrying, fixed)
     if usable:
-        names = listed(f"{source.topic.name} of {source.frame} in {source.parent}" for source in usable)
+        names = listed(f"{each.topic.name} of {each.frame} in {each.parent}" for each in usable)
         return None, f"several topics tell of motion, {names}: choose one by --motion"
-    others = [
-        *(topic.name for topic in bag.of_types([ODOMETRY, POSE])),
-        *(each.topic.name for each in moving),
-    ]
+    others = dict.fromkeys(each.topic.name for each in (*posed, *moving))
     if not others:
         return None, None
-    reason = (
-        f"no motion: {listed(dict.fromkeys(others))} tell of frames that no fixed transform ties to {lidar!r}"
-    )
+    reason = f"no motion: {listed(others)} tell of frames that no fixed transform ties to {lidar!r}"
     return None, f"{reason}; see --motion and --motion-frame"
 
 
-def _wanted(
-    bag: Bag, moving: Sequence[MovingFrame], fixed: dict[str, Pose], wanted: str, frame: str | None
-) -> MotionSource:
+def _misfit(
+    bag: Bag,
+    wanted: str,
+    posed: Sequence[MotionSource],
+    carrying: Sequence[MotionSource],
+    fixed: Iterable[str],
+) -> InputError:
+    """Say why the topic that is wanted tells of no motion."""
     known = [topic for topic in bag.of_types([ODOMETRY, POSE, *TRANSFORMS]) if topic.name != TF_STATIC]
-    topic = next((topic for topic in known if topic.name == wanted), None)
-    if topic is None:
+    if wanted not in [topic.name for topic in known]:
         names = listed([*(topic.name for topic in known), NONE])
-        raise InputError(f"--motion: found no topic {wanted!r} of poses, needed one of: {names}")
-    if topic.type in TRANSFORMS:
-        sources = _carrying([each for each in moving if each.topic == topic], fixed)
-        sources = [source for source in sources if frame in (None, source.frame)]
-        if len(sources) == 1:
-            return sources[0]
-        found = listed(f"{source.frame} in {source.parent}" for source in sources)
-        raise InputError(
+        return InputError(f"--motion: found no topic {wanted!r} of poses, needed one of: {names}")
+    if not posed:
+        found = listed(f"{each.frame} in {each.parent}" for each in carrying)
+        return InputError(
             f"--motion {wanted}: found the moving frames {found}, needed one that the LiDAR is fixed to"
         )
-    if topic.type == POSE and frame is None:
+    if posed[0].topic.type == POSE and not posed[0].frame:
         needed = "needed --motion-frame FRAME: a PoseStamped does not say whose pose it is"
-        raise InputError(f"--motion {wanted}: {needed}")
-    source = _source(bag, topic, fixed, frame)
-    if source is None:
-        stated = frame or _child(bag, topic) or "nothing"
-        needed = f"needed one that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
-        raise InputError(f"--motion {wanted}: found poses of {stated!r}, {needed}")
-    return source
+        return InputError(f"--motion {wanted}: {needed}")
+    needed = f"needed one that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
+    return InputError(f"--motion {wanted}: found poses of {posed[0].frame or 'nothing'!r}, {needed}")
 
 
-def _carrying(moving: Sequence[MovingFrame], fixed: dict[str, Pose]) -> list[MotionSource]:
-    """List the moving frames that carry the LiDAR in a frame that does not."""
-    return [
-        MotionSource(each.topic, each.child, each.parent, inverse(fixed[each.child]))
-        for each in moving
-        if each.child in fixed and each.parent not in fixed
-    ]
-
-
-def _source(bag: Bag, topic: Topic, fixed: dict[str, Pose], frame: str | None) -> MotionSource | None:
-    """Make a source of a topic of poses, if the LiDAR is fixed to the frame whose poses it holds."""
-    child = frame or _child(bag, topic)
-    if child is None or child not in fixed:
-        return None
-    return MotionSource(topic, child, _parent(bag, topic), inverse(fixed[child]))
-
-
-def _child(bag: Bag, topic: Topic) -> str | None:
-    """Read whose poses an Odometry holds."""
-    first = next(bag.messages([topic]), None)
-    try:
-        child = (
-            plain_frame(first.content.child_frame_id) if first is not None and topic.type == ODOMETRY else ""
-        )
-    except MessageError:
-        return None
-    return child or None
-
-
-def _parent(bag: Bag, topic: Topic) -> str | None:
-    """Read in which frame an Odometry or a PoseStamped states its poses."""
-    first = next(bag.messages([topic]), None)
-    try:
-        return None if first is None else first.frame_id
-    except MessageError:
-        return None
+def _posed(bag: Bag, wanted: str | None, frame: str | None) -> list[MotionSource]:
+    """List the topics of poses, or the one that is wanted; without a frame where its messages do not name one."""
+    found = []
+    for topic in bag.of_types([ODOMETRY, POSE]):
+        if wanted in (None, topic.name):
+            child, parent, first = "", None, bag.first(topic)
+            if first is not None:
+                with suppress(MessageError):
+                    child = plain_frame(first.content.child_frame_id) if topic.type == ODOMETRY else ""
+                    parent = first.frame_id
+            found.append(MotionSource(topic, frame or child, parent))
+    return found
 
 
 def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from semcal_cli.bags.messages import NS, Message, MessageError
+from semcal_cli.bags.messages import NS, Message, MessageError, Topic
+from semcal_cli.bags.motion import Trajectory
 
 MAX_KEPT_BYTES = {True: 1 << 27, False: 1 << 26}
 """Most bytes of pictures (True) and of sweeps that are kept for what may be nearest to them."""
@@ -77,7 +78,7 @@ class Pairing:
         max_gap_ns: int,
         *,
         by_receipt: bool,
-        picture_topic: str,
+        picture_topic: Topic,
         period_ns: int = 0,
     ) -> None:
         self._wanted = deque(wanted_ns)
@@ -91,6 +92,8 @@ class Pairing:
         self._retry_until_ns = 0
         self._last_ns = 0
         self._num_leads, self._lead_ns = 0, 0
+        self.read_ns = 0
+        """Time just after the last message that was looked at."""
         self.delay_ns = 0
         """Longest time between the stamp and the receipt of a sweep so far, of those within `PATIENCE_NS`."""
         self.left_out: Counter[str] = Counter()
@@ -111,17 +114,18 @@ class Pairing:
         self,
         messages: Iterable[Message],
         goal_ns: int | None = None,
-        enough_ns: Callable[[], int] = lambda: 0,
+        trajectory: Trajectory | None = None,
     ) -> Iterator[Pair]:
         """Yield the pairs of a stretch of the recording, in order.
 
         Args:
             messages: The sweeps and pictures of the stretch, which follows those before.
             goal_ns: The wanted time for which the stretch is read, until there is a pair; None reads all.
-            enough_ns: Function that tells what to read after its sweep.
+            trajectory: What tells how long to read on for poses after its sweep; None if none are wanted.
         """
         for message in messages:
             is_picture = message.topic == self._picture_topic
+            self.read_ns = message.received_ns + 1
             try:
                 stamp_ns = self.stamp_ns(message)
             except MessageError as error:
@@ -137,7 +141,8 @@ class Pairing:
                 self._waiting.append(new)
                 self._last_ns = message.received_ns
             yield from self._settled(message)
-            if goal_ns is not None and self._is_done(goal_ns, message.received_ns - enough_ns()):
+            after_ns = 0 if trajectory is None else trajectory.after_ns
+            if goal_ns is not None and self._is_done(goal_ns, message.received_ns - after_ns):
                 break
         yield from self._settled(None)
         self._retry_until_ns = 0

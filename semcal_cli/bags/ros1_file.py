@@ -1,143 +1,55 @@
-"""A `.bag` of ROS 1, also without its index."""
+"""A `.bag` of ROS 1, by its index."""
 
 from __future__ import annotations
 
-import os
-from bisect import bisect_left
-from collections import defaultdict
-from collections.abc import Collection, Generator
-from contextlib import suppress
-from io import BytesIO
-from typing import BinaryIO
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
 
 from rosbags.interfaces import Connection
-from rosbags.rosbag1 import reader as ros1
+from rosbags.rosbag1 import Reader
 
-from semcal_cli.bags.storage import MAX_STAMP_NS, Span, described_damage
-
-LENGTHS_BYTES = 8
-"""Two lengths, of a record's header and of its data."""
+from semcal_cli.bags.messages import NS, Message, Span, Topic
 
 
-class Ros1File(ros1.Reader):
+class Ros1File:
     """A `.bag`."""
 
     damage: str | None = None
-    """Description of what is missing; None if nothing is."""
     is_indexed = True
-    """Whether a time can be looked up without reading all that stands before it."""
 
-    def open(self) -> None:
-        """Open the bag; index its whole chunks if its index is missing or damaged."""
+    def __init__(self, path: Path, stack: ExitStack) -> None:
+        """Open the bag, until `stack` closes it; errors of any kind say that it has no whole index."""
+        self._reader = stack.enter_context(Reader(path))
+        connections: dict[tuple[str, str], list[Connection]] = {}
+        for each in self._reader.connections:
+            connections.setdefault((each.topic, each.msgtype), []).append(each)
+        self.topics = [Topic(*key, self._span(several)) for key, several in connections.items()]
+
+    def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
+        """Yield the messages of some topics from `start_ns` to before `stop_ns`, in the order of receipt."""
+        wanted = [each for each in self._reader.connections if Topic(each.topic, each.msgtype) in topics]
+        for connection, received_ns, raw in self._reader.messages(wanted, start_ns, stop_ns):
+            yield Message(Topic(connection.topic, connection.msgtype), received_ns, raw, is_ros1=True)
+
+    def _span(self, connections: Sequence[Connection]) -> Span:
+        """Count messages, and find their times; where these cannot be read, they are those of the whole bag."""
+        num_messages = sum(each.msgcount for each in connections)
+        if not num_messages:
+            return Span()
+        ends_ns = self._reader.start_time, self._reader.end_time - 1
         try:
-            super().open()
-        except OSError:
-            raise
-        except Exception as error:  # Hostile bytes raise errors of any kind in the library.
-            self._index_again(error)
+            first_ns = next(time for _, time, _ in self._reader.messages(connections))
+            last_ns = first_ns if num_messages == 1 else self._last_ns(connections, ends_ns[1])
+        except Exception:  # Hostile bytes raise errors of any kind in the library.
+            first_ns, last_ns = ends_ns
+        return Span(num_messages, first_ns, last_ns)
 
-    def _index_again(self, error: Exception) -> None:
-        self.bio = self.path.open("rb")
-        size = os.fstat(self.bio.fileno()).st_size
-        try:
-            if not self.bio.readline(64).startswith(b"#ROSBAG V2.0"):
-                raise error
-            found: dict[int, Connection] = {}
-            indexes: dict[int, list[ros1.IndexData]] = defaultdict(list)
-            num_bad, end = 0, self.bio.tell()
-            while (record := _record(self.bio, end, size)) is not None:
-                header, data_start, end = record
-                if header.get("op") == bytes([ros1.RecordType.CHUNK]):
-                    num_bad += not self._take_chunk(header, data_start, end, found, indexes)
-            if not found:
-                raise error
-        except BaseException:
-            with suppress(Exception):
-                self.close()
-            raise
-        self.indexes = {key: sorted(indexes[key]) for key in found}
-        self.connections = [each._replace(msgcount=len(indexes[key])) for key, each in found.items()]
-        self.damage = described_damage("its index", size - end, num_bad)
-
-    def _take_chunk(
-        self,
-        header: ros1.Header,
-        start: int,
-        end: int,
-        found: dict[int, Connection],
-        indexes: dict[int, list[ros1.IndexData]],
-    ) -> bool:
-        """Index the messages of a chunk; return whether it is whole."""
-        file = self.bio
-        assert file is not None
-        try:
-            chunk = ros1.Chunk(end - start, start, ros1.decompressors[header.get_string("compression")])
-            file.seek(start)
-            content = chunk.decompressor(file.read(end - start))
-            inside: dict[int, list[ros1.IndexData]] = defaultdict(list)
-            records, place = BytesIO(content), 0
-            while (record := _record(records, place, len(content))) is not None:
-                inner, _, next_place = record
-                if inner.get_uint8("op") == ros1.RecordType.CONNECTION:
-                    self.bio = BytesIO(content[place:next_place])
-                    connection = self.read_connection()
-                    found.setdefault(connection.id, connection)
-                elif inner.get_uint8("op") == ros1.RecordType.MSGDATA:
-                    entry = ros1.IndexData(inner.get_time("time"), start, place)
-                    inside[inner.get_uint32("conn")].append(entry)
-                place = next_place
-        except Exception:  # Errors of any kind, see `open`.
-            return False
-        finally:
-            self.bio = file
-        self.chunks[start] = chunk
-        for key, entries in inside.items():
-            indexes[key] += entries
-        return True
-
-    def messages(
-        self, connections: Collection[Connection] = (), start: int | None = None, stop: int | None = None
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield connection, time and bytes of messages, in order of time; earlier ones are skipped by bisection."""
-        whole, low, high = self.indexes, start or 0, MAX_STAMP_NS if stop is None else stop
-        self.indexes = {
-            key: each[bisect_left(each, low, key=_time) : bisect_left(each, high, key=_time)]
-            for key, each in whole.items()
-        }
-        try:
-            found = super().messages(connections)
-            first = next(found, None)  # The library takes hold of the indexes here.
-        finally:
-            self.indexes = whole
-        if first is not None:
-            yield first
-            yield from found
-
-    def spans(self) -> dict[int, Span]:
-        """Count the messages of each connection."""
-        return {
-            key: Span(len(each), each[0].time, each[-1].time) if each else Span(0, 0, 0)
-            for key, each in self.indexes.items()
-        }
-
-
-def _time(entry: ros1.IndexData) -> int:
-    return entry.time
-
-
-def _record(file: BinaryIO, place: int, size: int) -> tuple[ros1.Header, int, int] | None:
-    """Read the header of the record at a place, with the start and end of its data; None if it is not whole."""
-    file.seek(place)
-    if place + LENGTHS_BYTES > size:
-        return None
-    try:
-        length = ros1.read_uint32(file)
-        if place + LENGTHS_BYTES + length > size:
-            return None
-        file.seek(place)
-        header = ros1.Header.read(file)
-        num_bytes = ros1.read_uint32(file)
-    except Exception:  # Errors of any kind, see `Ros1File.open`.
-        return None
-    start = file.tell()
-    return None if start + num_bytes > size else (header, start, start + num_bytes)
+    def _last_ns(self, connections: Sequence[Connection], end_ns: int) -> int:
+        """Find the last message, ever farther back from the end of the bag until there is one."""
+        back_ns = NS
+        while True:
+            times = [time for _, time, _ in self._reader.messages(connections, end_ns - back_ns)]
+            if times:
+                return times[-1]
+            back_ns *= 2

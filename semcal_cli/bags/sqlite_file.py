@@ -1,93 +1,96 @@
-"""A `.db3` of ROS 2, also cut off, and a folder of such files."""
+"""A `.db3` of ROS 2, also cut off."""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Collection, Generator
-from contextlib import suppress
+import sqlite3
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-import apsw
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+from semcal_cli.bags.messages import Message, Span, Topic
 
-from semcal_cli.bags.storage import Span
+TABLES = "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0"
+"""Tables that are neither views nor virtual, whose rows could be anything, without an end."""
+IS_MESSAGE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+"""Whether a row is a message: a column can hold anything."""
+IN_RANGE = f"""SELECT topic_id, timestamp, data FROM messages WHERE timestamp >= ? AND timestamp < ?
+AND {IS_MESSAGE} AND topic_id IN ({{}}) ORDER BY timestamp"""
+ROWS = f"SELECT topic_id, {IS_MESSAGE}, timestamp, {{}} FROM messages NOT INDEXED"
+"""Rows in the order of the file, which can be read where an index is damaged."""
+Spans: TypeAlias = dict[tuple[Any, int], Span]
+"""Rows by the id of their topic, and whether they are messages."""
 
 
-class SqliteFile(Sqlite3Reader):
+class SqliteFile:
     """A `.db3` of ROS 2."""
 
-    damage: str | None = None
-    """Description of what is missing; None if nothing is."""
-    is_indexed = True
-    """Whether a time can be looked up without reading all that stands before it."""
+    def __init__(self, path: Path, stack: ExitStack) -> None:
+        """Open the database, until `stack` closes it, and count its rows.
 
-    def __init__(self, path: Any) -> None:
-        super().__init__(path)
-        self._rows: list[tuple[int, int, int]] | None = None
-
-    def open(self) -> None:
-        """Open the database; list its readable rows if it is damaged."""
-        try:
-            super().open()
-        except Exception as error:  # Errors of any kind, see `Ros1File.open`.
-            self._list_rows(error)
-        log = Path(f"{self.path}-wal")
+        Raises:
+            ValueError: it has not the tables of a recording.
+            sqlite3.Error: it is no database, or too damaged.
+        """
+        # A URI lets nothing be written beside the file; it is quoted, for a name can hold `?`, `#` and `%`.
+        uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+        self._database = stack.enter_context(closing(sqlite3.connect(uri, uri=True)))
+        self.is_indexed = True
+        self._database.execute("PRAGMA trusted_schema = OFF")
+        spans = self._spans()
+        missing = [] if self.is_indexed else ["its end, for the database is cut off or damaged"]
+        if odd := sum(span.num_messages for (_, is_message), span in spans.items() if not is_message):
+            missing.append(f"{odd:,} rows whose timestamp is no whole number or whose data are no bytes")
+        log = path.with_name(f"{path.name}-wal")
         if log.is_file() and (size := log.stat().st_size):
-            more = f"what stands in {log.name}, {size:,} bytes: the recording was not closed"
-            self.damage = more if self.damage is None else f"{self.damage}; {more}"
+            missing.append(f"what stands in {log.name}, {size:,} bytes: the recording was not closed")
+        self.damage = "; ".join(missing) or None
+        self._topics = {
+            key: Topic(name, kind, spans.get((key, 1), Span()))
+            for key, name, kind in self._database.execute("SELECT id, name, type FROM topics")
+            if isinstance(name, str) and isinstance(kind, str)
+        }
+        self.topics = list(self._topics.values())
 
-    def _list_rows(self, error: Exception) -> None:
-        self.dbconn = apsw.Connection(
-            f"file:{self.path}?immutable=1", flags=apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
-        )
-        rows: list[tuple[int, int, int]] = []
-        try:
-            # A file that is shorter than its header says can be read with this alone (sqlite.org/recovery.html).
-            self.dbconn.execute("PRAGMA writable_schema = ON")
-            topics = list(self.dbconn.execute("SELECT id, name, type, serialization_format FROM topics"))
-            with suppress(apsw.Error):  # What was read before the damage stays in `rows`.
-                for row in self.dbconn.execute("SELECT id, topic_id, timestamp FROM messages NOT INDEXED"):
-                    rows.append(row)
-        except apsw.Error:
-            self.close()
-            raise error from None
-        counts = Counter(topic for _, topic, _ in rows)
-        nothing = MessageDefinition(MessageDefinitionFormat.NONE, "")
-        self.connections = [
-            Connection(key, name, kind, nothing, "", counts[key], ConnectionExtRosbag2(encoding, []), self)
-            for key, name, kind, encoding in topics
-        ]
-        self._rows = sorted(rows, key=lambda row: row[2])
-        self.damage = "its end, for the database is cut off or damaged"
+    def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
+        """Yield the messages of some topics from `start_ns` to before `stop_ns`.
 
-    def messages(
-        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield connection, time and bytes of messages, in order of time."""
-        if self._rows is None:
-            yield from super().messages(connections, start, stop)
+        They come in the order of receipt; where the database is damaged, in that of the file.
+        """
+        for topic_id, time_ns, raw in self._rows(topics, start_ns, stop_ns):
+            yield Message(self._topics[topic_id], time_ns, raw, is_ros1=False)
+
+    def _rows(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[tuple[Any, ...]]:
+        keys = [key for key, topic in self._topics.items() if topic in topics]
+        if self.is_indexed:
+            query = IN_RANGE.format(",".join("?" * len(keys)))
+            yield from self._database.execute(query, [start_ns, stop_ns, *keys])
             return
-        assert self.dbconn is not None
-        wanted = {each.id: each for each in connections}
-        for row, topic, time in self._rows:
-            if topic in wanted and (start is None or start <= time) and (stop is None or time < stop):
-                with suppress(apsw.Error):
-                    ((data,),) = self.dbconn.execute("SELECT data FROM messages WHERE id = ?", (row,))
-                    yield wanted[topic], time, data
+        with suppress(sqlite3.Error):  # The damage was told when the rows were counted.
+            for topic_id, is_message, time_ns, raw in self._database.execute(ROWS.format("data")):
+                if is_message and topic_id in keys and start_ns <= time_ns < stop_ns:
+                    yield topic_id, time_ns, raw
 
-    def spans(self) -> dict[int, Span]:
-        """Count the messages of each connection."""
-        assert self.dbconn is not None
-        rows: Any = self._rows
-        if rows is not None:
-            times = defaultdict(list)
-            for _, topic, time in rows:
-                times[topic].append(time)
-            found = {topic: Span(len(each), each[0], each[-1]) for topic, each in times.items()}
-        else:
-            numbers = "count(*), CAST(min(timestamp) AS INTEGER), CAST(max(timestamp) AS INTEGER)"
-            query = f"SELECT CAST(topic_id AS INTEGER), {numbers} FROM messages GROUP BY topic_id"
-            found = {key: Span(*values) for key, *values in self.dbconn.execute(query)}
-        return {each.id: found.get(each.id, Span(0, 0, 0)) for each in self.connections}
+    def _spans(self) -> Spans:
+        """Count the rows of each topic that can be read.
+
+        Rows are counted here and not by SQLite, which would sort them together with their data.
+        """
+        try:
+            tables = self._database.execute(TABLES).fetchall()
+        except sqlite3.DatabaseError:
+            self.is_indexed = False
+            # A file that is shorter than its header says can be read with this alone (sqlite.org/recovery.html).
+            self._database.execute("PRAGMA writable_schema = ON")
+            tables = self._database.execute(TABLES).fetchall()
+        if not {("topics",), ("messages",)} <= set(tables):
+            raise ValueError("found no tables 'topics' and 'messages', as ROS 2 writes them")
+        spans: Spans = {}
+        try:
+            for topic_id, is_message, time_ns, _ in self._database.execute(ROWS.format("1")):
+                one = Span(1, time_ns, time_ns) if is_message else Span(1)
+                key = topic_id, is_message
+                spans[key] = spans.get(key, Span()).joined(one)
+        except sqlite3.DatabaseError:  # What was read before the damage counts.
+            self.is_indexed = False
+        return spans

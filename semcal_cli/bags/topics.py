@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.bags.bag import Bag, Topic
-from semcal_cli.bags.cameras import is_rectified
-from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS
-from semcal_cli.bags.motion import TF_STATIC
+from semcal_cli.bags.bag import Bag
+from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS, Topic
+from semcal_cli.bags.transforms import TF_STATIC
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
 
+RECTIFIED = "image_rect"
+"""Start of the name of a topic with rectified pictures (image_proc)."""
 MAX_FRAMES = 70
 """Frames that are kept if nothing else is asked for."""
 MAX_GAP_S = 0.05
@@ -62,8 +63,18 @@ class Topics:
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the pictures are rectified."""
-        return self.camera_info is not None and is_rectified(self.image.name)
+        """Whether the pictures are rectified, by the name of their topic."""
+        parts = self.image.name.split("/")
+        return self.camera_info is not None and any(part.startswith(RECTIFIED) for part in parts)
+
+
+USES = {
+    "sweeps": CLOUDS,
+    "pictures": PICTURES,
+    "intrinsics": (CAMERA_INFO,),
+    "motion": (ODOMETRY, POSE, *TRANSFORMS),
+}
+"""Types of messages by what they are good for."""
 
 
 def choose_topics(bag: Bag, request: Request) -> Topics:
@@ -77,22 +88,28 @@ def choose_topics(bag: Bag, request: Request) -> Topics:
     if request.intrinsics is not None:
         return Topics(points, image, None)
     beside = _info_beside(bag, image) if request.camera_info is None else None
-    info = beside or _choose_info(bag, request)
+    needed = "; needed one, or --intrinsics FILE"
+    info = beside or _choose(
+        bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)", needed
+    )
     return Topics(points, image, info, is_beside=beside is not None or request.camera_info is not None)
 
 
-def _choose(bag: Bag, types: Sequence[str], wanted: str | None, option: str, what: str) -> Topic:
+def _choose(
+    bag: Bag, types: Sequence[str], wanted: str | None, option: str, what: str, advice: str = ""
+) -> Topic:
     known = bag.of_types(types)
+    names = listed(topic.name for topic in known)
     if wanted is not None:
         found = [topic for topic in known if topic.name == wanted]
         if not found:
-            raise InputError(f"{option}: found no topic {wanted!r} of {what}, needed one of: {_names(known)}")
+            raise InputError(f"{option}: found no topic {wanted!r} of {what}, needed one of: {names}")
         return found[0]
     if not known:
         others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
-        raise InputError(f"{bag.paths[0]}: found no topic of {what}, only {others}")
+        raise InputError(f"{bag.paths[0]}: found no topic of {what}, only {others}{advice}")
     if len(known) > 1:
-        raise InputError(f"{option}: found {len(known):,} topics of {what}, needed one of: {_names(known)}")
+        raise InputError(f"{option}: found {len(known):,} topics of {what}, needed one of: {names}")
     return known[0]
 
 
@@ -104,27 +121,10 @@ def _info_beside(bag: Bag, image: Topic) -> Topic | None:
     return next((known[name] for name in names if name in known), None)
 
 
-def _choose_info(bag: Bag, request: Request) -> Topic:
-    if request.camera_info is None and not bag.of_types([CAMERA_INFO]):
-        needed = "needed one, or --intrinsics FILE"
-        raise InputError(f"{bag.paths[0]}: found no topic of intrinsics (CameraInfo), {needed}")
-    return _choose(bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)")
-
-
-def _names(topics: Sequence[Topic]) -> str:
-    return listed(topic.name for topic in topics)
-
-
 def roles(bag: Bag) -> dict[Topic, str]:
     """Say of each topic that can be used what for."""
-    uses = {
-        "sweeps": CLOUDS,
-        "pictures": PICTURES,
-        "intrinsics": (CAMERA_INFO,),
-        "motion": (ODOMETRY, POSE, *TRANSFORMS),
+    return {
+        topic: "fixed frames" if topic.name == TF_STATIC else use
+        for use, types in USES.items()
+        for topic in bag.of_types(types)
     }
-    found = {}
-    for use, types in uses.items():
-        for topic in bag.of_types(types):
-            found[topic] = "fixed frames" if topic.name == TF_STATIC else use
-    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from semcal_cli.files.messages import listed
 from semcal_cli.formats.values import MAX_WORLD_M, rigid
 from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
 
+TF_STATIC = "/tf_static"
 Edge = tuple[str, str]
 """Parent and child."""
 CONTRADICTION = 1e-4
@@ -33,13 +34,11 @@ class FrameTree:
         self.contradictory: set[str] = set()
         """Frames that several chains lead to, which contradict one another; known once `reached` has been there."""
 
-    def add(self, stated: Iterable[tuple[Edge, Pose]]) -> None:
-        """Take in T_parent_child (4, 4) by parent and child."""
-        for edge, T in stated:
-            before = self.edges.get(edge)
-            if before is not None and np.abs(before - T).max() > SAME:
-                self.changed.add(edge)
-            self.edges[edge] = T
+    def add(self, edge: Edge, T: Pose) -> None:
+        """Take in T_parent_child (4, 4) of a parent and a child."""
+        if np.abs(self.edges.get(edge, T) - T).max() > SAME:
+            self.changed.add(edge)
+        self.edges[edge] = T
 
     def reached(self, frame: str) -> dict[str, Pose]:
         """Find every frame that is fixed to one, with T_frame_other (4, 4), that frame itself among them."""
@@ -65,6 +64,44 @@ class FrameTree:
             return "there are no fixed transforms"
         from_source, from_target = (listed(sorted(self.reached(frame))) for frame in (source, target))
         return f"no chain of fixed transforms: {from_source} hang together, and {from_target}"
+
+
+def reference(
+    tree: FrameTree, lidar: str, optical: str, rectification: Mapping[str, Any] | None
+) -> tuple[Pose | None, list[str]]:
+    """Find T_camera_lidar (4, 4), metres, in the fixed transforms.
+
+    Args:
+        tree: The fixed transforms.
+        lidar: Frame of the sweeps.
+        optical: Frame of the pictures.
+        rectification: R (9) and P (12), by rows, of the camera whose pictures are rectified; None if they are raw.
+
+    Returns:
+        The transform, if there is one, and sentences about it.
+
+    Raises:
+        InputError: R is no rotation.
+    """
+    told = []
+    if tree.changed:
+        edges = listed(f"{parent} to {child}" for parent, child in sorted(tree.changed))
+        told.append(f"{TF_STATIC} states several transforms of {edges}: the last counts")
+    T = tree.reached(optical).get(lidar)
+    if lidar == optical:
+        why_not = f": sweeps and pictures both say that they are in frame {lidar!r}"
+    elif T is not None and tree.contradictory:
+        why_not = f": fixed transforms contradict one another at {listed(sorted(tree.contradictory))}"
+    elif T is None or not lidar:
+        why_not = f" from {lidar!r} to {optical!r}: {tree.missing(lidar, optical)}"
+    elif rectification is not None and (rectification["P"][3] or rectification["P"][7]):
+        why_not = ": P is that of the second camera of a stereo pair, whose frame is not stated"
+    else:
+        if rectification is not None and any(rectification["R"]):
+            T[:3] = np.reshape(rectification["R"], (3, 3)) @ T[:3]
+            T = rigid(f"{optical}: R of the camera in this frame", T)
+        return T, [*told, f"the reference T_camera_lidar is the recording's, from {lidar!r} to {optical!r}"]
+    return None, [*told, f"no reference{why_not}"]
 
 
 def stated_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:

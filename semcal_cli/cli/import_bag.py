@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 MAX_REASONS = 10
 """Most reasons for what was left out that are printed."""
+HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
+SIDES = "<<>>>><"
+"""Alignment of the columns of the list of topics."""
 
 
 @click.command(short_help="A recording of ROS 1 or ROS 2: .bag, MCAP, .db3, or a folder of them.")
@@ -72,7 +75,8 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
     """
     from semcal_cli.cli.terminal import make_console, progress_line
 
-    check_installed("semcal import bag", "rosbags", "bag")
+    for package in ("rosbags", "mcap"):
+        check_installed("semcal import bag", package, "bag")
     if is_list:
         _list(paths)
         return
@@ -132,32 +136,18 @@ def _list(paths: tuple[Path, ...]) -> None:
 
     with Bag(paths) as recording:
         uses = roles(recording)
-        several = {use for use in uses.values() if list(uses.values()).count(use) > 1}
-        rows = [("topic", "type", "messages", "Hz", "first s", "last s", "use")]
+        rows = [HEADINGS]
         for topic in recording.topics:
-            span = topic.span
+            span, use = topic.span, uses.get(topic, "")
             times = [f"{(time - recording.start_ns) / NS:.3f}" for time in (span.first_ns, span.last_ns)]
             first, last = times if span.num_messages else ("", "")
-            use = uses.get(topic, "")
-            choice = " (one of several)" if use in several and use not in ("motion", "intrinsics") else ""
-            rows.append(
-                (
-                    topic.name,
-                    topic.type,
-                    f"{span.num_messages:,}",
-                    f"{topic.rate_hz:.1f}",
-                    first,
-                    last,
-                    use + choice,
-                )
-            )
-        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-        for row in rows:
-            cells = [
-                each.ljust(width) if column in (0, 1, 6) else each.rjust(width)
-                for column, (each, width) in enumerate(zip(row, widths, strict=True))
-            ]
-            line = "  ".join(cells).rstrip()
-            click.echo("".join(each if each.isprintable() else "?" for each in line))
-        for remark in recording.remarks:
-            click.echo(f"note: {remark}", err=True)
+            is_choice = use in ("sweeps", "pictures", "fixed frames") and list(uses.values()).count(use) > 1
+            choice = " (one of several)" if is_choice else ""
+            rate = f"{topic.rate_hz:.1f}"
+            rows.append((topic.name, topic.type, f"{span.num_messages:,}", rate, first, last, use + choice))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [f"{each:{side}{width}}" for each, side, width in zip(row, SIDES, widths, strict=True)]
+        click.echo("".join(each if each.isprintable() else "?" for each in "  ".join(cells).rstrip()))
+    for remark in recording.remarks:
+        click.echo(f"note: {remark}", err=True)
