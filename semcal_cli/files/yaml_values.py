@@ -12,14 +12,9 @@ from typing import Any, TypeAlias
 
 import yaml
 from yaml.events import AliasEvent, Event, MappingStartEvent, ScalarEvent, SequenceStartEvent
-from yaml.parser import Parser
 from yaml.reader import Reader
-from yaml.scanner import Scanner
 
 from semcal_cli.files.messages import describe
-
-if yaml.__with_libyaml__:
-    from yaml.cyaml import CParser  # type: ignore[attr-defined]
 
 MAX_DEPTH = 100
 """Most lists and mappings inside one another."""
@@ -36,13 +31,6 @@ CORE_SCHEMA = {  # YAML 1.2.2, section 10.3.2
     ),
 }
 """Patterns of the plain scalars that are no text, and the characters that these begin with."""
-
-
-class _PurePythonParser(Reader, Scanner, Parser):
-    def __init__(self, text: str) -> None:
-        Reader.__init__(self, text)
-        Scanner.__init__(self)
-        Parser.__init__(self)
 
 
 def _float(text: str) -> float:
@@ -63,6 +51,11 @@ for _name, (_pattern, _first) in CORE_SCHEMA.items():
         _RULES.setdefault(_character, []).append(rule)
 
 
+def yaml_loader() -> Any:
+    """Choose libyaml's loader where PyYAML was built with it, or PyYAML's own."""
+    return yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+
+
 def parse_yaml(text: str) -> Any:
     """Parse a text of one document; an empty text is None.
 
@@ -73,8 +66,7 @@ def parse_yaml(text: str) -> Any:
     """
     if (control := Reader.NON_PRINTABLE.search(text)) is not None:
         raise yaml.reader.ReaderError("", control.start(), ord(control[0]), "unicode", "control character")
-    parser: Any = CParser(text) if yaml.__with_libyaml__ else _PurePythonParser(text)
-    next_event = parser.get_event
+    next_event = yaml_loader()(text).get_event
     next_event()  # The stream starts.
     event = next_event()
     if isinstance(event, yaml.StreamEndEvent):
