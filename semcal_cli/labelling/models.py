@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.drive.document import Camera
-from semcal_cli.errors import InputError
-from semcal_cli.labelling.card import PointCard, find_card, read_card
+from semcal_cli.labelling.card import CompletePictureCard, PictureCard, PointCard, find_card, read_card
+from semcal_cli.labelling.model import Model
 from semcal_cli.labelling.network import open_network
-from semcal_cli.labelling.picture_model import PictureModel, understand
+from semcal_cli.labelling.picture_model import understand
 from semcal_cli.labelling.pictures import PictureLabeller
-from semcal_cli.labelling.point_model import PointModel, understand_points
+from semcal_cli.labelling.point_model import understand_points
 
 SHOWN = (640, 480)
 """Columns and rows of the picture on which a network is tried that takes any size."""
 MIDDLE_GRAY = 128
 
 
-def open_model(
+def open_picture_model(
     path: Path, card: str | None, device: str = "cpu", num_threads: int | None = None
-) -> PictureModel | PointModel:
-    """Open a model with its card.
+) -> Model[CompletePictureCard]:
+    """Open a model for pictures with its card.
 
     Args:
         path: File of the model, .onnx.
@@ -31,57 +31,53 @@ def open_model(
         num_threads: Threads of a run; None for all cores.
 
     Raises:
-        InputError: the model or the card is wrong, or one contradicts the other.
+        InputError: the model or the card is wrong, one contradicts the other, or the card is of a network for sweeps.
     """
-    found = find_card(card, path)
-    stated = None if found is None else read_card(found)
+    stated, card_path = _card_of(path, card)
     network = open_network(path, device, num_threads)
-    if isinstance(stated, PointCard) and found is not None:
-        return understand_points(network, stated, found)
-    assert not isinstance(stated, PointCard)
-    return understand(network, stated, found or path)
-
-
-def open_picture_model(
-    path: Path, card: str | None, device: str = "cpu", num_threads: int | None = None
-) -> PictureModel:
-    """Open a model for pictures; see `open_model`.
-
-    Raises:
-        InputError: as `open_model`, or the card is one of a network for sweeps.
-    """
-    model = open_model(path, card, device, num_threads)
-    if isinstance(model, PointModel):
-        raise InputError(f"{path}: found the card of a network for sweeps, needed one for pictures")
-    return model
+    if isinstance(stated, PointCard):
+        raise network.unfit("the card of a network for sweeps", "one for pictures")
+    return understand(network, stated, card_path)
 
 
 def open_point_model(
     path: Path, card: str | None, device: str = "cpu", num_threads: int | None = None
-) -> PointModel:
-    """Open a model for range images; see `open_model`.
+) -> Model[PointCard]:
+    """Open a model for range images with its card; arguments and errors are those of `open_picture_model`."""
+    stated, card_path = _card_of(path, card)
+    network = open_network(path, device, num_threads)
+    if not isinstance(stated, PointCard):
+        needed = "one with --point-card"
+        raise network.unfit("no card of a network for sweeps (semcal_point_model: 1)", needed)
+    return understand_points(network, stated, card_path)
 
-    Raises:
-        InputError: as `open_model`, or there is no card of a network for sweeps.
+
+def describe_model(
+    path: Path, card: str | None, device: str = "cpu", num_threads: int | None = None
+) -> list[tuple[str, str]]:
+    """Describe what is understood of a model, in pairs of a word and a sentence, and try it if it is for pictures.
+
+    Arguments and errors are those of `open_picture_model`.
     """
-    model = open_model(path, card, device, num_threads)
-    if isinstance(model, PictureModel):
-        raise InputError(
-            f"{path}: found no card of a network for sweeps (semcal_point_model: 1), needed one with --point-card"
-        )
-    return model
+    stated, card_path = _card_of(path, card)
+    network = open_network(path, device, num_threads)
+    if isinstance(stated, PointCard):
+        return understand_points(network, stated, card_path).describe()
+    model = understand(network, stated, card_path)
+    return [*model.describe(), ("tried", _tried(model))]
 
 
-def try_out(model: PictureModel) -> str:
-    """Run a network on a grey picture, and describe the labels that it gives.
+def _card_of(model: Path, name: str | None) -> tuple[PictureCard | PointCard | None, Path]:
+    """Read the card of a model, and give its file, or that of a model without one."""
+    path = find_card(name, model)
+    return (None, model) if path is None else (read_card(path), path)
 
-    Raises:
-        InputError: the network fails, or its output cannot be labels.
-    """
-    width, height = SHOWN if model.size is None else model.size
+
+def _tried(model: Model[CompletePictureCard]) -> str:
+    """Run a network on a grey picture, and describe the labels that it gives."""
+    width, height = SHOWN if model.card.size is None else model.card.size
     K = ((float(width), 0.0, width / 2.0), (0.0, float(width), height / 2.0), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
-    picture = np.full((height, width, 3), MIDDLE_GRAY, np.uint8)
-    ids = PictureLabeller(model, camera).ids(picture)
+    ids = PictureLabeller(model, camera).ids(np.full((height, width, 3), MIDDLE_GRAY, np.uint8))
     found = ", ".join(map(str, np.unique(ids)[:8]))
     return f"labels of a grey picture of {width} x {height}: ids {found}"
