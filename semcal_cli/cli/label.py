@@ -160,9 +160,10 @@ def label(drive: Path | None, **options: Any) -> None:
 
 def _show(model: Path, options: dict[str, Any]) -> None:
     from semcal_cli.labelling.models import describe_model
+    from semcal_cli.labelling.network import open_network
 
     card = options["image_card"] or options["point_card"]
-    for name, text in describe_model(model, card, options["device"], options["threads"]):
+    for name, text in describe_model(open_network(model, options["device"], options["threads"]), card):
         click.echo(f"{name:<10}{text}")
 
 
@@ -229,15 +230,17 @@ def _check(options: dict[str, Any], images: ImageLabels | None) -> None:
 def _picture_labeller(
     drive: Drive, labels: ImageLabels, device: str, num_threads: int | None
 ) -> PictureLabeller:
-    from semcal_cli.labelling.models import open_picture_model
+    from semcal_cli.labelling.models import picture_model
+    from semcal_cli.labelling.network import open_network
     from semcal_cli.labelling.pictures import PictureLabeller
 
-    model = open_picture_model(labels.model, labels.card, device, num_threads)
+    model = picture_model(open_network(labels.model, device, num_threads), labels.card)
     return PictureLabeller(model, drive.camera, is_rectified=labels.is_rectified)
 
 
 def _point_sides(options: dict[str, Any]) -> list[Side]:
-    from semcal_cli.labelling.models import open_point_model
+    from semcal_cli.labelling.models import point_model
+    from semcal_cli.labelling.network import open_network
     from semcal_cli.labelling.sides import segment_side, sweep_side
     from semcal_cli.labelling.sweeps import SweepLabeller
 
@@ -245,9 +248,8 @@ def _point_sides(options: dict[str, Any]) -> list[Side]:
         return [segment_side()]
     if options["point_model"] is None:
         return []
-    names = ("point_model", "point_card", "device", "threads")
-    model = open_point_model(*(options[name] for name in names))
-    return [sweep_side(SweepLabeller(model))]
+    network = open_network(options["point_model"], options["device"], options["threads"])
+    return [sweep_side(SweepLabeller(point_model(network, options["point_card"])))]
 
 
 def _tell_guesses(labeller: PictureLabeller, terminal: Terminal) -> None:
