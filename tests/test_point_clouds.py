@@ -297,6 +297,9 @@ def test_every_reader_reads_the_same_cloud(
     assert found.points.dtype == np.float32
     np.testing.assert_array_equal(found.points, columns(expected, *"xyz"))
     assert found.num_no_returns == 2
+    assert len(read_point_clouds([(path, None)], len(cloud))[0].points) == len(expected)
+    with pytest.raises(InputError, match="found 40 points, needed at most 39: see --max-points"):
+        read_point_clouds([(path, None)], len(cloud) - 1)
     names = {"intensity": "intensity", "ring": "ring", "labels": "label", "time": "time"}
     for attribute, name in names.items():
         values = getattr(found, attribute)
