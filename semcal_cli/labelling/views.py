@@ -35,6 +35,14 @@ ONE_VIEW_DEG = 55.0
 """Largest angle from the optical axis, in degrees, that a single rectified picture shows."""
 FACE_DEG = 50.0
 """Half of the field of view of a face of the cube that rectifies wider lenses: faces overlap by ten degrees."""
+FACES = tuple(
+    cv2.Rodrigues(np.array(turn))[0].round()
+    for turn in (
+        *((0.0, -0.5 * math.pi * quarters, 0.0) for quarters in range(4)),
+        *((sign * 0.5 * math.pi, 0.0, 0.0) for sign in (1.0, -1.0)),
+    )
+)
+"""R_face_camera (3, 3) of the faces of a cube: front, right, back, left, below, above."""
 MAX_RECTIFIED = 2.0
 """Largest size of a rectified picture, in widths and heights of the camera's."""
 
@@ -142,65 +150,45 @@ def _rectified(camera: Camera) -> Iterator[Shown]:
     """Yield one rectified picture along the optical axis, or the faces of a cube for a lens that sees too much."""
     lens = core_camera(camera)
     rays = lens.unproject(_pixels(camera))
-    cosines = rays[:, 2][np.isfinite(rays[:, 2])]
-    if not len(cosines):
+    inside = np.isfinite(rays).all(axis=1)
+    if not inside.any():
         raise InputError("--rectify: found a lens that reaches no pixel, needed another")
-    if math.degrees(math.acos(max(min(cosines.min(), 1.0), -1.0))) <= ONE_VIEW_DEG:
-        yield _front(camera, lens, rays)
+    focal, forward = lens.pixels_per_radian, np.clip(rays[inside, 2].min(), -1.0, 1.0)
+    if math.degrees(math.acos(forward)) > ONE_VIEW_DEG:
+        side = max(round(2.0 * math.tan(math.radians(FACE_DEG)) * focal), 1)
+        center = np.full(2, (side - 1) / 2.0)
+        for R_face_camera in FACES:
+            yield _pinhole(lens, rays, R_face_camera, focal, center, (side, side))
         return
-    half = math.tan(math.radians(FACE_DEG))
-    focal = lens.pixels_per_radian
-    side = max(round(2.0 * half * focal), 1)
-    for R_face_camera in _faces():
-        center = (side - 1) / 2.0
-        yield _pinhole(
-            camera, lens, rays @ R_face_camera.T, R_face_camera, focal, (center, center), (side, side)
-        )
-
-
-def _faces() -> Iterator[npt.NDArray[np.float64]]:
-    """Yield R_face_camera (3, 3) of the faces of a cube: front, right, back, left, below, above."""
-    for turns in range(4):
-        yield np.asarray(cv2.Rodrigues(np.array([0.0, -0.5 * math.pi * turns, 0.0]))[0].round(), float)
-    for sign in (1.0, -1.0):
-        yield np.asarray(cv2.Rodrigues(np.array([sign * 0.5 * math.pi, 0.0, 0.0]))[0].round(), float)
-
-
-def _front(camera: Camera, lens: _core.Camera, rays: npt.NDArray[np.float64]) -> Shown:
-    """Make the rectified picture that shows all that the camera sees, of the same scale on the optical axis."""
-    focal = lens.pixels_per_radian
-    inside = np.isfinite(rays).all(1)
+    # All that the camera sees, of the same scale on the optical axis if that is not too large.
     slopes = rays[inside, :2] / rays[inside, 2:]
     low, high = slopes.min(axis=0), slopes.max(axis=0)
-    sides = np.ceil(focal * (high - low)) + 1
     most = MAX_RECTIFIED * np.array([camera.width, camera.height])
-    focal *= min(1.0, *(most / sides))
+    focal *= min(1.0, *(most / (np.ceil(focal * (high - low)) + 1)))
     columns, rows = (int(side) for side in np.ceil(focal * (high - low)) + 1)
-    center = (-focal * low[0], -focal * low[1])
-    return _pinhole(camera, lens, rays, np.eye(3), focal, center, (columns, rows))
+    yield _pinhole(lens, rays, np.eye(3), focal, -focal * low, (columns, rows))
 
 
 def _pinhole(
-    camera: Camera,
     lens: _core.Camera,
-    rays_face: npt.NDArray[np.float64],
+    rays_camera: npt.NDArray[np.float64],
     R_face_camera: npt.NDArray[np.float64],
     focal: float,
-    center: tuple[float, float],
+    center: npt.NDArray[np.float64],
     size: tuple[int, int],
 ) -> Shown:
-    """Make a picture without distortion; `rays_face` (N, 3) are those of the camera's pixels in its frame."""
+    """Make a picture without distortion; `rays_camera` (N, 3) are those of the camera's pixels."""
     columns, rows = size
     u, v = np.meshgrid((np.arange(columns) - center[0]) / focal, (np.arange(rows) - center[1]) / focal)
-    rays_camera = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera
-    taken = lens.project(rays_camera).reshape(rows, columns, 2)
+    taken = lens.project(np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera)
     # What the lens does not reach takes the colour of a corner.
-    taken = np.where(np.isfinite(taken), taken, -1e4)
+    taken = np.where(np.isfinite(taken), taken, -1e4).reshape(rows, columns, 2)
     across, down = taken[..., 0].astype(np.float32), taken[..., 1].astype(np.float32)
+    rays_face = rays_camera @ R_face_camera.T
     forward = rays_face[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        places = focal * rays_face[:, :2] / forward[:, None] + np.array(center)
-    shown = (places >= -0.5).all(1) & (places[:, 0] < columns - 0.5) & (places[:, 1] < rows - 0.5)
+        places = focal * rays_face[:, :2] / forward[:, None] + center
+    shown = ((places >= -0.5) & (places < np.array(size) - 0.5)).all(axis=1)
     merit = np.where(shown & (forward > 0.0), forward, -np.inf)
 
     def draw(picture: Picture) -> Picture:
