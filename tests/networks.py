@@ -66,30 +66,24 @@ def color_network(
     """
     weights = colors.astype(np.float32) * 2.0 * np.float32(1e-4) * np.float32(scale)
     bias = -(colors.astype(np.float32) ** 2).sum(1) * np.float32(1e-4)
-    nodes, name = [], "x"
-    if dtype != "float32":
-        nodes.append(helper.make_node("Cast", [name], ["cast"], to=TensorProto.FLOAT))
-        name = "cast"
-    if channels_last:
-        nodes.append(helper.make_node("Transpose", [name], ["first"], perm=[0, 3, 1, 2]))
-        name = "first"
+    steps: list[tuple[str, list[str], dict[str, Any]]] = [("Conv", ["w", "b"], {})]
     if stride > 1:
-        nodes.append(
-            helper.make_node("AveragePool", [name], ["mean"], kernel_shape=[stride] * 2, strides=[stride] * 2)
-        )
-        name = "mean"
-    nodes.append(helper.make_node("Conv", [name, "w", "b"], ["scores"]))
-    name = "scores"
+        steps.insert(0, ("AveragePool", [], {"kernel_shape": [stride] * 2, "strides": [stride] * 2}))
+    if channels_last:
+        steps.insert(0, ("Transpose", [], {"perm": [0, 3, 1, 2]}))
+    if dtype != "float32":
+        steps.insert(0, ("Cast", [], {"to": TensorProto.FLOAT}))
     if kind == "probabilities":
-        nodes.append(helper.make_node("Softmax", [name], ["likely"], axis=1))
-        name = "likely"
+        steps.append(("Softmax", [], {"axis": 1}))
     if kind == "ids":
-        nodes.append(helper.make_node("ArgMax", [name], ["ids"], axis=1, keepdims=0))
-        name = "ids"
+        steps.append(("ArgMax", [], {"axis": 1, "keepdims": 0}))
     elif channels_last:
-        nodes.append(helper.make_node("Transpose", [name], ["last"], perm=[0, 2, 3, 1]))
-        name = "last"
-    nodes.append(helper.make_node("Identity", [name], ["y"]))
+        steps.append(("Transpose", [], {"perm": [0, 2, 3, 1]}))
+    names = ["x", *(f"after {step[0]} {index}" for index, step in enumerate(steps[1:])), "y"]
+    nodes = [
+        helper.make_node(operator, [before, *constants], [after], **attributes)
+        for (operator, constants, attributes), before, after in zip(steps, names, names[1:], strict=False)
+    ]
     out = [each // stride if isinstance(each, int) else f"{each}o" for each in size]
     number = len(colors)
     shape_in = (1, *size, 3) if channels_last else (1, 3, *size)
