@@ -31,8 +31,9 @@ def make_dumper(base: Any) -> Any:
         base: PyYAML's own writer, or the faster one of its library in C, which writes the same bytes.
     """
     dumper: Any = type("Dumper", (base,), {})
-    for name, (pattern, first) in CORE_SCHEMA.items():
-        dumper.add_implicit_resolver(f"tag:yaml.org,2002:{name}", re.compile(f"^(?:{pattern})$"), first)
+    for name, scalar in CORE_SCHEMA.items():
+        pattern = re.compile(f"^(?:{scalar.pattern})$")
+        dumper.add_implicit_resolver(f"tag:yaml.org,2002:{name}", pattern, scalar.first)
     dumper.add_representer(list, _represent_list)
     return dumper
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -224,7 +223,7 @@ def read_card(path: Path) -> PictureCard | PointCard:
         InputError: the file is missing or wrong.
     """
     document = read_document(path)
-    if isinstance(document, Mapping) and "semcal_point_model" in document:
+    if "semcal_point_model" in document:
         return validate(PointCard, document, path)
     return validate(PictureCard, document, path)
 

@@ -36,7 +36,7 @@ ONE_VIEW_DEG = 55.0
 FACE_DEG = 50.0
 """Half of the field of view of a face of the cube that rectifies wider lenses: faces overlap by ten degrees."""
 FACES = tuple(
-    cv2.Rodrigues(np.array(turn))[0].round()
+    np.asarray(cv2.Rodrigues(np.array(turn))[0].round(), np.float64)
     for turn in (
         *((0.0, -0.5 * math.pi * quarters, 0.0) for quarters in range(4)),
         *((sign * 0.5 * math.pi, 0.0, 0.0) for sign in (1.0, -1.0)),
