@@ -1,13 +1,14 @@
-"""Small ONNX networks whose answers NumPy knows."""
+"""Small ONNX networks whose answers NumPy knows, and cards of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnx
+import yaml
 from onnx import TensorProto, helper, numpy_helper
 
 OPSET = 17
@@ -17,6 +18,26 @@ COLORS = np.array(
 )
 """Red, green, blue of classes that differ in colour alone."""
 TYPES = {"float32": TensorProto.FLOAT, "float16": TensorProto.FLOAT16, "uint8": TensorProto.UINT8}
+NAMES = ["a", "b", "c", "d", "e", "f"]
+POINT_CARD = {
+    "semcal_point_model": 1,
+    "rows": 16,
+    "columns": 128,
+    "elevation_deg": [-25.0, 3.0],
+    "channels": ["range", "x", "y", "z", "intensity"],
+    "mean": [12.12, 10.88, 0.23, -1.04, 0.21],
+    "std": [12.32, 11.47, 6.91, 0.86, 0.16],
+    "classes": {"near": [1], "far": [2]},
+    "neighbors": None,
+}
+"""A card of `range_network`."""
+
+
+def card(folder: Path, **values: object) -> None:
+    """Write the card of `color_network`, net.yaml; a value of None leaves a key out."""
+    document = {"semcal_picture_model": 1, "color": "rgb", "scale": 1 / 255, "classes": NAMES} | values
+    text = yaml.safe_dump({key: value for key, value in document.items() if value is not None})
+    (folder / "net.yaml").write_text(text)
 
 
 def save(
@@ -102,3 +123,17 @@ def range_network(path: Path, channels: int, rows: int, columns: int, place: int
     inputs = {"x": (TensorProto.FLOAT, (1, channels, rows, columns))}
     outputs = {"y": (TensorProto.FLOAT, (1, 3, rows, columns))}
     return save(path, nodes, inputs, outputs, {"w": weights, "b": bias})
+
+
+def constant_network(values: np.ndarray) -> Callable[[Path], None]:
+    """A network that gives these values, whatever it sees."""
+    if values.dtype == np.float64:
+        values = values.astype(np.float32)
+
+    def make(folder: Path) -> None:
+        nodes = [helper.make_node("Identity", ["k"], ["y"])]
+        kind = helper.np_dtype_to_tensor_dtype(values.dtype)
+        inputs = {"x": (TensorProto.FLOAT, [1, 3, "h", "w"])}
+        save(folder / "net.onnx", nodes, inputs, {"y": (kind, values.shape)}, {"k": values})
+
+    return make
