@@ -188,9 +188,7 @@ def _check_packing(path: Path, file: BinaryIO, header: laspy.LasHeader) -> None:
 
 
 def _records(chunk: laspy.ScaleAwarePointRecord) -> npt.NDArray[np.void]:
-    names = [*("x", "y", "z"), *(name for name in FIELDS if name in chunk.point_format.dimension_names)]
+    names = ["x", "y", "z", *(name for name in FIELDS if name in chunk.point_format.dimension_names)]
     columns = {FIELDS[name]: np.asarray(chunk[name]) for name in names}
-    records = np.empty(len(chunk), [(name, column.dtype) for name, column in columns.items()])
-    for name, column in columns.items():
-        records[name] = column
-    return records
+    dtype = [(name, column.dtype) for name, column in columns.items()]
+    return np.rec.fromarrays(columns.values(), dtype)

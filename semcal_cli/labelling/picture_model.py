@@ -14,7 +14,7 @@ from semcal_cli.labelling.card import MULTIPLE, Color, CompletePictureCard, Kind
 from semcal_cli.labelling.model import Model, output_of, wrong_key
 from semcal_cli.labelling.network import Network, Port
 
-IMAGENET = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
+IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and standard deviation of ImageNet's red, green and blue, by which most networks normalise."""
 MAX_SCALED = 2.0
 """Largest mean or standard deviation of pixels that are scaled to 1, with some room for unusual ones."""
@@ -132,7 +132,7 @@ class _Joining:
             self.guesses.append(
                 "pixels are scaled to 1 and normalised by ImageNet's mean and standard deviation"
             )
-            mean, std = (_of_color(numbers, color) for numbers in IMAGENET.values())
+            mean, std = (_of_color(numbers, color) for numbers in IMAGENET)
         scale = 1.0 / 255.0 if card.scale is None else card.scale
         return scale, mean, std
 
