@@ -44,64 +44,43 @@ TOO_LARGE = "found 3,221,225,472 bytes, needed at most"
 OF_SWEEP = f"{TOO_LARGE} 640,000,000, 64 a point: see --max-points"
 NO_FILE = "is no regular file, needs a file"
 
-SWEEPS = {
-    f"a sparse {name}": Hostile(
-        named("points", name, content, HUGE), CALIBRATE, error(f"drive/{name}: {OF_SWEEP}")
+OF_PIXELS = "1,970,176 for 320 x 180 pixels"
+
+
+def too_many(count: str) -> str:
+    return f"found {count} points, needed at most 10,000,000: see --max-points"
+
+
+FILES = (
+    ("points", "a.bin", b"", HUGE, OF_SWEEP),
+    ("points", "a.pcd.bin", b"", HUGE, OF_SWEEP),
+    ("points", "a.pcd", pcd(200_000_000, "binary"), HUGE, OF_SWEEP),
+    ("points", "a.ply", ply(200_000_000), HUGE, OF_SWEEP),
+    ("points", "a.npy", npy("<f4", 200_000_000, 4), HUGE, OF_SWEEP),
+    ("points", "a.npz", b"PK\3\4", HUGE, OF_SWEEP),
+    ("points", "a.las", las(150_000_000), HUGE, OF_SWEEP),
+    ("points", "a.laz", las(150_000_000), HUGE, OF_SWEEP),
+    ("points", "a.bin", b"", 320_000_000, too_many("20,000,000")),
+    ("points", "a.pcd", pcd(40_000_000, "binary"), 480_000_300, too_many("40,000,000")),
+    ("points", "a.ply", ply(40_000_000), 480_000_300, too_many("40,000,000")),
+    ("points", "a.las", las(30_000_000), 600_000_227, too_many("30,000,000")),
+    ("point_labels", "a.label", b"", HUGE, OF_SWEEP),
+    ("point_labels", "a.npy", npy("<i8", 400_000_000), HUGE, OF_SWEEP),
+    ("point_labels", "a.npz", b"PK\3\4", HUGE, OF_SWEEP),
+    ("image_labels", "a.png", png(320, 180), HUGE, f"{TOO_LARGE} {OF_PIXELS}"),
+    ("image_labels", "a.npy", npy("<i8", 180, 320), HUGE, f"{TOO_LARGE} {OF_PIXELS}"),
+    ("image_labels", "a.npz", b"PK\3\4", HUGE, f"{TOO_LARGE} 117,544,000 for 57600 items"),
+    ("image", "a.jpg", jpeg(20_000, 20_000), 0, "found 20000 x 20000 pixels, needed 320 x 180"),
+    ("image", "a.bmp", bmp(20_000, 20_000), 1_200_000_054, "found 20000 x 20000 pixels, needed 320 x 180"),
+)
+"""Sparse files of a frame: their key, their name, how they begin, their size, and what is said of them."""
+OF_FILES = {
+    f"a file {name} of {size:,} bytes for {key}": Hostile(
+        named(key, name, content, size),
+        INTENSITY if key == "image" else CALIBRATE,
+        error(f"drive/{name}: {complaint}"),
     )
-    for name, content in {
-        "a.bin": b"",
-        "a.pcd.bin": b"",
-        "a.pcd": pcd(200_000_000, "binary"),
-        "a.ply": ply(200_000_000),
-        "a.npy": npy("<f4", 200_000_000, 4),
-        "a.npz": b"PK\3\4",
-        "a.las": las(150_000_000),
-        "a.laz": las(150_000_000),
-    }.items()
-}
-COUNTS = {
-    f"too many points of {name}": Hostile(
-        named("points", name, content, size),
-        CALIBRATE,
-        error(f"drive/{name}: found {count} points, needed at most 10,000,000: see --max-points"),
-    )
-    for name, content, size, count in (
-        ("a.bin", b"", 320_000_000, "20,000,000"),
-        ("a.pcd", pcd(40_000_000, "binary"), 480_000_300, "40,000,000"),
-        ("a.ply", ply(40_000_000), 480_000_300, "40,000,000"),
-        ("a.las", las(30_000_000), 600_000_227, "30,000,000"),
-    )
-}
-LABELS = {
-    f"sparse labels {name}": Hostile(
-        named("point_labels", name, content, HUGE), CALIBRATE, error(f"drive/{name}: {OF_SWEEP}")
-    )
-    for name, content in {
-        "a.label": b"",
-        "a.npy": npy("<i8", 400_000_000),
-        "a.npz": b"PK\3\4",
-    }.items()
-}
-LABEL_IMAGES = {
-    f"a sparse label image {name}": Hostile(
-        named("image_labels", name, content, HUGE), CALIBRATE, error(f"drive/{name}: {TOO_LARGE} {limit}")
-    )
-    for name, content, limit in (
-        ("a.png", png(320, 180), "1,970,176 for 320 x 180 pixels"),
-        ("a.npy", npy("<i8", 180, 320), "1,970,176 for 320 x 180 pixels"),
-        ("a.npz", b"PK\3\4", "117,544,000 for 57600 items"),
-    )
-}
-PICTURES = {
-    f"a picture {name} of 20,000 squared pixels": Hostile(
-        named("image", name, content, size),
-        INTENSITY,
-        error(f"drive/{name}: found 20000 x 20000 pixels, needed 320 x 180"),
-    )
-    for name, content, size in (
-        ("a.jpg", jpeg(20_000, 20_000), 0),
-        ("a.bmp", bmp(20_000, 20_000), 1_200_000_054),
-    )
+    for key, name, content, size, complaint in FILES
 }
 DOCUMENTS = {
     "a sparse drive.yaml": Hostile(
@@ -190,11 +169,7 @@ PIPES = {
 }
 
 SIZES: dict[str, Hostile] = {
-    **SWEEPS,
-    **COUNTS,
-    **LABELS,
-    **LABEL_IMAGES,
-    **PICTURES,
+    **OF_FILES,
     **DOCUMENTS,
     **PIPES,
     "a label image of 65,535 squared pixels": Hostile(

@@ -1,13 +1,14 @@
-"""Small ONNX networks whose answers NumPy knows."""
+"""Small ONNX networks whose answers NumPy knows, and cards of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnx
+import yaml
 from onnx import TensorProto, helper, numpy_helper
 
 OPSET = 17
@@ -17,6 +18,26 @@ COLORS = np.array(
 )
 """Red, green, blue of classes that differ in colour alone."""
 TYPES = {"float32": TensorProto.FLOAT, "float16": TensorProto.FLOAT16, "uint8": TensorProto.UINT8}
+NAMES = ["a", "b", "c", "d", "e", "f"]
+POINT_CARD = {
+    "semcal_point_model": 1,
+    "rows": 16,
+    "columns": 128,
+    "elevation_deg": [-25.0, 3.0],
+    "channels": ["range", "x", "y", "z", "intensity"],
+    "mean": [12.12, 10.88, 0.23, -1.04, 0.21],
+    "std": [12.32, 11.47, 6.91, 0.86, 0.16],
+    "classes": {"near": [1], "far": [2]},
+    "neighbors": None,
+}
+"""A card of `range_network`."""
+
+
+def card(folder: Path, **values: object) -> None:
+    """Write the card of `color_network`, net.yaml; a value of None leaves a key out."""
+    document = {"semcal_picture_model": 1, "color": "rgb", "scale": 1 / 255, "classes": NAMES} | values
+    text = yaml.safe_dump({key: value for key, value in document.items() if value is not None})
+    (folder / "net.yaml").write_text(text)
 
 
 def save(
@@ -66,30 +87,24 @@ def color_network(
     """
     weights = colors.astype(np.float32) * 2.0 * np.float32(1e-4) * np.float32(scale)
     bias = -(colors.astype(np.float32) ** 2).sum(1) * np.float32(1e-4)
-    nodes, name = [], "x"
-    if dtype != "float32":
-        nodes.append(helper.make_node("Cast", [name], ["cast"], to=TensorProto.FLOAT))
-        name = "cast"
-    if channels_last:
-        nodes.append(helper.make_node("Transpose", [name], ["first"], perm=[0, 3, 1, 2]))
-        name = "first"
+    steps: list[tuple[str, list[str], dict[str, Any]]] = [("Conv", ["w", "b"], {})]
     if stride > 1:
-        nodes.append(
-            helper.make_node("AveragePool", [name], ["mean"], kernel_shape=[stride] * 2, strides=[stride] * 2)
-        )
-        name = "mean"
-    nodes.append(helper.make_node("Conv", [name, "w", "b"], ["scores"]))
-    name = "scores"
+        steps.insert(0, ("AveragePool", [], {"kernel_shape": [stride] * 2, "strides": [stride] * 2}))
+    if channels_last:
+        steps.insert(0, ("Transpose", [], {"perm": [0, 3, 1, 2]}))
+    if dtype != "float32":
+        steps.insert(0, ("Cast", [], {"to": TensorProto.FLOAT}))
     if kind == "probabilities":
-        nodes.append(helper.make_node("Softmax", [name], ["likely"], axis=1))
-        name = "likely"
+        steps.append(("Softmax", [], {"axis": 1}))
     if kind == "ids":
-        nodes.append(helper.make_node("ArgMax", [name], ["ids"], axis=1, keepdims=0))
-        name = "ids"
+        steps.append(("ArgMax", [], {"axis": 1, "keepdims": 0}))
     elif channels_last:
-        nodes.append(helper.make_node("Transpose", [name], ["last"], perm=[0, 2, 3, 1]))
-        name = "last"
-    nodes.append(helper.make_node("Identity", [name], ["y"]))
+        steps.append(("Transpose", [], {"perm": [0, 2, 3, 1]}))
+    names = ["x", *(f"after {step[0]} {index}" for index, step in enumerate(steps[1:])), "y"]
+    nodes = [
+        helper.make_node(operator, [before, *constants], [after], **attributes)
+        for (operator, constants, attributes), before, after in zip(steps, names, names[1:], strict=False)
+    ]
     out = [each // stride if isinstance(each, int) else f"{each}o" for each in size]
     number = len(colors)
     shape_in = (1, *size, 3) if channels_last else (1, 3, *size)
@@ -108,3 +123,17 @@ def range_network(path: Path, channels: int, rows: int, columns: int, place: int
     inputs = {"x": (TensorProto.FLOAT, (1, channels, rows, columns))}
     outputs = {"y": (TensorProto.FLOAT, (1, 3, rows, columns))}
     return save(path, nodes, inputs, outputs, {"w": weights, "b": bias})
+
+
+def constant_network(values: np.ndarray) -> Callable[[Path], None]:
+    """A network that gives these values, whatever it sees."""
+    if values.dtype == np.float64:
+        values = values.astype(np.float32)
+
+    def make(folder: Path) -> None:
+        nodes = [helper.make_node("Identity", ["k"], ["y"])]
+        kind = helper.np_dtype_to_tensor_dtype(values.dtype)
+        inputs = {"x": (TensorProto.FLOAT, [1, 3, "h", "w"])}
+        save(folder / "net.onnx", nodes, inputs, {"y": (kind, values.shape)}, {"k": values})
+
+    return make

@@ -34,6 +34,23 @@ def test_stored_documents_are_read_or_refused_in_a_line(name: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("name", TARGETS)
+def test_the_fuzzer_starts_from_a_document_that_is_read(name: str, tmp_path: Path) -> None:
+    """All that begins with a refusal would never get past the parser."""
+    TARGETS[name].prepare(tmp_path)
+    refusals = []
+    for path in sorted((CORPUS / name).iterdir()):
+        document = tmp_path / TARGETS[name].name(path.read_bytes())
+        document.parent.mkdir(parents=True, exist_ok=True)
+        document.write_bytes(path.read_bytes())
+        try:
+            TARGETS[name].read(document)
+            return
+        except InputError as error:
+            refusals.append(str(error))
+    pytest.fail("\n".join(refusals))
+
+
+@pytest.mark.parametrize("name", TARGETS)
 def test_mutations_change_documents_and_are_the_same_again(name: str) -> None:
     for path in (CORPUS / name).iterdir():
         content = path.read_bytes()

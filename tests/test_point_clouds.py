@@ -69,15 +69,10 @@ def test_nuscenes_sweep() -> None:
 
 
 RECORD = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("intensity", "<f4"),
-        ("ring", "<u2"),
-        ("label", "<u2"),
-        ("time", "<f8"),
-    ]
+    {
+        "names": ["x", "y", "z", "intensity", "ring", "label", "time"],
+        "formats": ["<f4"] * 4 + ["<u2"] * 2 + ["<f8"],
+    }
 )
 
 
@@ -255,30 +250,22 @@ def write_las(suffix: str, version: str) -> Callable[[np.ndarray, Path], Path]:
 
 
 XYZI = ("x", "y", "z", "intensity")
+ALL = {"intensity", "ring", "labels", "time"}
 WRITERS: dict[str, tuple[Callable[[np.ndarray, Path], Path], set[str]]] = {
     "KITTI .bin": (write_bin, {"intensity"}),
     "nuScenes .pcd.bin": (write_nuscenes, {"intensity", "ring"}),
-    "PCD ascii": (write_pcd("ascii"), {"intensity", "ring", "labels", "time"}),
-    "PCD binary": (write_pcd("binary"), {"intensity", "ring", "labels", "time"}),
-    "PCD binary_compressed": (write_pcd("binary_compressed"), {"intensity", "ring", "labels", "time"}),
-    "PLY ascii": (write_plyfile(in_text=True), {"intensity", "ring", "labels", "time"}),
-    "PLY binary": (write_plyfile(in_text=False), {"intensity", "ring", "labels", "time"}),
-    "PLY ascii with lists": (write_ply_with_lists("ascii"), {"intensity", "ring", "labels", "time"}),
-    "PLY little-endian with lists": (
-        write_ply_with_lists("binary_little_endian"),
-        {"intensity", "ring", "labels", "time"},
-    ),
-    "PLY big-endian with lists": (
-        write_ply_with_lists("binary_big_endian"),
-        {"intensity", "ring", "labels", "time"},
-    ),
-    "NPY records": (write_npy(padded), {"intensity", "ring", "labels", "time"}),
-    "NPY big-endian records": (
-        write_npy(lambda cloud: cloud.astype(RECORD.newbyteorder(">"))),
-        {"intensity", "ring", "labels", "time"},
-    ),
+    "PCD ascii": (write_pcd("ascii"), ALL),
+    "PCD binary": (write_pcd("binary"), ALL),
+    "PCD binary_compressed": (write_pcd("binary_compressed"), ALL),
+    "PLY ascii": (write_plyfile(in_text=True), ALL),
+    "PLY binary": (write_plyfile(in_text=False), ALL),
+    "PLY ascii with lists": (write_ply_with_lists("ascii"), ALL),
+    "PLY little-endian with lists": (write_ply_with_lists("binary_little_endian"), ALL),
+    "PLY big-endian with lists": (write_ply_with_lists("binary_big_endian"), ALL),
+    "NPY records": (write_npy(padded), ALL),
+    "NPY big-endian records": (write_npy(lambda cloud: cloud.astype(RECORD.newbyteorder(">"))), ALL),
     "NPY N x 4": (write_npy(lambda cloud: columns(cloud, *XYZI).astype(np.float64)), {"intensity"}),
-    "NPZ": (write_npz, {"intensity", "ring", "labels", "time"}),
+    "NPZ": (write_npz, ALL),
     "LAS 1.2": (write_las(".las", "1.2"), {"intensity", "labels", "time"}),
     "LAS 1.4": (write_las(".las", "1.4"), {"intensity", "labels", "time"}),
     "LAZ 1.4": (write_las(".laz", "1.4"), {"intensity", "labels", "time"}),
@@ -297,6 +284,9 @@ def test_every_reader_reads_the_same_cloud(
     assert found.points.dtype == np.float32
     np.testing.assert_array_equal(found.points, columns(expected, *"xyz"))
     assert found.num_no_returns == 2
+    assert len(read_point_clouds([(path, None)], len(cloud))[0].points) == len(expected)
+    with pytest.raises(InputError, match="found 40 points, needed at most 39: see --max-points"):
+        read_point_clouds([(path, None)], len(cloud) - 1)
     names = {"intensity": "intensity", "ring": "ring", "labels": "label", "time": "time"}
     for attribute, name in names.items():
         values = getattr(found, attribute)
@@ -376,7 +366,7 @@ def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> No
         (
             ".las",
             96,
-            b"\xff\xff\xff\x00",
+            b"\xff\xff\xff\0",
             "promises a header of 227 bytes and 0 records before byte 16777215 of ",
         ),
         (".laz", 227 + 54 + 12, b"\1\0\0\0", "promises 1 chunks of 1 points of 2 items in "),

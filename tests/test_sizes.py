@@ -3,7 +3,6 @@
 import hashlib
 import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -11,11 +10,10 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from hostile_files import bmp, jpeg, npy, pcd, png, sparse
+from hostile_files import bmp, jpeg, npy, png, sparse
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
-from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
@@ -30,18 +28,6 @@ from semcal_cli.files.yaml_values import MAX_DEPTH
 
 MAX_SECONDS = 5.0
 """Time of the processor in which a drive of 10,000 frames is read: it takes a third of a second."""
-
-
-# Points.
-
-
-@pytest.mark.parametrize("read", [_core.read_point_clouds, read_point_clouds])
-def test_the_core_and_the_package_have_the_same_limit_of_points(
-    tmp_path: Path, read: Callable[[list[tuple[Path, Path | None]]], object]
-) -> None:
-    sparse(tmp_path / "a.bin", size=16 * (MAX_POINTS + 1))
-    with pytest.raises(InputError, match=f"found {MAX_POINTS + 1:,} points, needed at most {MAX_POINTS:,}:"):
-        read([(tmp_path / "a.bin", None)])
 
 
 # Files.
@@ -132,30 +118,6 @@ def test_headers_that_state_no_size(rest: bytes, tmp_path: Path) -> None:
 
 
 # Sweeps.
-
-
-@pytest.mark.parametrize("suffix", [".bin", ".npy", ".npz", ".pcd", ".las"])
-def test_the_limit_of_points_is_exact(suffix: str, tmp_path: Path) -> None:
-    path, points = tmp_path / f"a{suffix}", np.ones((5, 4), np.float32)
-    match suffix:
-        case ".bin":
-            path.write_bytes(points.tobytes())
-        case ".npy":
-            np.save(path, points)
-        case ".npz":
-            np.savez_compressed(path, points=points)
-        case ".pcd":
-            path.write_bytes(pcd(5, "binary", points[:, :3].tobytes()))
-        case ".las":
-            laspy = pytest.importorskip("laspy")
-            las = laspy.create()
-            las.x, las.y, las.z = points[:, :3].T
-            las.write(path)
-    assert len(read_point_clouds([(path, None)], 5)[0].points) == 5
-    with pytest.raises(
-        InputError, match=rf"a\{suffix}: (array points )?found 5 points, needed at most 4: see --max-points"
-    ):
-        read_point_clouds([(path, None)], 4)
 
 
 def test_all_sizes_are_judged_before_a_sweep_is_read(tmp_path: Path) -> None:

@@ -93,13 +93,12 @@ def label_on_the_way(
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.labelling.drives import label_beside
-    from semcal_cli.labelling.sides import PictureSide
+    from semcal_cli.labelling.sides import picture_side
 
     start, whole = perf_counter(), read_drive(drive, max_points)
     chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
     labeller = _picture_labeller(chosen, labels, "cpu", None)
-    side = PictureSide(labeller, is_rectified=labels.is_rectified, has_probabilities=False)
-    path = label_beside(chosen, side, terminal.on_event)
+    path = label_beside(chosen, picture_side(labeller), terminal.on_event)
     seconds = perf_counter() - start
     terminal.print(
         f"labels   {seconds:6.2f} s   {len(chosen.frames)} pictures by {labels.model.name}, in {path}"
@@ -160,15 +159,11 @@ def label(drive: Path | None, **options: Any) -> None:
 
 
 def _show(model: Path, options: dict[str, Any]) -> None:
-    from semcal_cli.labelling.models import open_model, try_out
-    from semcal_cli.labelling.picture_model import PictureModel
+    from semcal_cli.labelling.models import describe_model
+    from semcal_cli.labelling.network import open_network
 
     card = options["image_card"] or options["point_card"]
-    found = open_model(model, card, options["device"], options["threads"])
-    lines = found.describe()
-    if isinstance(found, PictureModel):
-        lines.append(("tried", try_out(found)))
-    for name, text in lines:
+    for name, text in describe_model(open_network(model, options["device"], options["threads"]), card):
         click.echo(f"{name:<10}{text}")
 
 
@@ -183,6 +178,7 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.errors import InputError
     from semcal_cli.labelling.drives import label_drive
+    from semcal_cli.labelling.sides import picture_side
 
     images = take_image_labels(options)
     _check(options, images)
@@ -195,7 +191,7 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
         _tell_guesses(labeller, terminal)
         if options["preview"] is not None:
             _preview(drive, labeller, options["preview"], terminal)
-        sides.append(_picture_side(labeller, images, options["probabilities"]))
+        sides.append(picture_side(labeller, has_probabilities=options["probabilities"]))
     sides += _point_sides(options)
     if options["output"] is None:
         return
@@ -234,31 +230,26 @@ def _check(options: dict[str, Any], images: ImageLabels | None) -> None:
 def _picture_labeller(
     drive: Drive, labels: ImageLabels, device: str, num_threads: int | None
 ) -> PictureLabeller:
-    from semcal_cli.labelling.models import open_picture_model
+    from semcal_cli.labelling.models import picture_model
+    from semcal_cli.labelling.network import open_network
     from semcal_cli.labelling.pictures import PictureLabeller
 
-    model = open_picture_model(labels.model, labels.card, device, num_threads)
+    model = picture_model(open_network(labels.model, device, num_threads), labels.card)
     return PictureLabeller(model, drive.camera, is_rectified=labels.is_rectified)
 
 
-def _picture_side(labeller: PictureLabeller, labels: ImageLabels, has_probabilities: bool) -> Side:
-    from semcal_cli.labelling.sides import PictureSide
-
-    return PictureSide(labeller, is_rectified=labels.is_rectified, has_probabilities=has_probabilities)
-
-
 def _point_sides(options: dict[str, Any]) -> list[Side]:
-    from semcal_cli.labelling.models import open_point_model
-    from semcal_cli.labelling.sides import SegmentSide, SweepSide
+    from semcal_cli.labelling.models import point_model
+    from semcal_cli.labelling.network import open_network
+    from semcal_cli.labelling.sides import segment_side, sweep_side
     from semcal_cli.labelling.sweeps import SweepLabeller
 
     if options["points"] is not None:
-        return [SegmentSide()]
+        return [segment_side()]
     if options["point_model"] is None:
         return []
-    names = ("point_model", "point_card", "device", "threads")
-    model = open_point_model(*(options[name] for name in names))
-    return [SweepSide(SweepLabeller(model))]
+    network = open_network(options["point_model"], options["device"], options["threads"])
+    return [sweep_side(SweepLabeller(point_model(network, options["point_card"])))]
 
 
 def _tell_guesses(labeller: PictureLabeller, terminal: Terminal) -> None:

@@ -6,15 +6,15 @@ refused: semcal's files do not need them, and with them a small file could grow 
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from typing import Any, Literal, TypeAlias
 
 import yaml
 
 from semcal_cli.documentation import WITH_SCHEMA, schema_address
-from semcal_cli.files.messages import describe
-from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, plain_value
+from semcal_cli.files.messages import describe, mismatch
+from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, plain_value, yaml_loader
 
 Format: TypeAlias = Literal["yaml", "json"]
 FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
@@ -22,8 +22,6 @@ FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
 
 LONGEST_LINE = 2**31 - 1
 """Number of columns after which a written line may be broken: all that PyYAML's library in C can count."""
-
-_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def make_dumper(base: Any) -> Any:
@@ -33,8 +31,9 @@ def make_dumper(base: Any) -> Any:
         base: PyYAML's own writer, or the faster one of its library in C, which writes the same bytes.
     """
     dumper: Any = type("Dumper", (base,), {})
-    for name, (pattern, first) in CORE_SCHEMA.items():
-        dumper.add_implicit_resolver(f"tag:yaml.org,2002:{name}", re.compile(f"^(?:{pattern})$"), first)
+    for name, scalar in CORE_SCHEMA.items():
+        pattern = re.compile(f"^(?:{scalar.pattern})$")
+        dumper.add_implicit_resolver(f"tag:yaml.org,2002:{name}", pattern, scalar.first)
     dumper.add_representer(list, _represent_list)
     return dumper
 
@@ -74,9 +73,11 @@ def check_texts(document: object) -> None:
     Raises:
         ValueError: a key or a value has one.
     """
-    text = next(filter(_SURROGATE.search, _texts(document)), None)
-    if text is not None:
-        raise ValueError(f"found {ascii(text)[:60]}, needed text without lone surrogates")
+    try:
+        json.dumps(document, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        found = ascii(error.object[error.start])
+        raise mismatch(found, "text without lone surrogates") from None
 
 
 def check_depth(document: object) -> None:
@@ -87,20 +88,16 @@ def check_depth(document: object) -> None:
     """
     level = [document]
     for _ in range(MAX_DEPTH + 1):
-        inner = [
-            value.values() if isinstance(value, dict) else value
-            for value in level
-            if isinstance(value, dict | list)
-        ]
-        if not inner:
+        nodes = [value for value in level if isinstance(value, dict | list)]
+        if not nodes:
             return
-        level = list(chain.from_iterable(inner))
+        level = list(chain.from_iterable(node.values() if isinstance(node, dict) else node for node in nodes))
     raise ValueError("nested too deeply")
 
 
 def compose_yaml(text: str) -> yaml.Node:
     """Find the nodes of a YAML text that `parse` accepts, with their places in it."""
-    node = yaml.compose(text, yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader)
+    node = yaml.compose(text, yaml_loader())
     assert node is not None
     return node
 
@@ -126,19 +123,6 @@ def _schema_comment(document: Mapping[str, Any]) -> str:
     if key not in WITH_SCHEMA:
         return ""
     return f"# yaml-language-server: $schema={schema_address(key, document[key])}\n"
-
-
-def _texts(document: object) -> Iterator[str]:
-    """All keys and values of a document that are text, in any order."""
-    left = [document]
-    while left:
-        value = left.pop()
-        if isinstance(value, str):
-            yield value
-        elif isinstance(value, dict):
-            left += [*value.keys(), *value.values()]
-        elif isinstance(value, list):
-            left += value
 
 
 def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

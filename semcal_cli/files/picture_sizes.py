@@ -3,38 +3,22 @@
 from __future__ import annotations
 
 import os
-import struct
-from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, TypeAlias
+from typing import BinaryIO, TypeAlias
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import open_file, size_of
+from semcal_cli.files.reading import open_file
 
-MAGIC_BYTES = 4
-"""Bytes by which a format is recognised."""
-PNG = b"\x89PNG"
-PNG_HEADER = struct.Struct(">8x4x4sIIxB")
-"""Signature, and length, name, width, height and type of the colours of the first chunk."""
-TRUE_COLORS = (2, 6)
-"""Types of PNG with colours, without and with alpha. The other types have one number a pixel."""
-BMP_HEADER = struct.Struct("<14xI8x")
-"""Header of the file, and the size of the header of the picture, with the width and height that follow."""
-OLD_BMP_BYTES = 12
-"""Size of the oldest header of a picture, with sides of two bytes."""
-SEGMENT = struct.Struct(">HBHH")
-"""Start of a segment of JPEG: length, and in one that states the size, bits, height and width."""
-FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
-"""Markers of JPEG's segments that state the size of the picture."""
-WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD8)}
-"""Markers of JPEG that are no segments."""
-END, SCAN = 0xD9, 0xDA
-"""Markers of JPEG after which no size follows."""
-
-MAX_SEGMENTS, MAX_REST_BYTES = 10_000, 1 << 12
-"""Most segments of a JPEG before its size, and most bytes between segments, which are skipped."""
 MAX_PIXELS = 100_000_000
 """Most pixels of a picture."""
+MAX_HEADER_BYTES = 16 << 20
+"""Bytes at the start of a large file, among which its header is looked for."""
+PNG, JPEG, BMP = b"\x89PNG", b"\xff\xd8\xff", b"BM"
+"""First bytes of the formats."""
+PNG_SIGNATURE_BYTES = 8
+COLORS = ("RGB", "RGBA")
+"""Pillow's modes of PNG whose pixels are colours; pixels of the other modes are one number, or one and alpha."""
 
 Size: TypeAlias = tuple[int, int]
 """Columns and rows."""
@@ -56,16 +40,8 @@ def stated_size(path: Path, file: BinaryIO) -> Size:
     Raises:
         InputError: the file is not an image.
     """
-    start = file.read(MAGIC_BYTES)
-    read = next((read for magic, read in _READERS.items() if start.startswith(magic)), None)
-    if read is None:
-        found = f"{size_of(file):,} bytes of no known format"
-        raise InputError(f"{path}: found {found}, needed a PNG, JPEG or BMP")
+    size, _ = _header(path, file)
     file.seek(0)
-    size = read(file)
-    file.seek(0)
-    if size is None:
-        raise damaged_picture(path)
     return size
 
 
@@ -76,8 +52,13 @@ def holds_colors(path: Path) -> bool:
         InputError: the file is missing, or cannot be read.
     """
     with open_file(path) as file:
-        header = _png_header(file)
-    return header is not None and header.color_type in TRUE_COLORS
+        if not file.read(len(PNG)).startswith(PNG):
+            return False
+        try:
+            _, mode = _header(path, file)
+        except InputError:
+            return False
+    return mode in COLORS
 
 
 def damaged_picture(path: Path) -> InputError:
@@ -85,71 +66,40 @@ def damaged_picture(path: Path) -> InputError:
     return InputError(f"{path}: found a damaged picture, needed a whole one")
 
 
-class _PngHeader(NamedTuple):
-    size: Size
-    color_type: int
+def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
+    """Read the size and Pillow's mode of the picture in an open file.
+
+    Raises:
+        InputError: the file is not an image.
+    """
+    num_bytes = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    start = file.read(len(PNG))
+    if not start.startswith((PNG, JPEG, BMP)):
+        found = f"{num_bytes:,} bytes of no known format"
+        raise InputError(f"{path}: found {found}, needed a PNG, JPEG or BMP")
+    file.seek(0)
+    # A header that goes on for ever would take memory and time.
+    head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))
+    try:
+        size, mode = _parsed(head, start)
+    except Exception:  # Pillow lets errors of any kind through, as struct's.
+        raise damaged_picture(path) from None
+    if 0 in size:
+        raise damaged_picture(path)
+    return size, mode
 
 
-def _png_header(file: BinaryIO) -> _PngHeader | None:
-    start = file.read(PNG_HEADER.size)
-    if len(start) < PNG_HEADER.size or not start.startswith(PNG):
-        return None
-    name, width, height, color_type = PNG_HEADER.unpack(start)
-    return _PngHeader((width, height), color_type) if name == b"IHDR" else None
+def _parsed(head: BinaryIO, start: bytes) -> tuple[Size, str]:
+    """Parse a header by Pillow's parts: `PIL.Image.open` warns of sizes that are judged here, by `MAX_PIXELS`."""
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin
 
-
-def _png(file: BinaryIO) -> Size | None:
-    header = _png_header(file)
-    return None if header is None else header.size
-
-
-def _bmp(file: BinaryIO) -> Size | None:
-    header = file.read(BMP_HEADER.size)
-    if len(header) < BMP_HEADER.size:
-        return None
-    (header_bytes,) = BMP_HEADER.unpack(header)
-    layout = "<HH" if header_bytes == OLD_BMP_BYTES else "<ii"
-    width, height = struct.unpack_from(layout, header, 18)
-    return width, abs(height)  # Rows from the top down have a negative height.
-
-
-def _jpeg(file: BinaryIO) -> Size | None:
-    """Go from segment to segment, past pictures of preview inside them, to the one that states the size."""
-    file.seek(2)
-    for _ in range(MAX_SEGMENTS):
-        marker = _next_marker(file)
-        if marker is None or marker in (END, SCAN):
-            return None
-        if marker in WITHOUT_LENGTH:
-            continue
-        segment = file.read(SEGMENT.size)
-        if len(segment) < SEGMENT.size:
-            return None
-        length, _, height, width = SEGMENT.unpack(segment)
-        if marker in FRAMES:
-            return width, height
-        if length < 2:
-            return None
-        file.seek(length - SEGMENT.size, os.SEEK_CUR)
-    return None
-
-
-def _next_marker(file: BinaryIO) -> int | None:
-    """Read the marker that begins the next segment of a JPEG, after any bytes that belong to none."""
-    before = b""
-    for _ in range(MAX_REST_BYTES):
-        byte = file.read(1)
-        if not byte:
-            return None
-        if before == b"\xff" and byte not in (b"\xff", b"\0"):
-            return byte[0]
-        before = byte
-    return None
-
-
-_READERS: dict[bytes, Callable[[BinaryIO], Size | None]] = {
-    PNG: _png,
-    b"\xff\xd8\xff": _jpeg,
-    b"BM": _bmp,
-}
-"""Readers of the formats' headers by the first bytes of their files."""
+    if start.startswith(PNG):
+        # The first chunk alone, since Pillow refuses errors in later ones that OpenCV reads past.
+        head.seek(PNG_SIGNATURE_BYTES)
+        stream = PngImagePlugin.PngStream(head)
+        stream.call(*stream.read())
+        return stream.im_size, stream.im_mode or ""
+    open_picture = JpegImagePlugin.JpegImageFile if start.startswith(JPEG) else BmpImagePlugin.BmpImageFile
+    picture = open_picture(head)
+    return picture.size, picture.mode

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import os
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -31,18 +32,12 @@ CHUNK = 1_000_000
 """Points unpacked at a time, so that a header that promises too many costs nothing."""
 MAX_INFLATION = 100
 """Largest growth of a LAZ file when it is unpacked; a factor of ten is common."""
-HEADER = struct.Struct("<4s20xBB68xHIIBHI")
-"""Header: signature, version, header size, offset of points, number of VLRs, point format, point size, points."""
-COUNT_1_4 = struct.Struct("<247xQ")
-"""Header since version 1.4: number of points."""
-VLR = struct.Struct("<H16sHH32s")
-"""Header of a VLR: reserved, user, record, bytes after it, description."""
-VLR_BYTES = VLR.size
-PACKED = 0x80
-"""Bit of the point format that marks LAZ."""
-LASZIP_RECORD = (b"laszip encoded", 22204)
+START = struct.Struct("<94xHII")
+"""Start of a header: its size, the offset of the points, and the number of VLRs."""
+VLR_BYTES = 54
+"""Size of the header of a VLR."""
 LASZIP = struct.Struct("<12xI16xH")
-"""Points in a chunk, and items in a point."""
+"""LASzip's record: points in a chunk, and items in a point."""
 MIN_CHUNK_POINTS = 100
 """Least number of points in a chunk; smaller chunks make more table than data."""
 
@@ -114,7 +109,7 @@ def _is_las(path: Path) -> bool:
 
 def _check_las(path: Path, max_points: int) -> None:
     check_installed(str(path), "laspy", "las")
-    with open_file(path) as stream:
+    with _refusing(path), open_file(path) as stream:
         check_size(path, size_of(stream), max_bytes(max_points), A_POINT)
         _check_header(path, stream, max_points)
 
@@ -122,22 +117,12 @@ def _check_las(path: Path, max_points: int) -> None:
 def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCloud:
     import laspy
 
-    try:
-        with open_file(path) as stream:
-            _check_header(path, stream, max_points)
-            # The parallel one aborts the process where a damaged file makes two of its threads panic.
-            backend = laspy.LazBackend.Lazrs
-            with laspy.open(stream, read_evlrs=False, closefd=False, laz_backend=backend) as file:
-                chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
-    except InputError:
-        raise
-    except (
-        BaseException
-    ) as error:  # laspy lets struct's, NumPy's and lazrs's errors through, and lazrs's panics
-        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
-            raise
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{path}: is no readable LAS: {reason}") from None
+    with _refusing(path), open_file(path) as stream:
+        _check_header(path, stream, max_points)
+        # The parallel one aborts the process where a damaged file makes two of its threads panic.
+        backend = laspy.LazBackend.Lazrs
+        with laspy.open(stream, read_evlrs=False, closefd=False, laz_backend=backend) as file:
+            chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
     if not chunks:
         raise InputError(f"{path}: holds no points")
     contents = io.BytesIO()
@@ -145,43 +130,53 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
     return _core.parse_point_cloud(path, contents.getvalue(), labels, max_points)
 
 
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """Refuse a file where laspy lets errors of struct, NumPy and lazrs through, and panics of lazrs."""
+    try:
+        yield
+    except InputError:
+        raise
+    except BaseException as error:
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path}: is no readable LAS: {reason}") from None
+
+
 def _check_header(path: Path, file: BinaryIO, max_points: int) -> None:
     """Refuse counts of points, records and chunks that laspy and lazrs would trust; the file is left at its start."""
-    start, size = file.read(COUNT_1_4.size), size_of(file)
-    if len(start) < HEADER.size or not start.startswith(b"LASF"):
+    import laspy
+
+    start, size = file.read(START.size), size_of(file)
+    if len(start) < START.size or not start.startswith(b"LASF"):
         raise InputError(f"{path}: is no readable LAS: it does not start like one")
-    _, major, minor, header_bytes, offset, num_vlrs, point_format, record_bytes, count = HEADER.unpack_from(
-        start
-    )
-    if (major, minor) >= (1, 4) and len(start) >= COUNT_1_4.size:
-        (count,) = COUNT_1_4.unpack_from(start)
+    header_bytes, offset, num_vlrs = START.unpack(start)
     if offset > size or header_bytes + num_vlrs * VLR_BYTES > offset:
         raise InputError(
             f"{path}: promises a header of {header_bytes} bytes and {num_vlrs} records before byte {offset} of {size}"
         )
-    is_packed = bool(point_format & PACKED)
-    if is_packed:
-        file.seek(header_bytes)
-        _check_packing(path, file, file.read(offset + 8 - header_bytes), num_vlrs, offset)
-    if count * record_bytes > (MAX_INFLATION * size if is_packed else size - offset):
+    file.seek(0)
+    header = laspy.LasHeader.read_from(file)
+    count, record_bytes = header.point_count, header.point_format.size
+    if header.are_points_compressed:
+        _check_packing(path, file, header)
+    if count * record_bytes > (MAX_INFLATION * size if header.are_points_compressed else size - offset):
         raise InputError(f"{path}: promises {count} points of {record_bytes} bytes in {size} bytes")
     if count > max_points:
         raise InputError(f"{path}: found {count:,} points, needed at most {max_points:,}: see --max-points")
     file.seek(0)
 
 
-def _check_packing(path: Path, file: BinaryIO, records: bytes, num_vlrs: int, offset: int) -> None:
+def _check_packing(path: Path, file: BinaryIO, header: laspy.LasHeader) -> None:
     """Check LASzip's record, and the table of chunks."""
-    begin, laszip, size = 0, None, size_of(file)
-    for _ in range(num_vlrs):
-        _, user, record_id, length, _ = VLR.unpack_from(records, min(begin, max(len(records) - VLR.size, 0)))
-        begin += VLR.size + length
-        if (user.rstrip(b"\0"), record_id) == LASZIP_RECORD:
-            laszip = records[begin - length : begin]
-    if laszip is None or len(laszip) < LASZIP.size:
+    offset, size = header.offset_to_point_data, size_of(file)
+    records = header.vlrs.get("LasZipVlr")
+    if not records or len(records[0].record_data) < LASZIP.size:
         raise InputError(f"{path}: is no readable LAZ: it has no record of LASzip's")
-    chunk_points, num_items = LASZIP.unpack_from(laszip)
-    (table,) = struct.unpack("<q", records[-8:])
+    chunk_points, num_items = LASZIP.unpack_from(records[0].record_data)
+    file.seek(offset)
+    (table,) = struct.unpack("<q", file.read(8))
     if not offset < table <= size - 8:
         raise InputError(f"{path}: promises a table of chunks at byte {table} of {size}")
     file.seek(table + 4)
@@ -193,9 +188,7 @@ def _check_packing(path: Path, file: BinaryIO, records: bytes, num_vlrs: int, of
 
 
 def _records(chunk: laspy.ScaleAwarePointRecord) -> npt.NDArray[np.void]:
-    names = [*("x", "y", "z"), *(name for name in FIELDS if name in chunk.point_format.dimension_names)]
+    names = ["x", "y", "z", *(name for name in FIELDS if name in chunk.point_format.dimension_names)]
     columns = {FIELDS[name]: np.asarray(chunk[name]) for name in names}
-    records = np.empty(len(chunk), [(name, column.dtype) for name, column in columns.items()])
-    for name, column in columns.items():
-        records[name] = column
-    return records
+    dtype = [(name, column.dtype) for name, column in columns.items()]
+    return np.rec.fromarrays(columns.values(), dtype)

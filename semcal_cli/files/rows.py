@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
@@ -35,23 +35,23 @@ def read_rows(path: Path) -> Iterator[dict[Any, Any]]:
     """
     with open_file(path) as file:
         check_size(path, size_of(file), MAX_ROWS_BYTES)
-        pieces = _Pieces(io.TextIOWrapper(file, "utf-8-sig", newline="").read)
+        text = _Text(io.TextIOWrapper(file, "utf-8-sig", newline=""))
         try:
-            for index, row in enumerate(pieces.items()):
+            for index, row in enumerate(text.items()):
                 if not isinstance(row, dict):
                     raise InputError(f"{path}: [{index}]: found {describe(row)}, needed a mapping")
                 yield row
         except UnicodeDecodeError:
             raise InputError(f"{path}: found bytes that are not UTF-8, needed text") from None
         except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: {reason(error, pieces.num_lines)}") from None
+            raise InputError(f"{path}: {reason(error, text.num_lines)}") from None
 
 
-class _Pieces:
+class _Text:
     """A text that is read as it is needed, and forgotten afterwards."""
 
-    def __init__(self, read: Callable[[int], str]) -> None:
-        self._read = read
+    def __init__(self, file: io.TextIOBase) -> None:
+        self._file = file
         self._text, self._place = "", 0
         self.num_lines = 0
         """Number of lines that are forgotten."""
@@ -76,16 +76,12 @@ class _Pieces:
         self._expect("", "Extra data")
 
     def _value(self) -> Any:
-        while len(self._text) - self._place < MAX_ROW and self._read_on():
-            pass
-        start = self._place
+        has_more, start = self._reaches(MAX_ROW + LONGEST_TOKEN), self._place
         try:
             value, self._place = JSON.raw_decode(self._text, start)
         except JSONDecodeError as error:
-            is_cut = error.pos > len(self._text) - LONGEST_TOKEN or error.msg.startswith(
-                "Unterminated string"
-            )
-            if is_cut and self._read(1):
+            # An error so far on is that of a row that is cut. A string that is cut is one at its beginning.
+            if error.pos >= start + MAX_ROW or (has_more and error.msg.startswith("Unterminated string")):
                 raise ValueError(TOO_LONG) from None
             raise
         if self._place - start > MAX_ROW:
@@ -98,18 +94,20 @@ class _Pieces:
 
     def _next(self) -> str:
         """Go to the next character that is no blank; an empty text at the end."""
-        while True:
+        while self._reaches(1):
             blanks = _BLANKS.match(self._text, self._place)
             self._place = blanks.end() if blanks else self._place
-            if self._place < len(self._text) or not self._read_on():
-                return self._text[self._place : self._place + 1]
+            if self._place < len(self._text):
+                return self._text[self._place]
+        return ""
 
     def _expect(self, character: str, complaint: str) -> None:
         if self._next() != character:
             raise JSONDecodeError(complaint, self._text, self._place)
 
-    def _read_on(self) -> bool:
-        self.num_lines += self._text.count("\n", 0, self._place)
-        more = self._read(PIECE)
-        self._text, self._place = self._text[self._place :] + more, 0
-        return bool(more)
+    def _reaches(self, count: int) -> bool:
+        """Read on until so many characters lie ahead; tell whether they do."""
+        while len(self._text) - self._place < count and (more := self._file.read(PIECE)):
+            self.num_lines += self._text.count("\n", 0, self._place)
+            self._text, self._place = self._text[self._place :] + more, 0
+        return len(self._text) - self._place >= count

@@ -7,60 +7,54 @@ was built with it, and otherwise PyYAML's own, which is slower.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable
-from typing import Any, TypeAlias
+from collections.abc import Callable, Hashable, Iterable
+from typing import Any, NamedTuple
 
 import yaml
 from yaml.events import AliasEvent, Event, MappingStartEvent, ScalarEvent, SequenceStartEvent
-from yaml.parser import Parser
 from yaml.reader import Reader
-from yaml.scanner import Scanner
 
 from semcal_cli.files.messages import describe
-
-if yaml.__with_libyaml__:
-    from yaml.cyaml import CParser  # type: ignore[attr-defined]
 
 MAX_DEPTH = 100
 """Most lists and mappings inside one another."""
 MAX_VALUES = 8_000_000
 """Most values of a text, keys among them; lists and mappings count twice. A drive of 10,000 frames has 140,000."""
 
-CORE_SCHEMA = {  # YAML 1.2.2, section 10.3.2
-    "null": (r"~|null|Null|NULL|", [*"~nN", ""]),
-    "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF"),
-    "int": (r"[-+]?(0|[1-9][0-9]*)", "-+0123456789"),
-    "float": (
-        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-        "-+0123456789.",
-    ),
-}
-"""Patterns of the plain scalars that are no text, and the characters that these begin with."""
 
+class Scalar(NamedTuple):
+    """A type of plain scalars that are no text."""
 
-class _PurePythonParser(Reader, Scanner, Parser):
-    def __init__(self, text: str) -> None:
-        Reader.__init__(self, text)
-        Scanner.__init__(self)
-        Parser.__init__(self)
+    pattern: str
+    first: Iterable[str]
+    """Characters that these begin with."""
+    convert: Callable[[str], Any]
+    """Gives the value."""
 
 
 def _float(text: str) -> float:
     return float(text.replace(".", "", 1) if text[-1] in "fFnN" else text)
 
 
-_CONVERSIONS: dict[str, Callable[[str], Any]] = {
-    "null": lambda text: None,
-    "bool": lambda text: text[0] in "tT",
-    "int": int,
-    "float": _float,
+CORE_SCHEMA = {  # YAML 1.2.2, section 10.3.2
+    "null": Scalar(r"~|null|Null|NULL|", [*"~nN", ""], lambda text: None),
+    "bool": Scalar(r"true|True|TRUE|false|False|FALSE", "tTfF", lambda text: text[0] in "tT"),
+    "int": Scalar(r"[-+]?(0|[1-9][0-9]*)", "-+0123456789", int),
+    "float": Scalar(
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        "-+0123456789.",
+        _float,
+    ),
 }
-_Rule: TypeAlias = tuple[Callable[[str], object], Callable[[str], Any]]
-_RULES: dict[str, list[_Rule]] = {}
-for _name, (_pattern, _first) in CORE_SCHEMA.items():
-    for _character in _first:
-        rule = re.compile(_pattern).fullmatch, _CONVERSIONS[_name]
-        _RULES.setdefault(_character, []).append(rule)
+_RULES: dict[str, list[tuple[Callable[[str], object], Callable[[str], Any]]]] = {}
+for _scalar in CORE_SCHEMA.values():
+    for _character in _scalar.first:
+        _RULES.setdefault(_character, []).append((re.compile(_scalar.pattern).fullmatch, _scalar.convert))
+
+
+def yaml_loader() -> Any:
+    """Choose libyaml's loader where PyYAML was built with it, or PyYAML's own."""
+    return yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 
 
 def parse_yaml(text: str) -> Any:
@@ -73,8 +67,7 @@ def parse_yaml(text: str) -> Any:
     """
     if (control := Reader.NON_PRINTABLE.search(text)) is not None:
         raise yaml.reader.ReaderError("", control.start(), ord(control[0]), "unicode", "control character")
-    parser: Any = CParser(text) if yaml.__with_libyaml__ else _PurePythonParser(text)
-    next_event = parser.get_event
+    next_event = yaml_loader()(text).get_event
     next_event()  # The stream starts.
     event = next_event()
     if isinstance(event, yaml.StreamEndEvent):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -17,6 +16,11 @@ from semcal_cli.files.validation import StrictModel, Version, check_distinct, le
 
 CARDS = Path(__file__).parent / "cards"
 """Folder of the ready cards."""
+
+MULTIPLE = 32
+"""Sides of a picture for a network that takes any size are a multiple of this, the stride of most encoders."""
+MAX_SIDE = 4096
+"""Largest side of a picture for a network that takes any size."""
 
 Fit: TypeAlias = Literal["stretch", "letterbox", "tiles"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
@@ -89,6 +93,33 @@ class PictureCard(Card):
     """Whether the centres of the outermost cells of a coarse output lie on those of the outermost pixels."""
 
 
+class CompletePictureCard(PictureCard):
+    """Card of a network for pictures in which no key about its input is left open, but a size for any picture."""
+
+    color: Color
+    scale: float
+    mean: tuple[float, ...]
+    std: tuple[float, ...]
+    layout: Layout
+
+    def size_for(self, width: int, height: int) -> tuple[int, int]:
+        """Columns and rows of the network's picture for one of `width` x `height` pixels."""
+        if self.size is not None:
+            return self.size[0], self.size[1]
+        columns, rows = (min(-(-side // MULTIPLE) * MULTIPLE, MAX_SIDE) for side in (width, height))
+        return columns, rows
+
+    def describe(self) -> list[tuple[str, str]]:
+        """Describe the input, in pairs of a word and a sentence."""
+        size = "any, so that of the picture" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+        numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
+        return [
+            ("size", f"{size}, {self.fit}"),
+            ("colours", f"{self.color}, {self.layout.replace('_', ' ')}"),
+            ("numbers", f"(pixel * {self.scale:g} - mean) / std, with mean and std {numbers}"),
+        ]
+
+
 class NeighborsConfig(StrictModel):
     """How points take their classes from the pixels around them: Milioto et al., RangeNet++, 2019, algorithm 1."""
 
@@ -152,6 +183,17 @@ class PointCard(Card):
             raise ValueError(f"azimuth_deg: {mismatch(list(self.azimuth_deg), needed)}")
         return self
 
+    def describe(self) -> list[tuple[str, str]]:
+        """Describe the input, in pairs of a word and a sentence."""
+        (low, high), (left, right) = self.elevation_deg, self.azimuth_deg
+        numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
+        return [
+            ("size", f"{self.columns} x {self.rows}, rows by {self.row_by}"),
+            ("field", f"{low:g} to {high:g} degrees up, {left:g} to {right:g} around"),
+            ("channels", " ".join(self.channels)),
+            ("numbers", f"(channel - mean) / std, with mean and std {numbers}; {self.empty:g} where empty"),
+        ]
+
 
 def card_names() -> list[str]:
     """List the names of the ready cards."""
@@ -181,7 +223,7 @@ def read_card(path: Path) -> PictureCard | PointCard:
         InputError: the file is missing or wrong.
     """
     document = read_document(path)
-    if isinstance(document, Mapping) and "semcal_point_model" in document:
+    if "semcal_point_model" in document:
         return validate(PointCard, document, path)
     return validate(PictureCard, document, path)
 

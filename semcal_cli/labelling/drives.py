@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -84,8 +84,7 @@ def label_drive(
     files: Files = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}
     chosen = range(len(drive.frames)) if indices is None else indices
     jobs = [(side, index) for index in chosen for side in sides]
-    done = {(side.key, index) for side, index in jobs if _is_done(drive, side, files[side.key][index])}
-    waiting = [(side, index) for side, index in jobs if (side.key, index) not in done]
+    waiting = [(side, index) for side, index in jobs if not _is_done(drive, side, files[side.key][index])]
     failed = _label_all(drive, waiting, files, on_event)
     kept = [index for index in chosen if index not in failed]
     if not kept:
@@ -93,25 +92,35 @@ def label_drive(
     document = _document(drive, sides, path, kept, files)
     validate(Drive, document, path)
     write_text(document_text(document, "yaml"), path)
-    return LabelledDrive(path, len(kept), len(done), tuple(failed.values()))
+    return LabelledDrive(path, len(kept), len(jobs) - len(waiting), tuple(failed.values()))
 
 
 def _label_all(
     drive: Drive, jobs: Sequence[tuple[Side, int]], files: Files, on_event: Listener
 ) -> dict[int, str]:
-    """Label frames and write their files, and return the first message about each frame that fails."""
+    """Label frames, some at a time, and return the first message about each frame that fails."""
 
-    def label(job: tuple[Side, int]) -> None:
-        side, index = job
+    def label(side: Side, index: int) -> None:
         file = files[side.key][index]
         if isinstance(file, InputError):
             raise file
         write_bytes(side.label(drive, drive.frames[index]), file)
 
     failed: dict[int, str] = {}
-    for (_, index), error in _run(jobs, label, on_event):
-        if error is not None:
-            failed.setdefault(index, str(error))
+    start = perf_counter()
+    with ThreadPoolExecutor(AT_A_TIME) as pool:
+        futures = [pool.submit(label, *job) for job in jobs]
+        try:
+            for count, ((_, index), future) in enumerate(zip(jobs, futures, strict=True)):
+                left = (perf_counter() - start) / max(count, 1) * (len(jobs) - count)
+                end = f", {left:.0f} s left" if count else ""
+                on_event(Progress(f"labelling {count + 1} of {len(jobs)}{end}"))
+                try:
+                    future.result()
+                except InputError as error:
+                    failed.setdefault(index, str(error))
+        finally:
+            pool.shutdown(cancel_futures=True)
     return failed
 
 
@@ -150,9 +159,10 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
     folder = root / side.key
     make_folder(folder)
     record, settings = folder / RECORD, dict(side.settings)
+    sources = [getattr(frame, side.source) for frame in drive.frames]
     if not by_content:
         # The same name may stand for another file in another drive.
-        settings["sources"] = _key([str(drive.resolve(source)) for source in _sources(drive, side) if source])
+        settings["sources"] = _key([str(drive.resolve(source)) for source in sources if source])
     if not record.exists():
         if any(folder.iterdir()):
             raise InputError(f"{folder}: found files that `semcal label` has not written, needed another -o")
@@ -162,29 +172,23 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
         )
     files = [
         name if isinstance(name, InputError) else folder / f"{name}{side.suffix}"
-        for name in _names(drive, side, by_content)
+        for name in _names(drive, sources, by_content)
     ]
-    if force:
+    for file in files if force else ():
         # A forced run that is stopped leaves no labels of before.
-        for file in files:
-            if isinstance(file, Path):
-                file.unlink(missing_ok=True)
+        if isinstance(file, Path):
+            file.unlink(missing_ok=True)
     write_text(_text(settings), record)
     return files
 
 
-def _sources(drive: Drive, side: Side) -> list[str | None]:
-    return [getattr(frame, side.source) for frame in drive.frames]
-
-
-def _names(drive: Drive, side: Side, by_content: bool) -> list[str | InputError]:
+def _names(drive: Drive, sources: Sequence[str | None], by_content: bool) -> list[str | InputError]:
     """Name the labels of each frame by the file that is labelled, or by its content."""
-    sources = _sources(drive, side)
     if by_content:
         return [
             _content_name(drive, frame, source) for frame, source in zip(drive.frames, sources, strict=True)
         ]
-    stems = [Path(source).name.split(".")[0] if source else "" for source in sources]
+    stems = [Path(source or "").name.split(".")[0] for source in sources]
     if len(set(stems)) == len(stems) and all(stems):
         return [*stems]
     return [f"{index:06d}" for index in range(len(sources))]
@@ -203,59 +207,28 @@ def _is_done(drive: Drive, side: Side, file: Path | InputError) -> bool:
     return not isinstance(file, InputError) and file.exists() and side.is_whole(drive, file)
 
 
-def _run(
-    jobs: Sequence[tuple[Side, int]], label: Callable[[tuple[Side, int]], None], on_event: Listener
-) -> Iterator[tuple[tuple[Side, int], InputError | None]]:
-    """Run jobs, some at a time, and yield them in order with their errors."""
-    start = perf_counter()
-    with ThreadPoolExecutor(AT_A_TIME) as pool:
-        futures: list[Future[None]] = [pool.submit(label, job) for job in jobs]
-        try:
-            for count, (job, future) in enumerate(zip(jobs, futures, strict=True)):
-                left = (perf_counter() - start) / count * (len(jobs) - count) if count else 0.0
-                on_event(
-                    Progress(
-                        f"labelling {count + 1} of {len(jobs)}" + (f", {left:.0f} s left" if count else "")
-                    )
-                )
-                error = future.exception()
-                if error is not None and not isinstance(error, InputError):
-                    raise error
-                yield job, error
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
 def _document(
-    drive: Drive,
-    sides: Sequence[Side],
-    path: Path,
-    kept: Sequence[int],
-    files: Files,
+    drive: Drive, sides: Sequence[Side], path: Path, kept: Sequence[int], files: Files
 ) -> dict[str, Any]:
     """Make the document of the labelled drive, whose files are relative to it."""
+
+    def relative(name: str) -> str:
+        return os.path.relpath(drive.resolve(name), path.parent)
+
     document: dict[str, Any] = drive.model_dump(mode="json", exclude_none=True)
-    document["frames"] = [_frame(drive, index, path, files) for index in kept]
-    classes, ignored = document.pop("classes", {}), document.pop("ignore", {})
+    frames = [document["frames"][index] for index in kept]
+    for frame, index in zip(frames, kept, strict=True):
+        frame |= {key: relative(frame[key]) for key in FILES if key in frame}
+        frame |= {key: os.path.relpath(str(names[index]), path.parent) for key, names in files.items()}
+    parts: dict[str, Any] = {key: document.pop(key, {}) for key in ("ignore", "classes")}
     for side in sides:
         name = "image" if side.key == "image_labels" else "points"
-        classes[name] = {each: list(ids) for each, ids in side.classes.items()}
-        ignored[name] = list(side.ignore)
+        parts["classes"][name] = {each: list(ids) for each, ids in side.classes.items()}
+        parts["ignore"][name] = list(side.ignore)
         if name == "image":
             document.pop("palette", None)
-    for key, values in (("ignore", ignored), ("classes", classes)):
-        if given := {name: value for name, value in values.items() if value}:
-            document[key] = given
+    given = {key: {name: value for name, value in part.items() if value} for key, part in parts.items()}
+    document |= {"frames": frames} | {key: part for key, part in given.items() if part}
     if "poses" in document.get("motion", {}):
-        document["motion"]["poses"] = _relative(drive, document["motion"]["poses"], path)
+        document["motion"]["poses"] = relative(document["motion"]["poses"])
     return document
-
-
-def _frame(drive: Drive, index: int, path: Path, files: Files) -> dict[str, Any]:
-    frame: dict[str, Any] = drive.frames[index].model_dump(mode="json", exclude_none=True)
-    frame |= {key: _relative(drive, frame[key], path) for key in FILES if key in frame}
-    return frame | {key: os.path.relpath(str(names[index]), path.parent) for key, names in files.items()}
-
-
-def _relative(drive: Drive, name: str, path: Path) -> str:
-    return os.path.relpath(drive.resolve(name), path.parent)

@@ -11,28 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli import _core
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_installed
+from semcal_cli.files.messages import mismatch
 from semcal_cli.files.reading import open_file
 
 if TYPE_CHECKING:
     import onnxruntime
 
-TYPES = {
-    "tensor(float)": "float32",
-    "tensor(float16)": "float16",
-    "tensor(double)": "float64",
-    "tensor(uint8)": "uint8",
-    "tensor(int8)": "int8",
-    "tensor(uint16)": "uint16",
-    "tensor(int16)": "int16",
-    "tensor(int32)": "int32",
-    "tensor(uint32)": "uint32",
-    "tensor(int64)": "int64",
-    "tensor(uint64)": "uint64",
-    "tensor(bool)": "bool",
-}
-"""NumPy's names of onnxruntime's types."""
+NUMPY_NAMES = {"float": "float32", "double": "float64"}
+"""NumPy's names of ONNX's types, where they differ."""
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 """Providers by the names of the devices."""
 SILENT = 4
@@ -67,6 +56,21 @@ class Network:
     """Its input."""
     outputs: tuple[Port, ...]
     """Its outputs, in order."""
+
+    def unfit(self, found: object, needed: object) -> InputError:
+        """Make the error of a network that is not one that is needed."""
+        return InputError(f"{self.path}: {mismatch(found, needed)}")
+
+    def as_ids(self, output: npt.NDArray[Any]) -> npt.NDArray[np.uint16]:
+        """Take an output as ids of classes.
+
+        Raises:
+            InputError: a number is no id.
+        """
+        low, high = output.min(), output.max()
+        if low < 0 or high >= _core.NO_ID:
+            raise self.unfit(f"ids from {low} to {high}", f"0 to {_core.NO_ID - 1}")
+        return np.asarray(output, np.uint16)
 
     def run(self, tensor: npt.NDArray[Any], names: Sequence[str]) -> Mapping[str, npt.NDArray[Any]]:
         """Run the network, and give the outputs of these names.
@@ -128,4 +132,5 @@ def reason_of(error: Exception) -> str:
 
 def _port(port: Any) -> Port:
     shape = tuple(size if isinstance(size, int) and size > 0 else None for size in port.shape)
-    return Port(port.name, shape, TYPES.get(port.type, port.type))
+    kind = port.type.removeprefix("tensor(").removesuffix(")")
+    return Port(port.name, shape, NUMPY_NAMES.get(kind, kind))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,9 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError, about
-from semcal_cli.labelling.picture_model import PictureModel, joined_masks
+from semcal_cli.labelling.card import CompletePictureCard
+from semcal_cli.labelling.model import Model, wrong_key
+from semcal_cli.labelling.picture_model import joined_masks
 from semcal_cli.labelling.views import Picture, make_views
 
 MAX_SHARES = 255
@@ -23,29 +26,32 @@ SUM_TOLERANCE = 1e-2
 GRAY = np.array([0.114, 0.587, 0.299])
 """Weights of blue, green and red in grey: ITU-R BT.601."""
 
-Scores = list[npt.NDArray[np.float32]]
+Scores: TypeAlias = list[npt.NDArray[np.float32]]
+"""Scores of the classes in the cells of each view, (C, h, w) or (h, w, C)."""
 
 
 class PictureLabeller:
     """Labels pictures of one camera; several threads may use it at a time."""
 
-    def __init__(self, model: PictureModel, camera: Camera, *, is_rectified: bool = False) -> None:
+    def __init__(
+        self, model: Model[CompletePictureCard], camera: Camera, *, is_rectified: bool = False
+    ) -> None:
         """Plan the views of the camera's pictures.
 
         Raises:
             InputError: the pictures cannot be brought to the network's size.
         """
-        self.model = model
-        self.camera = camera
-        size = model.size_for(camera.width, camera.height)
-        mean = [int(np.clip(round(each / model.scale), 0, 255)) for each in model.mean]
-        self._padding = tuple(mean if model.color == "bgr" else reversed(mean)) * (3 // len(mean))
-        with about(model.stated_in):
-            self.views = make_views(camera, size, model.fit, self._padding, is_rectified=is_rectified)
-        levels = np.arange(256) * model.scale
-        rows = [(levels - mean) / std for mean, std in zip(model.mean, model.std, strict=True)]
-        self._table = np.asarray(rows).astype(model.dtype)
-        self._places: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
+        self.model, self.camera, self.is_rectified = model, camera, is_rectified
+        card = model.card
+        size = card.size_for(camera.width, camera.height)
+        mean = [int(np.clip(round(each / card.scale), 0, 255)) for each in card.mean]
+        padding = tuple(mean if card.color == "bgr" else reversed(mean)) * (3 // len(mean))
+        with about(model.card_path):
+            self.views = make_views(camera, size, card.fit, padding, is_rectified=is_rectified)
+        levels = np.arange(256) * card.scale
+        rows = [(levels - mean) / std for mean, std in zip(card.mean, card.std, strict=True)]
+        self._table = np.asarray(rows).astype(model.network.input.dtype)
+        self._places_on = cache(partial(self.views.places_on, align_corners=card.align_corners))
 
     def ids(self, picture: Picture) -> npt.NDArray[np.uint16]:
         """Label a picture.
@@ -59,13 +65,13 @@ class PictureLabeller:
         Raises:
             InputError: the network fails, or its output cannot be labels.
         """
-        outputs = [self._run(draw(picture)) for draw in self.views.draws]
-        if self.model.kind == "ids":
+        outputs = self._run(picture)
+        if self.model.card.kind == "ids":
             found = self._picked([self._ids(output) for output in outputs])
         else:
-            scores, are_first = self._scores(outputs)
-            places = self._places_on(scores[0], are_first)
-            found = self._core(_core.classes_of_scores, scores, self.views.views, places, are_first)
+            scores, places, are_first = self._scores(outputs)
+            with about(self.model.network.path):
+                found = _core.classes_of_scores(scores, self.views.views, places, are_first)
         return np.asarray(found, np.uint16).reshape(self.camera.height, self.camera.width)
 
     def shares(self, picture: Picture) -> npt.NDArray[np.uint8]:
@@ -77,52 +83,58 @@ class PictureLabeller:
         Raises:
             InputError: as `ids`, or the network gives ids, or more classes than a file of probabilities may have.
         """
-        path = self.model.network.path
-        if self.model.kind == "ids":
+        path, kind = self.model.network.path, self.model.card.kind
+        if kind == "ids":
             raise InputError(f"--probabilities: found ids from {path}, needed logits or probabilities")
-        scores, are_first = self._scores([self._run(draw(picture)) for draw in self.views.draws])
+        scores, places, are_first = self._scores(self._run(picture))
         num_classes = scores[0].shape[0 if are_first else 2]
         if num_classes > MAX_SHARES:
             raise InputError(
                 f"--probabilities: found {num_classes} classes of {path}, needed at most {MAX_SHARES}"
             )
-        are_logits = self.model.kind == "logits" or (
-            self.model.kind is None and not _are_probabilities(scores, are_first)
-        )
-        places = self._places_on(scores[0], are_first)
-        found = self._core(_core.shares_of_scores, scores, self.views.views, places, are_first, are_logits)
+        are_logits = kind == "logits" or (kind is None and not _are_probabilities(scores, are_first))
+        with about(path):
+            found = _core.shares_of_scores(scores, self.views.views, places, are_first, are_logits)
         return np.asarray(found, np.uint8).reshape(self.camera.height, self.camera.width, num_classes)
 
     def tensor(self, view: Picture) -> npt.NDArray[Any]:
         """Bring a view (h, w, 3) to the network's input, a batch of one."""
-        if self.model.color == "gray":
+        card = self.model.card
+        if card.color == "gray":
             planes = [(view @ GRAY).round().astype(np.uint8)]
         else:
-            order = (0, 1, 2) if self.model.color == "bgr" else (2, 1, 0)
+            order = (0, 1, 2) if card.color == "bgr" else (2, 1, 0)
             planes = [view[..., channel] for channel in order]
-        axis = 2 if self.model.channels_last else 0
+        axis = 2 if card.layout == "channels_last" else 0
         return np.stack([table[plane] for table, plane in zip(self._table, planes, strict=True)], axis)[None]
 
-    def _run(self, view: Picture) -> npt.NDArray[Any]:
-        outputs = self.model.network.run(self.tensor(view), self.model.outputs)
-        if self.model.kind == "masks":
-            classes, masks = (outputs[name] for name in self.model.outputs)
+    def _run(self, picture: Picture) -> list[npt.NDArray[Any]]:
+        """Run the network on each view of a picture."""
+        network, names = self.model.network, self.model.outputs
+        outputs = [network.run(self.tensor(draw(picture)), names) for draw in self.views.draws]
+        if self.model.card.kind != "masks":
+            return [output[names[0]] for output in outputs]
+        for output in outputs:
+            classes, masks = (output[name] for name in names)
             if classes.ndim != 3 or masks.ndim != 4 or classes.shape[1] != masks.shape[1]:
-                raise self._unfit(f"classes of {classes.shape} and masks of {masks.shape}", "as many of both")
-            return joined_masks(outputs)
-        return outputs[self.model.outputs[0]]
+                raise network.unfit(
+                    f"classes of {classes.shape} and masks of {masks.shape}", "as many of both"
+                )
+        return [joined_masks(output) for output in outputs]
 
-    def _scores(self, outputs: Sequence[npt.NDArray[Any]]) -> tuple[Scores, bool]:
-        """Arrange outputs as scores of classes, and tell whether the classes are the first axis."""
-        shapes = {output.shape for output in outputs}
+    def _scores(self, outputs: Sequence[npt.NDArray[Any]]) -> tuple[Scores, npt.NDArray[np.float32], bool]:
+        """Arrange outputs as scores of classes; find the pixels' places, and tell whether classes stand first."""
+        network, shapes = self.model.network, {output.shape for output in outputs}
         shape = next(iter(shapes))
         if len(shapes) > 1 or len(shape) != 4 or shape[0] != 1:
-            raise self._unfit(f"output of {' and '.join(map(str, shapes))}", "1 x classes x rows x columns")
+            raise network.unfit(f"output of {' and '.join(map(str, shapes))}", "1 x classes x rows x columns")
         if not np.issubdtype(outputs[0].dtype, np.floating):
-            raise self._unfit(f"output of {outputs[0].dtype}", "float")
+            raise network.unfit(f"output of {outputs[0].dtype}", "float")
         are_first = self._are_classes_first(shape[1:])
-        self.model.check_num_classes(shape[1 if are_first else 3])
-        return [np.ascontiguousarray(output[0], np.float32) for output in outputs], are_first
+        num_classes, rows, columns = shape[1:] if are_first else (shape[3], *shape[1:3])
+        _check_num_classes(self.model, num_classes)
+        scores = [np.ascontiguousarray(output[0], np.float32) for output in outputs]
+        return scores, self._places_on(columns, rows), are_first
 
     def _are_classes_first(self, shape: tuple[int, int, int]) -> bool:
         """Tell by the strides of rows and columns, which agree, where the classes stand."""
@@ -134,48 +146,44 @@ class PictureLabeller:
 
         first, last = covers(shape[1], shape[2]), covers(shape[0], shape[1])
         if not first and not last:
-            raise self._unfit(
-                f"output of 1 x {' x '.join(map(str, shape))} for {rows} x {columns} pixels",
-                "rows and columns of one stride",
-            )
-        return first and not (last and self.model.channels_last)
+            found = f"output of 1 x {' x '.join(map(str, shape))} for {rows} x {columns} pixels"
+            raise self.model.network.unfit(found, "rows and columns of one stride")
+        return first and not (last and self.model.card.layout == "channels_last")
 
     def _ids(self, output: npt.NDArray[Any]) -> npt.NDArray[np.uint16]:
         """Arrange an output as ids (h, w)."""
         axes = [size for size in output.shape if size != 1]
         if len(axes) != 2:
-            raise self._unfit(f"ids of {output.shape}", "rows x columns")
-        low, high = output.min(), output.max()
-        if low < 0 or high >= _core.NO_ID:
-            raise self._unfit(f"ids from {low} to {high}", f"0 to {_core.NO_ID - 1}")
-        return np.asarray(output.reshape(axes), np.uint16)
+            raise self.model.network.unfit(f"ids of {output.shape}", "rows x columns")
+        return self.model.network.as_ids(output).reshape(axes)
 
     def _picked(self, ids: Sequence[npt.NDArray[np.uint16]]) -> npt.NDArray[np.uint16]:
         """Pick the id of the cell of each pixel."""
         rows, columns = ids[0].shape
-        places = self.views.places_on(columns, rows, align_corners=self.model.align_corners)
+        places = self._places_on(columns, rows)
         cells = np.clip(np.floor(places + 0.5), 0, [columns - 1, rows - 1]).astype(np.intp)
         seen = self.views.views != _core.NO_VIEW
         found = np.full(len(seen), _core.NO_ID, np.uint16)
         found[seen] = np.stack(ids)[self.views.views[seen], cells[seen, 1], cells[seen, 0]]
         return found
 
-    def _places_on(self, scores: npt.NDArray[np.float32], are_first: bool) -> npt.NDArray[np.float32]:
-        """Places of the pixels among scores, kept for the next pictures."""
-        rows, columns = scores.shape[1:] if are_first else scores.shape[:2]
-        if (columns, rows) not in self._places:
-            found = self.views.places_on(columns, rows, align_corners=self.model.align_corners)
-            self._places[columns, rows] = found
-        return self._places[columns, rows]
 
-    def _core(self, function: Any, *arguments: Any) -> Any:
-        try:
-            return function(*arguments)
-        except InputError as error:
-            raise InputError(f"{self.model.network.path}: {error}") from None
+def _check_num_classes(model: Model[CompletePictureCard], num_classes: int) -> None:
+    """Check that a number of scores is that of the classes.
 
-    def _unfit(self, found: str, needed: str) -> InputError:
-        return InputError(f"{self.model.network.path}: found {found}, needed {needed}")
+    Raises:
+        InputError: there are too few, or names that are a list are not as many.
+    """
+    network, listed = model.network, model.card.classes
+    if num_classes < 2:
+        raise network.unfit(f"scores of {num_classes} class", "two or more")
+    if isinstance(listed, tuple) and len(listed) != num_classes:
+        needed = f"{num_classes}, one for each score of {network.path}"
+        raise wrong_key(model.card_path, "classes", f"{len(listed)} names", needed)
+    highest = max((value for ids in model.classes.values() for value in ids), default=0)
+    if highest >= num_classes:
+        needed = f"at most {num_classes - 1}, the last score of {network.path}"
+        raise wrong_key(model.card_path, "classes", f"id {highest}", needed)
 
 
 def _are_probabilities(scores: Scores, are_first: bool) -> bool:

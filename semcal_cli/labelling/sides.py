@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import cv2
 import numpy as np
@@ -23,13 +23,16 @@ from semcal_cli.files.reading import hash_file
 from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.labelling.sweeps import KIND_IDS, SweepLabeller, segment_labels
 
+NO_ID = int(_core.NO_ID)
+"""Id of a pixel or a point without a label."""
 NO_BYTE = 255
-"""Id of a pixel without a label in label images of 8 bits; those of 16 bits have `_core.NO_ID`."""
-FASTEST = 1
-"""Level of compression: probabilities are nearly all 0 or 255."""
+"""The same in label images of 8 bits."""
+Classes: TypeAlias = Mapping[str, tuple[int, ...]]
+"""Ids of each name; empty without names."""
 
 
-class Side(ABC):
+@dataclass(frozen=True, eq=False)
+class Side:
     """Labels of pictures or of points, as files of a drive."""
 
     key: Literal["image_labels", "point_labels"]
@@ -38,76 +41,59 @@ class Side(ABC):
     """Key of the file that is labelled."""
     suffix: str
     """Suffix of label files."""
-    classes: Mapping[str, tuple[int, ...]]
-    """Ids of each name; empty without names."""
+    classes: Classes
     ignore: tuple[int, ...]
     """Ids that carry no information."""
     settings: Mapping[str, object]
     """All that the labels depend on besides the file that is labelled."""
-
-    @abstractmethod
-    def label(self, drive: Drive, frame: Frame) -> bytes:
-        """Compute the content of the label file of a frame.
-
-        Raises:
-            InputError: the file to label is missing or wrong, or the network fails.
-        """
-
-    @abstractmethod
-    def is_whole(self, drive: Drive, path: Path) -> bool:
-        """Whether a label file is there and whole."""
+    label: Callable[[Drive, Frame], bytes]
+    """Computes the content of the label file of a frame. Raises an InputError if the file to label is missing or wrong,
+    or the network fails."""
+    is_whole: Callable[[Drive, Path], bool]
+    """Tells whether a label file is there and whole."""
 
 
-class PictureSide(Side):
-    """Label images from a network."""
+def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) -> Side:
+    """Make the side of label images from a network, or of its probabilities.
 
-    key = "image_labels"
-    source = "image"
+    Raises:
+        InputError: the model cannot be read.
+    """
+    model = labeller.model
+    card = model.card
+    named = {value for ids in model.classes.values() for value in ids}
+    ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
+    settings = {
+        "model": hash_model(model.network.path),
+        "size": card.size,
+        "fit": card.fit,
+        "color": card.color,
+        "numbers": (card.scale, card.mean, card.std),
+        "outputs": model.outputs,
+        "kind": card.kind,
+        "align_corners": card.align_corners,
+        "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
+        "probabilities": has_probabilities,
+    }
 
-    def __init__(self, labeller: PictureLabeller, *, is_rectified: bool, has_probabilities: bool) -> None:
-        model = labeller.model
-        self.labeller = labeller
-        self.has_probabilities = has_probabilities
-        self.suffix = ".npz" if has_probabilities else ".png"
-        self.classes = model.classes
-        named = {value for ids in model.classes.values() for value in ids}
-        self._is_small = NO_BYTE not in named
-        self.ignore = tuple(
-            value for value in dict.fromkeys((*model.ignore, NO_BYTE, int(_core.NO_ID))) if value not in named
-        )
-        self.settings = {
-            "model": hash_model(model.network.path),
-            "size": model.size,
-            "fit": model.fit,
-            "color": model.color,
-            "numbers": (model.scale, model.mean, model.std),
-            "outputs": model.outputs,
-            "kind": model.kind,
-            "align_corners": model.align_corners,
-            "rectified": labeller.camera.model_dump(mode="json") if is_rectified else None,
-            "probabilities": has_probabilities,
-        }
-
-    def label(self, drive: Drive, frame: Frame) -> bytes:
-        """Label the picture of a frame; see `Side.label`."""
+    def label(drive: Drive, frame: Frame) -> bytes:
         if frame.image is None:
             raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
-        camera = drive.camera
-        picture = read_image(drive.resolve(frame.image), (camera.width, camera.height))
-        with about(drive.resolve(frame.image)):
-            if self.has_probabilities:
-                return _archive(self.labeller.shares(picture))
-            ids = self.labeller.ids(picture)
-        seen = ids[ids != _core.NO_ID]
-        if self._is_small and (not seen.size or seen.max() < NO_BYTE):
-            ids = np.where(ids == _core.NO_ID, NO_BYTE, ids).astype(np.uint8)
+        path, camera = drive.resolve(frame.image), drive.camera
+        picture = read_image(path, (camera.width, camera.height))
+        with about(path):
+            if has_probabilities:
+                return _archive(labeller.shares(picture))
+            ids = labeller.ids(picture)
+        is_small = NO_BYTE not in named and ids[ids != NO_ID].max(initial=0) < NO_BYTE
+        if is_small:
+            ids = np.where(ids == NO_ID, NO_BYTE, ids).astype(np.uint8)
         return bytes(cv2.imencode(".png", ids)[1].tobytes())
 
-    def is_whole(self, drive: Drive, path: Path) -> bool:
-        """Whether a label image is there and whole."""
+    def is_whole(drive: Drive, path: Path) -> bool:
         width, height = drive.camera.width, drive.camera.height
         try:
-            if self.has_probabilities:
+            if has_probabilities:
                 _core.read_class_shares([path], (height, width))
             else:
                 _core.read_label_images([path], width, height)
@@ -115,68 +101,72 @@ class PictureSide(Side):
             return False
         return True
 
+    return Side(
+        key="image_labels",
+        source="image",
+        suffix=".npz" if has_probabilities else ".png",
+        classes=model.classes,
+        ignore=tuple(value for value in ignored if value not in named),
+        settings=settings,
+        label=label,
+        is_whole=is_whole,
+    )
 
-class _PointSide(Side):
-    key = "point_labels"
-    source = "points"
-    suffix = ".label"
 
-    no_return: int
-    """Id of the entries of a file that are no points."""
+def sweep_side(labeller: SweepLabeller) -> Side:
+    """Make the side of labels of points from a network.
 
-    def label(self, drive: Drive, frame: Frame) -> bytes:
-        """Label the points of a frame; see `Side.label`."""
+    Raises:
+        InputError: the model cannot be read.
+    """
+    model = labeller.model
+    settings = {
+        "model": hash_model(model.network.path),
+        "card": model.card.model_dump(mode="json", exclude={"classes", "ignore"}),
+    }
+    ignore = tuple(dict.fromkeys((*model.ignore, NO_ID)))
+    return _point_side(model.classes, ignore, settings, labeller.ids, no_return=NO_ID)
+
+
+def segment_side() -> Side:
+    """Make the side of geometric segments as labels of points."""
+    classes = {name: (value,) for name, value in KIND_IDS.items()}
+    return _point_side(
+        classes, (0,), {"segments": 1}, lambda cloud: segment_labels(cloud.points), no_return=0
+    )
+
+
+def _point_side(
+    classes: Classes,
+    ignore: tuple[int, ...],
+    settings: Mapping[str, object],
+    label_points: Callable[[_core.PointCloud], npt.NDArray[Any]],
+    *,
+    no_return: int,
+) -> Side:
+    """Make a side of labels of points.
+
+    Args:
+        classes: Ids of each name.
+        ignore: Ids that carry no information.
+        settings: All that the labels depend on besides the sweep.
+        label_points: Labels the points of a sweep: (N,), in SemanticKITTI's layout.
+        no_return: Id of the entries of a file that are no points.
+    """
+
+    def label(drive: Drive, frame: Frame) -> bytes:
         alone = drive.model_copy(update={"frames": (frame.model_copy(update={"point_labels": None}),)})
         (cloud,) = read_clouds(alone)
-        labels = np.full(len(cloud.is_return), self.no_return, "<u4")
+        labels = np.full(len(cloud.is_return), no_return, "<u4")
         with about(drive.resolve(frame.points)):
-            labels[cloud.is_return] = self.label_points(cloud)
+            labels[cloud.is_return] = label_points(cloud)
         return labels.tobytes()
 
-    @abstractmethod
-    def label_points(self, cloud: _core.PointCloud) -> npt.NDArray[Any]:
-        """Label the points of a sweep: (N,), in SemanticKITTI's layout."""
-
-    def is_whole(self, drive: Drive, path: Path) -> bool:
-        """Whether a file of labels is there and whole: it is written as a whole or not at all."""
-        try:
-            size = path.stat().st_size
-        except OSError:
-            return False
+    def is_whole(_: Drive, path: Path) -> bool:
+        size = path.stat().st_size  # It is written as a whole or not at all.
         return size > 0 and size % 4 == 0
 
-
-class SweepSide(_PointSide):
-    """Labels of points from a network."""
-
-    no_return = int(_core.NO_ID)
-
-    def __init__(self, labeller: SweepLabeller) -> None:
-        model = labeller.model
-        self.labeller = labeller
-        self.classes = model.classes
-        self.ignore = tuple(dict.fromkeys((*model.ignore, int(_core.NO_ID))))
-        card = model.card.model_dump(mode="json", exclude={"classes", "ignore"})
-        self.settings = {"model": hash_model(model.network.path), "card": card}
-
-    def label_points(self, cloud: _core.PointCloud) -> npt.NDArray[Any]:
-        """Label the points of a sweep: (N,) ids."""
-        return self.labeller.ids(cloud)
-
-
-class SegmentSide(_PointSide):
-    """Geometric segments as labels of points."""
-
-    no_return = 0
-
-    def __init__(self) -> None:
-        self.classes = {name: (value,) for name, value in KIND_IDS.items()}
-        self.ignore = (0,)
-        self.settings = {"segments": 1}
-
-    def label_points(self, cloud: _core.PointCloud) -> npt.NDArray[Any]:
-        """Label the points of a sweep: (N,) kinds and segments."""
-        return segment_labels(cloud.points)
+    return Side("point_labels", "points", ".label", classes, ignore, settings, label, is_whole)
 
 
 def hash_model(path: Path) -> dict[str, str]:
@@ -195,11 +185,8 @@ def _archive(shares: npt.NDArray[np.uint8]) -> bytes:
     """Write probabilities (H, W, C) to an `.npz`, which a calibration reads."""
     array, archive = io.BytesIO(), io.BytesIO()
     np.lib.format.write_array(array, shares, allow_pickle=False)
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=FASTEST) as file:
-        # A fixed date, so that the same labels are the same bytes.
-        file.writestr(
-            zipfile.ZipInfo("probabilities.npy", (1980, 1, 1, 0, 0, 0)),
-            array.getvalue(),
-            zipfile.ZIP_DEFLATED,
-        )
+    # A fixed date, so that the same labels are the same bytes.
+    member = zipfile.ZipInfo("probabilities.npy", (1980, 1, 1, 0, 0, 0))
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr(member, array.getvalue(), zipfile.ZIP_DEFLATED)
     return archive.getvalue()

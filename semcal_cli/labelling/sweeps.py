@@ -11,8 +11,8 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.cue_config import SegmentationConfig
 from semcal_cli.errors import InputError
-from semcal_cli.labelling.card import NeighborsConfig
-from semcal_cli.labelling.point_model import PointModel
+from semcal_cli.labelling.card import NeighborsConfig, PointCard
+from semcal_cli.labelling.model import Model
 
 OWN_PIXEL = NeighborsConfig(count=1, search=1)
 """Neighbours of a point that takes the class of its own pixel."""
@@ -25,7 +25,7 @@ INSTANCE_BITS = 16
 class SweepLabeller:
     """Labels sweeps with a network; several threads may use it at a time."""
 
-    def __init__(self, model: PointModel) -> None:
+    def __init__(self, model: Model[PointCard]) -> None:
         """Plan the range image.
 
         Raises:
@@ -51,7 +51,7 @@ class SweepLabeller:
         rings = self._field(cloud.ring, "ring") if card.row_by == "ring" else None
         projection = self.view.project(cloud.points, rings)
         tensor = self.tensor(cloud, projection.points).astype(self.model.network.input.dtype)
-        output = self.model.network.run(tensor, [self.model.output])[self.model.output]
+        (output,) = self.model.network.run(tensor, self.model.outputs).values()
         pixels = self._pixels(output)
         pixels[projection.points == _core.NO_PIXEL] = _core.NO_ID
         neighbors = card.neighbors or OWN_PIXEL
@@ -79,20 +79,16 @@ class SweepLabeller:
 
     def _pixels(self, output: npt.NDArray[Any]) -> npt.NDArray[np.uint16]:
         """Classes (P,) of the pixels from scores (1, C, rows, columns) or ids."""
-        path, size = self.model.network.path, (self.model.card.rows, self.model.card.columns)
+        network, size = self.model.network, (self.model.card.rows, self.model.card.columns)
         if output.ndim == 4 and output.shape[0] == 1 and output.shape[1] > 1 and output.shape[2:] == size:
             if not np.isfinite(output).all():
-                raise InputError(f"{path}: found a score that is not finite, needed finite ones")
+                raise network.unfit("a score that is not finite", "finite ones")
             return np.asarray(output[0].argmax(axis=0).ravel(), np.uint16)
-        if [each for each in output.shape if each != 1] == list(size) and np.issubdtype(
-            output.dtype, np.integer
-        ):
-            low, high = int(output.min()), int(output.max())
-            if low < 0 or high >= _core.NO_ID:
-                raise InputError(f"{path}: found ids from {low} to {high}, needed 0 to {_core.NO_ID - 1}")
-            return np.asarray(output.ravel(), np.uint16)
+        is_whole = np.issubdtype(output.dtype, np.integer)
+        if is_whole and tuple(each for each in output.shape if each != 1) == size:
+            return network.as_ids(output).ravel()
         needed = f"1 x classes x {size[0]} x {size[1]}, or ids as whole numbers"
-        raise InputError(f"{path}: found output {output.shape} of {output.dtype}, needed {needed}")
+        raise network.unfit(f"output {output.shape} of {output.dtype}", needed)
 
     def _field(self, values: npt.NDArray[Any] | None, name: str) -> npt.NDArray[Any]:
         if values is None:

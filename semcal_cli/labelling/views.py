@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -35,13 +35,20 @@ ONE_VIEW_DEG = 55.0
 """Largest angle from the optical axis, in degrees, that a single rectified picture shows."""
 FACE_DEG = 50.0
 """Half of the field of view of a face of the cube that rectifies wider lenses: faces overlap by ten degrees."""
+FACES = tuple(
+    np.asarray(cv2.Rodrigues(np.array(turn))[0].round(), np.float64)
+    for turn in (
+        *((0.0, -0.5 * math.pi * quarters, 0.0) for quarters in range(4)),
+        *((sign * 0.5 * math.pi, 0.0, 0.0) for sign in (1.0, -1.0)),
+    )
+)
+"""R_face_camera (3, 3) of the faces of a cube: front, right, back, left, below, above."""
 MAX_RECTIFIED = 2.0
 """Largest size of a rectified picture, in widths and heights of the camera's."""
 
 
-@dataclass(frozen=True, eq=False)
-class Source:
-    """A picture made of the camera's, to be brought to the network's size."""
+class Shown(NamedTuple):
+    """A picture made of the camera's: as it is or rectified, or a part of that in the network's size."""
 
     size: tuple[int, int]
     """Columns and rows."""
@@ -49,7 +56,19 @@ class Source:
     places: Places
     """Places of the camera's pixels; NaN where this picture does not show them."""
     merit: npt.NDArray[np.float64]
-    """(N,) how well this picture shows each pixel of the camera's."""
+    """(N,) how well this picture shows each pixel of the camera's; minus infinity where it does not."""
+
+
+class Window(NamedTuple):
+    """A part of a picture, and its place in the network's: columns and rows each."""
+
+    start: tuple[int, int]
+    """First pixel in the picture."""
+    size: tuple[int, int]
+    scaled: tuple[int, int]
+    """Size in the network's picture."""
+    corner: tuple[int, int]
+    """First pixel in the network's picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +118,18 @@ def make_views(
         if not is_here.any():
             continue
         merit = np.full(num_pixels, -np.inf)
-        for draw, view_places, view_merit in _fitted(source, size, fit, padding):
-            is_better = is_here & (view_merit > merit)
+        for window in _windows(source.size, size, fit):
+            view = _through(window, source, size, padding)
+            is_better = is_here & (view.merit > merit)
             if not is_better.any():
                 continue
             if len(draws) == MAX_VIEWS:
                 raise InputError(
                     f"fit: found more than {MAX_VIEWS} tiles of {size[0]} x {size[1]}, needed fewer"
                 )
-            views[is_better], places[is_better] = len(draws), view_places[is_better]
-            merit[is_better] = view_merit[is_better]
-            draws.append(draw)
+            views[is_better], places[is_better] = len(draws), view.places[is_better]
+            merit[is_better] = view.merit[is_better]
+            draws.append(view.draw)
     return Views(tuple(draws), size, views, places)
 
 
@@ -118,119 +138,84 @@ def _pixels(camera: Camera) -> Places:
     return np.stack([columns.ravel(), rows.ravel()], axis=1)
 
 
-def _raw(camera: Camera) -> Source:
+def _raw(camera: Camera) -> Shown:
     places = _pixels(camera)
-    return Source((camera.width, camera.height), lambda picture: picture, places, np.zeros(len(places)))
+    return Shown((camera.width, camera.height), lambda picture: picture, places, np.zeros(len(places)))
 
 
 # Rectified pictures
 
 
-def _rectified(camera: Camera) -> Iterator[Source]:
+def _rectified(camera: Camera) -> Iterator[Shown]:
     """Yield one rectified picture along the optical axis, or the faces of a cube for a lens that sees too much."""
     lens = core_camera(camera)
     rays = lens.unproject(_pixels(camera))
-    cosines = rays[:, 2][np.isfinite(rays[:, 2])]
-    if not len(cosines):
+    inside = np.isfinite(rays).all(axis=1)
+    if not inside.any():
         raise InputError("--rectify: found a lens that reaches no pixel, needed another")
-    if math.degrees(math.acos(max(min(cosines.min(), 1.0), -1.0))) <= ONE_VIEW_DEG:
-        yield _front(camera, lens, rays)
+    focal, forward = lens.pixels_per_radian, np.clip(rays[inside, 2].min(), -1.0, 1.0)
+    if math.degrees(math.acos(forward)) > ONE_VIEW_DEG:
+        side = max(round(2.0 * math.tan(math.radians(FACE_DEG)) * focal), 1)
+        center = np.full(2, (side - 1) / 2.0)
+        for R_face_camera in FACES:
+            yield _pinhole(lens, rays, R_face_camera, focal, center, (side, side))
         return
-    half = math.tan(math.radians(FACE_DEG))
-    focal = lens.pixels_per_radian
-    side = max(round(2.0 * half * focal), 1)
-    for R_face_camera in _faces():
-        center = (side - 1) / 2.0
-        yield _pinhole(
-            camera, lens, rays @ R_face_camera.T, R_face_camera, focal, (center, center), (side, side)
-        )
-
-
-def _faces() -> Iterator[npt.NDArray[np.float64]]:
-    """Yield R_face_camera (3, 3) of the faces of a cube: front, right, back, left, below, above."""
-    for turns in range(4):
-        yield np.asarray(cv2.Rodrigues(np.array([0.0, -0.5 * math.pi * turns, 0.0]))[0].round(), float)
-    for sign in (1.0, -1.0):
-        yield np.asarray(cv2.Rodrigues(np.array([sign * 0.5 * math.pi, 0.0, 0.0]))[0].round(), float)
-
-
-def _front(camera: Camera, lens: _core.Camera, rays: npt.NDArray[np.float64]) -> Source:
-    """Make the rectified picture that shows all that the camera sees, of the same scale on the optical axis."""
-    focal = lens.pixels_per_radian
-    inside = np.isfinite(rays).all(1)
+    # All that the camera sees, of the same scale on the optical axis if that is not too large.
     slopes = rays[inside, :2] / rays[inside, 2:]
     low, high = slopes.min(axis=0), slopes.max(axis=0)
-    sides = np.ceil(focal * (high - low)) + 1
     most = MAX_RECTIFIED * np.array([camera.width, camera.height])
-    focal *= min(1.0, *(most / sides))
+    focal *= min(1.0, *(most / (np.ceil(focal * (high - low)) + 1)))
     columns, rows = (int(side) for side in np.ceil(focal * (high - low)) + 1)
-    center = (-focal * low[0], -focal * low[1])
-    return _pinhole(camera, lens, rays, np.eye(3), focal, center, (columns, rows))
+    yield _pinhole(lens, rays, np.eye(3), focal, -focal * low, (columns, rows))
 
 
 def _pinhole(
-    camera: Camera,
     lens: _core.Camera,
-    rays_face: npt.NDArray[np.float64],
+    rays_camera: npt.NDArray[np.float64],
     R_face_camera: npt.NDArray[np.float64],
     focal: float,
-    center: tuple[float, float],
+    center: npt.NDArray[np.float64],
     size: tuple[int, int],
-) -> Source:
-    """Make a picture without distortion; `rays_face` (N, 3) are those of the camera's pixels in its frame."""
+) -> Shown:
+    """Make a picture without distortion; `rays_camera` (N, 3) are those of the camera's pixels."""
     columns, rows = size
     u, v = np.meshgrid((np.arange(columns) - center[0]) / focal, (np.arange(rows) - center[1]) / focal)
-    rays_camera = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera
-    taken = lens.project(rays_camera).reshape(rows, columns, 2)
+    taken = lens.project(np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera)
     # What the lens does not reach takes the colour of a corner.
-    taken = np.where(np.isfinite(taken), taken, -1e4)
+    taken = np.where(np.isfinite(taken), taken, -1e4).reshape(rows, columns, 2)
     across, down = taken[..., 0].astype(np.float32), taken[..., 1].astype(np.float32)
+    rays_face = rays_camera @ R_face_camera.T
     forward = rays_face[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        places = focal * rays_face[:, :2] / forward[:, None] + np.array(center)
-    shown = (places >= -0.5).all(1) & (places[:, 0] < columns - 0.5) & (places[:, 1] < rows - 0.5)
+        places = focal * rays_face[:, :2] / forward[:, None] + center
+    shown = ((places >= -0.5) & (places < np.array(size) - 0.5)).all(axis=1)
     merit = np.where(shown & (forward > 0.0), forward, -np.inf)
 
     def draw(picture: Picture) -> Picture:
         # A picture all round goes on beyond its border, by less than a pixel.
-        return _as_picture(
-            cv2.remap(picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        )
+        drawn = cv2.remap(picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(drawn, np.uint8)
 
-    return Source(size, draw, places, merit)
+    return Shown(size, draw, places, merit)
 
 
 # The network's size
 
 
-def _fitted(
-    source: Source, size: tuple[int, int], fit: Fit, padding: Sequence[int]
-) -> Iterator[tuple[Draw, Places, npt.NDArray[np.float64]]]:
-    """Yield functions that draw the views of a source, with the places of the camera's pixels and their merit."""
-    (width, height), (columns, rows) = source.size, size
+def _windows(whole: tuple[int, int], size: tuple[int, int], fit: Fit) -> Iterator[Window]:
+    """Yield the parts of a picture that the network sees, one after the other."""
+    (width, height), (columns, rows) = whole, size
     if fit == "tiles":
+        tile = min(columns, width), min(rows, height)
         for left in _starts(width, columns):
             for top in _starts(height, rows):
-                yield _tile(source, size, (left, top), padding)
+                yield Window((left, top), tile, tile, (0, 0))
         return
     across, down = columns / width, rows / height
     if fit == "letterbox":
         across = down = min(across, down)
-    inner = (min(max(round(width * across), 1), columns), min(max(round(height * down), 1), rows))
-    left, top = (columns - inner[0]) // 2, (rows - inner[1]) // 2
-    scale = np.array([inner[0] / width, inner[1] / height])
-    places = (source.places + 0.5) * scale - 0.5 + np.array([left, top])
-    shrinks = inner[0] < width or inner[1] < height
-
-    def draw(picture: Picture) -> Picture:
-        drawn = source.draw(picture)
-        if inner != source.size:
-            drawn = _as_picture(
-                cv2.resize(drawn, inner, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-            )
-        return _padded(drawn, size, (left, top), padding)
-
-    yield draw, places, np.where(np.isfinite(places).all(1), 0.0, -np.inf)
+    scaled = (min(max(round(width * across), 1), columns), min(max(round(height * down), 1), rows))
+    yield Window((0, 0), whole, scaled, ((columns - scaled[0]) // 2, (rows - scaled[1]) // 2))
 
 
 def _starts(length: int, side: int) -> list[int]:
@@ -241,36 +226,29 @@ def _starts(length: int, side: int) -> list[int]:
     return [round(place) for place in np.linspace(0, length - side, count)]
 
 
-def _tile(
-    source: Source, size: tuple[int, int], start: tuple[int, int], padding: Sequence[int]
-) -> tuple[Draw, Places, npt.NDArray[np.float64]]:
-    (left, top), (columns, rows) = start, size
-    width, height = min(columns, source.size[0]), min(rows, source.size[1])
-    places = source.places - np.array([left, top])
-    # The tile whose border is farthest away shows a pixel best; the picture's own border is no tile's.
-    beyond = np.array([left + width >= source.size[0], top + height >= source.size[1]])
-    to_start = np.where(np.array([left, top]) == 0, np.inf, places + 0.5)
-    to_end = np.where(beyond, np.inf, np.array([width, height]) - 0.5 - places)
-    merit = np.minimum(to_start, to_end).min(axis=1)
-    inside = (places >= -0.5).all(1) & (places[:, 0] < width - 0.5) & (places[:, 1] < height - 0.5)
+def _through(window: Window, source: Shown, size: tuple[int, int], padding: Sequence[int]) -> Shown:
+    """Make the network's picture of a part of a picture."""
+    (left, top), (width, height) = window.start, window.size
+    start, extent = np.array(window.start), np.array(window.size)
+    places = source.places - start
+    inside = ((places >= -0.5) & (places < extent - 0.5)).all(axis=1)
+    # The window whose border is farthest away shows a pixel best; the picture's own border is no window's.
+    to_start = np.where(start == 0, np.inf, places + 0.5)
+    to_end = np.where(start + extent >= source.size, np.inf, extent - 0.5 - places)
+    merit = np.where(inside, np.minimum(to_start, to_end).min(axis=1), -np.inf)
+    scaled = (places + 0.5) * (np.array(window.scaled) / extent) - 0.5 + np.array(window.corner)
+    shrinks = window.scaled[0] < width or window.scaled[1] < height
+    before = window.corner
+    after = size[0] - before[0] - window.scaled[0], size[1] - before[1] - window.scaled[1]
 
     def draw(picture: Picture) -> Picture:
-        drawn = source.draw(picture)[top : top + height, left : left + width]
-        return _padded(drawn, size, (0, 0), padding)
+        drawn: Any = source.draw(picture)[top : top + height, left : left + width]
+        if window.scaled != window.size:
+            how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+            drawn = cv2.resize(drawn, window.scaled, interpolation=how)
+        if any((*before, *after)):
+            sides = (before[1], after[1], before[0], after[0])
+            drawn = cv2.copyMakeBorder(drawn, *sides, cv2.BORDER_CONSTANT, value=tuple(padding))
+        return np.asarray(drawn, np.uint8)
 
-    return draw, places, np.where(inside, merit, -np.inf)
-
-
-def _padded(
-    picture: Picture, size: tuple[int, int], start: tuple[int, int], padding: Sequence[int]
-) -> Picture:
-    (left, top), (columns, rows) = start, size
-    right, bottom = columns - left - picture.shape[1], rows - top - picture.shape[0]
-    if not any((left, top, right, bottom)):
-        return picture
-    border = cv2.BORDER_CONSTANT
-    return _as_picture(cv2.copyMakeBorder(picture, top, bottom, left, right, border, value=tuple(padding)))
-
-
-def _as_picture(picture: object) -> Picture:
-    return np.asarray(picture, np.uint8)
+    return Shown(size, draw, scaled, merit)

@@ -36,7 +36,8 @@ from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.labelling.models import open_picture_model
+from semcal_cli.labelling.models import picture_model
+from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.synthesis import synthesize
@@ -250,7 +251,7 @@ def row(number: int, labelled: Path, truth: Path, right: float) -> tuple[str, li
 def times(name: str, model: Path, drive: Path) -> str:
     """Row of the network's own time, and of all that is done before and after it, for a picture: medians."""
     document = read_drive(drive)
-    opened = open_picture_model(model, None)
+    opened = picture_model(open_network(model), None)
     labeller = PictureLabeller(opened, document.camera)
     own, whole = [], []
     picture = read_image(document.resolve(str(document.frames[0].image)))

@@ -13,14 +13,16 @@ fuzzes all of them for a minute in total, from the stored corpus and always with
 from __future__ import annotations
 
 import io
+import multiprocessing
 import os
 import shutil
 import sys
 import tempfile
-import traceback
 from collections.abc import Sequence
 from contextlib import redirect_stderr
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 try:
     import atheris
@@ -40,8 +42,13 @@ SHOWN_LINES = 60
 """Last lines of the log of a finding, which are shown."""
 
 
-def fuzz(name: str, options: Sequence[str], folder: Path) -> None:
+def fuzz(name: str, options: Sequence[str], folder: Path, log: Path | None = None) -> None:
     """Fuzz a document, which is written into a folder, until the time is over or something is found; never return."""
+    if log is not None:
+        output = os.open(log, os.O_CREAT | os.O_WRONLY)
+        os.dup2(output, sys.stdout.fileno())
+        os.dup2(output, sys.stderr.fileno())
+    folder.mkdir()
     target = TARGETS[name]
     target.prepare(folder)
     atheris.Setup(
@@ -52,53 +59,43 @@ def fuzz(name: str, options: Sequence[str], folder: Path) -> None:
     atheris.Fuzz()
 
 
-def fuzz_apart(name: str, options: Sequence[str], folder: Path, log: Path | None = None) -> int:
-    """Fuzz a document in a process of its own, whose output goes to a log if one is given; return its id."""
-    process = os.fork()
-    if process != 0:
-        return process
-    code = 1
-    try:
-        if log is not None:
-            output = os.open(log, os.O_CREAT | os.O_WRONLY)
-            os.dup2(output, sys.stdout.fileno())
-            os.dup2(output, sys.stderr.fileno())
-        folder.mkdir()
-        fuzz(name, options, folder)
-    except SystemExit as end:
-        code = int(end.code or 0)
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        os._exit(code)
+def fuzz_apart(*arguments: Any) -> BaseProcess:
+    """Fuzz a document as `fuzz` does, in a process of its own that takes over what is instrumented."""
+    process = multiprocessing.get_context("fork").Process(target=fuzz, args=arguments)
+    process.start()
+    return process
 
 
 def fuzz_all(seconds: float, memory: Path) -> bool:
     """Fuzz all documents on all cores for a time in total; tell whether nothing was found."""
-    num_jobs = os.cpu_count() or 1
+    num_jobs, names = os.cpu_count() or 1, list(TARGETS)
     # libFuzzer ends up to a second later.
-    share = min(max(int(seconds * num_jobs / len(TARGETS)), 1), int(seconds))
-    waiting, running, good = list(TARGETS), {}, True
-    while waiting or running:
-        while waiting and len(running) < num_jobs:
-            name = waiting.pop(0)
+    share = min(max(int(seconds * num_jobs / len(names)), 1), int(seconds))
+    good = True
+    for first in range(0, len(names), num_jobs):
+        running = {}
+        for name in names[first : first + num_jobs]:
             new, found = memory / f"{name}-new", Path(tempfile.gettempdir()) / f"fuzz-{name}-"
             new.mkdir()
             options = ["-seed=1", f"-max_total_time={share}", f"-artifact_prefix={found}", str(new)]
-            log = memory / f"{name}.log"
-            process = fuzz_apart(name, [*options, str(CORPUS / name)], memory / name, log)
-            running[process] = name, log
-        process, status = os.wait()
-        name, log = running.pop(process)
-        good &= status == 0
-        lines = log.read_text(errors="replace").splitlines()
-        if status == 0:
-            print(f"{name}:", *(line for line in lines if line.startswith("Done")), flush=True)
-        else:
-            # libFuzzer's lines of its progress begin with a number sign.
-            shown = [line for line in lines if not line.startswith("#")]
-            print(f"{name}:", *shown[-SHOWN_LINES:], sep="\n  ", flush=True)
+            options.append(str(CORPUS / name))
+            running[name] = fuzz_apart(name, options, memory / name, memory / f"{name}.log")
+        for name, process in running.items():
+            process.join()
+            good &= process.exitcode == 0
+            tell(name, process.exitcode == 0, (memory / f"{name}.log").read_text(errors="replace"))
     return good
+
+
+def tell(name: str, is_good: bool, log: str) -> None:
+    """Say how many documents were tried, or what was found."""
+    lines = log.splitlines()
+    if is_good:
+        print(f"{name}:", *(line for line in lines if line.startswith("Done")), flush=True)
+        return
+    # libFuzzer's lines of its progress begin with a number sign.
+    shown = [line for line in lines if not line.startswith("#")]
+    print(f"{name}:", *shown[-SHOWN_LINES:], sep="\n  ", flush=True)
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -109,8 +106,9 @@ def main(arguments: Sequence[str]) -> int:
         if arguments[:1] == ["--seconds"]:
             return 0 if fuzz_all(float(arguments[1]), memory) else 1
         name, *options = arguments
-        fuzz_apart(name, options, memory / name)
-        return os.waitstatus_to_exitcode(os.wait()[1])
+        process = fuzz_apart(name, options, memory / name)
+        process.join()
+        return process.exitcode or 0
     finally:
         shutil.rmtree(memory)
 

@@ -1,0 +1,369 @@
+"""`semcal label`: files of labels, labels on the way to a calibration, and what is said of wrong models and cards."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+from networks import POINT_CARD, card, color_network, constant_network, range_network, save
+from onnx import TensorProto, helper
+
+from semcal_cli import _core
+from semcal_cli.cli import semcal
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.reading import read_clouds, read_label_images
+from semcal_cli.errors import InputError, SemcalError
+from semcal_cli.labelling.card import card_names, find_card, read_card, read_classes
+from semcal_cli.labelling.models import picture_model
+from semcal_cli.labelling.network import open_network
+from semcal_cli.labelling.pictures import PictureLabeller
+
+
+@pytest.fixture
+def plain(drive: Path) -> Path:
+    """A drive of three frames without labels of pictures."""
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    for frame in document["frames"]:
+        del frame["image_labels"]
+    document["classes"].pop("image")
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    shutil.rmtree(drive / "image_labels")
+    return drive
+
+
+def street_network(folder: Path) -> Path:
+    """A network that tells sky, road and the rest by colour: enough to see that the way is right."""
+    colors = np.array([[160, 190, 225], [90, 90, 92], [60, 110, 50], [150, 110, 90]], np.uint8)
+    card(folder, classes=["sky", "road", "green", "brown"])
+    return color_network(folder / "net.onnx", stride=2, colors=colors)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(semcal, [str(each) for each in arguments])
+
+
+def test_a_labelled_drive_has_all_that_the_old_one_has(plain: Path, tmp_path: Path) -> None:
+    net = street_network(tmp_path)
+    found = run("label", plain, "--image-model", net, "-o", tmp_path / "out", "--preview", tmp_path / "p.png")
+    assert found.exit_code == 0, found.output
+    old, new = read_drive(plain), read_drive(tmp_path / "out")
+    assert new.camera == old.camera
+    assert new.classes is not None
+    assert new.classes.image == {"sky": (0,), "road": (1,), "green": (2,), "brown": (3,)}
+    assert new.classes.points == old.classes.points  # type: ignore[union-attr]
+    assert new.ignore.image == (255, 65535)
+    for before, after in zip(old.frames, new.frames, strict=True):
+        for key in ("points", "point_labels", "image"):
+            assert new.resolve(getattr(after, key)).samefile(old.resolve(getattr(before, key)))
+        assert after.image_labels == f"image_labels/{Path(str(before.image)).stem}.png"
+    assert cv2.imread(str(tmp_path / "p.png")) is not None
+    labels = read_label_images(new)[0]
+    assert (labels[:10] == 0).mean() > 0.2
+
+
+def test_a_stopped_run_goes_on_and_other_settings_do_not_mix(plain: Path, tmp_path: Path) -> None:
+    net = street_network(tmp_path)
+    arguments = ("label", plain, "--image-model", net, "-o", tmp_path / "out")
+    assert run(*arguments).exit_code == 0
+    files = sorted((tmp_path / "out/image_labels").glob("*.png"))
+    whole = [file.read_bytes() for file in files]
+    files[0].unlink()
+    files[1].write_bytes(whole[1][:50])
+    found = run(*arguments)
+    assert f"{len(files) - 2} label files were there" in found.output
+    assert [file.read_bytes() for file in files] == whole
+    card(tmp_path, classes=["sky", "road", "green", "brown"], color="bgr")
+    found = run(*arguments)
+    assert "found labels of another model, drive or settings, needed another -o, or --force" in str(
+        found.exception
+    )
+    assert run(*arguments, "--force").exit_code == 0
+    assert [file.read_bytes() for file in files] != whole
+
+
+def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_path: Path) -> None:
+    """Pictures of one name lie in folders of their own, so that labels are numbered."""
+    net = street_network(tmp_path)
+    document = yaml.safe_load((plain / "drive.yaml").read_text())
+    for index, frame in enumerate(document["frames"]):
+        folder = plain / f"at_{index}"
+        folder.mkdir()
+        shutil.move(plain / frame["image"], folder / "picture.png")
+        frame["image"] = f"at_{index}/picture.png"
+    (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+    arguments = ("label", plain, "--image-model", net)
+    assert run(*arguments, "-o", tmp_path / "whole").exit_code == 0
+    assert run(*arguments, "-o", tmp_path / "some", "--max-frames", "2").exit_code == 0
+    assert len(read_drive(tmp_path / "some").frames) == 2
+    assert run(*arguments, "-o", tmp_path / "some").exit_code == 0
+    whole, some = (sorted((tmp_path / name / "image_labels").glob("*.png")) for name in ("whole", "some"))
+    assert [file.name for file in whole] == [file.name for file in some]
+    assert [file.read_bytes() for file in whole] == [file.read_bytes() for file in some]
+    document["frames"].reverse()
+    (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+    found = run(*arguments, "-o", tmp_path / "some")
+    assert "found labels of another model, drive or settings" in str(found.exception)
+
+
+@pytest.mark.parametrize("is_absent", [False, True])
+def test_a_picture_that_cannot_be_labelled_is_named_and_the_rest_is_done(
+    plain: Path, tmp_path: Path, is_absent: bool
+) -> None:
+    net, pictures = street_network(tmp_path), sorted((plain / "images").iterdir())
+    document = yaml.safe_load((plain / "drive.yaml").read_text())
+    if is_absent:
+        frame = document["frames"][1]
+        del frame["image"]
+        (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+        expected = f"{plain}/drive.yaml: frames[{frame['points']}].image: found nothing, needed a picture"
+    else:
+        pictures[1].write_bytes(pictures[1].read_bytes()[:900])
+        expected = f"{pictures[1]}: found a damaged picture, needed a whole one"
+    found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
+    assert isinstance(found.exception, InputError)
+    assert str(found.exception) == f"1 of {len(pictures)} frames failed; {expected}"
+    assert len(read_drive(tmp_path / "out").frames) == len(pictures) - 1
+
+
+def test_probabilities_are_those_that_a_calibration_reads(plain: Path, tmp_path: Path) -> None:
+    net = street_network(tmp_path)
+    for options, name in (((), "hard"), (("--probabilities",), "soft")):
+        found = run("label", plain, "--image-model", net, "-o", tmp_path / name, *options)
+        assert found.exit_code == 0, found.output
+    hard, soft = (read_label_images(read_drive(tmp_path / name))[0] for name in ("hard", "soft"))
+    assert isinstance(soft, _core.ClassShares)
+    # Shares in 1/255 may be equal where scores are not quite.
+    assert np.mean(soft.classes == hard.ravel()) > 0.98
+    labeller = PictureLabeller(picture_model(open_network(net), None), read_drive(plain).camera)
+    image = cv2.imread(str(sorted((plain / "images").iterdir())[0]))
+    exact = labeller.shares(image).astype(np.float16) / 255
+    np.savez(tmp_path / "float16.npz", exact)
+    (expected,) = _core.read_class_shares([tmp_path / "float16.npz"], image.shape[:2])
+    assert np.array_equal(expected.classes, soft.classes)
+
+
+def test_segments_are_written_as_labels(plain: Path, tmp_path: Path) -> None:
+    assert run("label", plain, "--points", "segments", "-o", tmp_path / "out").exit_code == 0
+    new = read_drive(tmp_path / "out")
+    labels = np.fromfile(new.resolve(str(new.frames[0].point_labels)), np.uint32)
+    kinds, segments = labels & 0xFFFF, labels >> 16
+    assert set(np.unique(kinds)) == {0, 1, 2}
+    assert np.array_equal(segments == 0, kinds == 0)
+    assert all(len(np.unique(kinds[segments == each])) == 1 for each in np.unique(segments))
+    assert new.classes is not None
+    assert new.classes.points == {"ground": (1,), "objects": (2,)}
+
+
+@pytest.mark.parametrize("by", ["segments", "network"])
+def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Path, by: str) -> None:
+    for file in (plain / "points").iterdir():
+        points = np.fromfile(file, np.float32).reshape(-1, 4)
+        points[100:300] = 0.0
+        points.tofile(file)
+    options: tuple[object, ...] = ("--points", "segments")
+    if by == "network":
+        net = range_network(tmp_path / "net.onnx", 5, 16, 128, 1, 0.0)
+        (tmp_path / "net.yaml").write_text(yaml.safe_dump(POINT_CARD))
+        options = ("--point-model", net)
+    found = run("label", plain, *options, "-o", tmp_path / "out")
+    assert found.exit_code == 0, found.output
+    new = read_drive(tmp_path / "out")
+    for frame, cloud in zip(new.frames, read_clouds(new), strict=True):
+        assert cloud.labels is not None
+        labels = np.fromfile(new.resolve(str(frame.point_labels)), np.uint32)
+        assert len(labels) == len(cloud.is_return)
+        assert cloud.num_no_returns >= 200
+        assert np.array_equal(cloud.labels, labels[cloud.is_return] & 0xFFFF)
+        assert set(cloud.labels) <= ({1, 2} if by == "network" else {0, 1, 2})
+
+
+def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
+    net = street_network(tmp_path)
+    arguments = ("calibrate", plain, "--image-model", net, "--no-polish", "-o", tmp_path / "out.yaml")
+    first = run(*arguments)
+    assert first.exit_code in (0, 3), first.output
+    (folder,) = (plain / ".semcal_labels").iterdir()
+    times = {file: file.stat().st_mtime_ns for file in folder.glob("image_labels/*.png")}
+    result = (tmp_path / "out.yaml").read_bytes()
+    (labelled,) = folder.glob("drive_*.yaml")
+    assert yaml.safe_load(result)["input"]["drive"].endswith(f".semcal_labels/{folder.name}/{labelled.name}")
+    assert run(*arguments).exit_code == first.exit_code
+    assert {file: file.stat().st_mtime_ns for file in times} == times
+    assert (tmp_path / "out.yaml").read_bytes() == result
+    # Other frames are another drive, by the same labels.
+    run(*arguments, "--max-frames", "1")
+    assert len(list(folder.glob("drive_*.yaml"))) == 2
+    # Another picture has another name in the cache.
+    picture = sorted((plain / "images").iterdir())[0]
+    cv2.imwrite(str(picture), cv2.imread(str(picture))[:, ::-1])
+    run(*arguments)
+    assert len(list(folder.glob("image_labels/*.png"))) == len(times) + 1
+
+
+def test_batch_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
+    net = street_network(tmp_path)
+    found = run("batch", plain, "-o", tmp_path / "out", "-q", "--", "--image-model", net, "--no-polish")
+    assert found.exit_code in (0, 3), found.output
+    assert (plain / ".semcal_labels").is_dir()
+    (line,) = (json.loads(text) for text in (tmp_path / "out/summary.jsonl").read_text().splitlines())
+    assert line["status"] in ("not_assessed", "not_trusted")
+
+
+def test_what_was_understood_is_told(tmp_path: Path) -> None:
+    net = color_network(tmp_path / "net.onnx", (64, 96), stride=4)
+    shown = run("label", "--show", net)
+    assert shown.exit_code == 0, shown.output
+    for text in ("'x' 1 x 3 x 64 x 96 float32", "96 x 64, stretch", "guessed   colours are red, green, blue"):
+        assert text in shown.output
+    card(tmp_path)
+    shown = run("label", "--show", net)
+    assert "guessed" not in shown.output
+    assert "classes   6: a, b, c, d, e, f" in shown.output
+
+
+@pytest.mark.parametrize("name", card_names())
+def test_ready_cards_are_whole(name: str) -> None:
+    path = find_card(name, Path("none.onnx"))
+    assert path is not None
+    found = read_card(path)
+    classes, ignored = read_classes(found, path)
+    assert len(classes) >= 2
+    assert not {value for ids in classes.values() for value in ids} & set(ignored)
+
+
+@pytest.mark.parametrize(
+    ("classes", "named"),
+    [
+        ("voc", {"bicycle", "person"}),
+        (["a", "b"], {"b"}),
+        ({"a": [0, 1], "b": [0x7F]}, {"a", "b"}),
+    ],
+)
+def test_ignored_ids_have_no_name(tmp_path: Path, classes: object, named: set[str]) -> None:
+    card(tmp_path, classes=classes, ignore=[0])
+    found, ignored = read_classes(read_card(tmp_path / "net.yaml"), tmp_path / "net.yaml")
+    assert named <= set(found)
+    assert 0 in ignored
+    assert not {0} & {value for ids in found.values() for value in ids}
+
+
+def _external(location: str) -> Callable[[Path], None]:
+    def make(folder: Path) -> None:
+        color_network(folder / "net.onnx")
+        model = onnx.load(str(folder / "net.onnx"))
+        weights = next(each for each in model.graph.initializer if each.name == "w")
+        (folder.parent / "outside.bin").write_bytes(weights.raw_data)
+        weights.ClearField("raw_data")
+        weights.data_location = TensorProto.EXTERNAL
+        weights.external_data.add(key="location", value=location)
+        (folder / "net.onnx").write_bytes(model.SerializeToString())
+
+    return make
+
+
+def _two_inputs(folder: Path) -> None:
+    shape = [1, 3, 8, 8]
+    nodes = [helper.make_node("Add", ["x", "z"], ["y"])]
+    inputs = {"x": (TensorProto.FLOAT, shape), "z": (TensorProto.FLOAT, shape)}
+    save(folder / "net.onnx", nodes, inputs, {"y": (TensorProto.FLOAT, shape)})
+
+
+def _with_card(**values: object) -> Callable[[Path], None]:
+    def make(folder: Path) -> None:
+        color_network(folder / "net.onnx", (64, 96))
+        card(folder, **values)
+
+    return make
+
+
+def _point_card(folder: Path) -> None:
+    color_network(folder / "net.onnx")
+    (folder / "net.yaml").write_text(yaml.safe_dump(POINT_CARD))
+
+
+OF_NETWORKS: tuple[tuple[Callable[[Path], object], str], ...] = (
+    (lambda folder: None, "no such file or folder"),
+    (lambda folder: (folder / "net.onnx").write_bytes(b"none"), "found no model that onnxruntime can open: "),
+    (_external("../outside.bin"), "found no model .*escapes model directory"),
+    (_external("/etc/hostname"), "found no model .*[Aa]bsolute path"),
+    (_two_inputs, "found inputs x, z, needed one: a picture or a range image"),
+    (_point_card, "found the card of a network for sweeps, needed one for pictures"),
+    (constant_network(np.ones((1, 1, 32, 48))), "found scores of 1 class, needed two or more"),
+    (constant_network(np.ones((1, 5))), "found output 'y' 1 x 5 float32, needed four axes"),
+    (constant_network(np.full((1, 3, 32, 48), np.nan)), "found a score that is NaN, needed finite ones"),
+    (constant_network(np.full((1, 32, 48), -1)), "found ids from -1 to -1, needed 0 to 65534"),
+    (
+        constant_network(np.ones((1, 7, 32, 9))),
+        "found output of 1 x 7 x 32 x 9 for .*, needed rows and columns",
+    ),
+)
+"""Makers of a network, and what is said of it."""
+OF_CARDS: tuple[tuple[dict[str, object], str], ...] = (
+    ({"colour": "rgb"}, "unknown key 'colour'; the nearest known key is 'color'"),
+    ({"size": [100, 64]}, r"size: found 100 columns, needed the 96 of .*net\.onnx"),
+    ({"output": "z"}, "output: found 'z', needed one of: y"),
+    ({"classes": "cityscape"}, "classes: found class table 'cityscape', needed a file or one of: "),
+    ({"classes": ["a", "b"]}, "classes: found 2 names, needed 6"),
+    ({"classes": ["a", "a"]}, "classes: found 'a' twice, needed different names"),
+    (
+        {"scale": None, "mean": [123.7]},
+        r"mean: found 123\.7, needed at most 2 for .* from 0 to 1, or scale: 1\.0",
+    ),
+)
+"""Keys of a card, and what is said of them."""
+BROKEN = [
+    *((make, rf"net\.onnx: {message}") for make, message in OF_NETWORKS),
+    *((_with_card(**values), rf"net\.yaml: {message}") for values, message in OF_CARDS),
+]
+
+
+@pytest.mark.parametrize(("make", "message"), BROKEN, ids=[message for _, message in BROKEN])
+def test_a_broken_model_or_card_is_one_line(
+    plain: Path, tmp_path: Path, make: Callable[[Path], object], message: str
+) -> None:
+    folder = tmp_path / "models"
+    folder.mkdir()
+    make(folder)
+    found = run("label", plain, "--image-model", folder / "net.onnx", "-o", tmp_path / "out")
+    assert isinstance(found.exception, SemcalError), found.output
+    text = str(found.exception)
+    assert "\n" not in text
+    assert re.search(message, text), text
+    assert not (tmp_path / "out/drive.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "found nothing to label with: give --image-model, --point-model or --points"),
+        (["--image-card", "x", "-o", "o"], "--image-card: is of a network: give --image-model, too"),
+        (["--points", "segments"], "found no place for the labels: give -o, or --preview"),
+        (
+            ["--points", "segments", "--probabilities", "-o", "o"],
+            "--preview, --probabilities: are of pictures",
+        ),
+        (["--points", "segments", "--point-model", "x", "-o", "o"], "--points: excludes --point-model"),
+    ],
+)
+def test_wrong_usage(plain: Path, arguments: list[str], message: str) -> None:
+    found = run("label", plain, *arguments)
+    assert found.exit_code == 2
+    assert message in found.output
+
+
+def test_labels_never_replace_what_they_have_not_made(plain: Path, tmp_path: Path) -> None:
+    net = street_network(tmp_path)
+    found = run("label", plain, "--image-model", net, "-o", plain)
+    assert "found the drive that is read, needed another name" in str(found.exception)
+    folder = tmp_path / "out/image_labels"
+    folder.mkdir(parents=True)
+    (folder / "mine.png").write_bytes(b"mine")
+    found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
+    assert "found files that `semcal label` has not written, needed another -o" in str(found.exception)
