@@ -24,7 +24,7 @@ from semcal_cli.files.validation import (
     length,
     validate,
 )
-from semcal_cli.geometry.poses import nearest_rigid
+from semcal_cli.geometry.poses import orthonormal
 
 DRIVE_FILE = "drive.yaml"
 RIG_FILE = "rig.yaml"
@@ -55,7 +55,7 @@ TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 
 
 def _orthonormal(T: StatedTransform) -> StatedTransform:
-    return tuple(tuple(row) for row in nearest_rigid(np.array(T)).tolist())
+    return tuple(tuple(row) for row in orthonormal(np.array(T)).tolist())
 
 
 class IntrinsicsSigma(StrictModel):
