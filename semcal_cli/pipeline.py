@@ -52,7 +52,7 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.search import Initialization, as_given, is_rival, led_by
 from semcal_cli.initialization.search import initialize as search
 from semcal_cli.refinement.estimators import make_estimator
-from semcal_cli.refinement.polish import Polish
+from semcal_cli.refinement.polish import Polish, newton
 from semcal_cli.refinement.polish import polish as polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement
 from semcal_cli.refinement.pyramid import refine as refine_pose
@@ -236,7 +236,7 @@ def _decided_in_full(
     """Decide by what refines poses between mountings that ground and objects alone cannot tell apart.
 
     The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
-    are ascended are refined in full, and the best one is taken.
+    are ascended and finished are refined in full, and the best one is taken.
     """
     assert data.observations.starts is not None
     best = taken = initial.hypotheses[0]
@@ -244,13 +244,13 @@ def _decided_in_full(
         other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
     is_clear, exact = bool(rivals), ExactConfig(max_baseline_m=config.max_baseline_m)
-    least = OTHER_POSE.limit()
+    least, polish_config = OTHER_POSE.limit(), _polish_config(config)
     for rival in rivals:
         on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
         # A mounting in which sweeps and pictures do not overlap is none.
         with suppress(CalibrationError):
             several = SeveralStarts(data.observations, exact, seed, data.observations.starts)
-            T_coarse = several.coarse_top(rival.pose)
+            T_coarse = newton(data.observations, several.coarse_top(rival.pose), polish_config).T_camera_lidar
             if sigmas_behind(data.observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
                 continue
             found = refine(data, rival.pose, config, seed, priors)
