@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from conftest import make_pose
 
 from semcal_cli import _core
-from semcal_cli.assessment.guide import check_guide
+from semcal_cli.assessment.rivals import check_guide
 from semcal_cli.cli import semcal
 from semcal_cli.config import AUTO, EDGE_STARTS, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.classes import NO_CLASS

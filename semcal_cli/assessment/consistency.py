@@ -27,10 +27,8 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.delay import delayed, twists_per_s
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.exact import ExactEstimator
-from semcal_cli.refinement.pyramid import refine
+from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.threads import thread_pool
 
 NUM_FRAMES = 4
@@ -257,15 +255,9 @@ def _wrong_clocks(
 
 def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
     """Refine a pose and score it by the agreement of the labels; None if it cannot be refined."""
-    try:
-        found = refine(
-            observations,
-            T_camera_lidar,
-            ExactEstimator(observations, OTHER_MODEL_EXACT, seed=0),
-            OTHER_MODEL_PYRAMID,
-        )
-    except SemcalError:
-        return None  # The lens does not reach the points, or no point is left in the image.
+    found = refine_exactly(observations, T_camera_lidar, OTHER_MODEL_EXACT, OTHER_MODEL_PYRAMID)
+    if found is None:
+        return None
     if observations.has_segments:
         return _fit(observations, found.T_camera_lidar)
     return _fit_of(found.T_camera_lidar, found.agreement)

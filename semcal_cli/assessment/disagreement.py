@@ -26,12 +26,10 @@ from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, Sensitiv
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
-from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import refine
 from semcal_cli.result.parts import DrivePart, Movement
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
@@ -223,12 +221,10 @@ def fit_part(
 ) -> Part | None:
     """Refine and polish the pose of some frames; None if they do not determine one."""
     few = observations.of_frames(frames)
-    try:
-        estimator = ExactEstimator(few, ExactConfig(), seed=0)
-        T = refine(few, T_start, estimator, pyramid).T_camera_lidar
-    except SemcalError:
+    refined = refine_exactly(few, T_start, ExactConfig(), pyramid)
+    if refined is None:
         return None
-    T = newton(few, T, PolishConfig()).T_camera_lidar
+    T = newton(few, refined.T_camera_lidar, PolishConfig()).T_camera_lidar
     around = determined_sensitivity(few, T, SensitivityConfig())
     if around is None:
         return None

@@ -22,7 +22,7 @@ from semcal_cli.assessment.intrinsics import (
     covariance_of_intrinsics,
     shift_by,
 )
-from semcal_cli.assessment.measurement import Measurement, measure, silent, sum_of
+from semcal_cli.assessment.measurement import Measurement, measure, no_information, sum_of
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
 from semcal_cli.checks.convergence import FUSION_NOT_SETTLED
@@ -67,7 +67,7 @@ class Fused(StageResult):
     """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if they are exact."""
 
 
-def fuse(
+def fuse_with_priors(
     observations: Observations,
     T_camera_lidar: Pose,
     priors: Sequence[Prior],
@@ -106,6 +106,7 @@ def fuse(
         T_camera_lidar=T,
         agreement=_core.agreement(observations.core, T),
         findings=(*(() if is_settled else (UNSETTLED,)), *far),
+        note=f"with {', '.join(prior.name for prior in priors)}",
         uncertainty=None if fit is None else fit.uncertainty(T),
         is_alone=is_alone,
         label_gain=label_gain,
@@ -150,7 +151,7 @@ def _iterate(
     If the labels alone determine the pose, they are evaluated once; otherwise they are evaluated in every round.
     """
     T = T_start if is_alone else clamp(T_start, priors)
-    labels, fit = silent(6), None
+    labels, fit = no_information(6), None
     for index in range(MAX_ROUNDS):
         if index > 0 and not is_alone:
             around = sensitivity(observations, T, SensitivityConfig(edge_band_px=edge_band_px))

@@ -27,7 +27,7 @@ from semcal_cli.drive.shutter import shutter_error_px
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.files.picture_sizes import read_size
-from semcal_cli.initialization.search import initialize
+from semcal_cli.initialization.search import search_mountings
 
 MAX_GAP_S = 0.05
 """Largest time between sweep and image of a frame without a finding; at 10 m/s it is half a metre."""
@@ -367,7 +367,8 @@ def _check_mirroring(few: Observations) -> list[str]:
     """Register a few frames as they are and with y negated, because a cloud may have been mirrored."""
     try:
         best, other = (
-            initialize(each, InitializationConfig(), seed=0).hypotheses[0] for each in (few, _mirrored(few))
+            search_mountings(each, InitializationConfig(), seed=0).hypotheses[0]
+            for each in (few, _mirrored(few))
         )
     except (CalibrationError, InputError):
         return []

@@ -195,9 +195,9 @@ def _positive_part(matrix: Matrix, covariance: Matrix) -> Matrix:
     """Leave out the directions of a symmetric matrix (m, m) along which it is negative, in units of a covariance."""
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     spreads, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
-    told = spreads > LEAST_BEND
-    root = scale[:, None] * directions[:, told] * np.sqrt(spreads[told])
-    inverse = directions[:, told] / np.sqrt(spreads[told]) / scale[:, None]
+    is_spread = spreads > LEAST_BEND
+    root = scale[:, None] * directions[:, is_spread] * np.sqrt(spreads[is_spread])
+    inverse = directions[:, is_spread] / np.sqrt(spreads[is_spread]) / scale[:, None]
     values, axes = np.linalg.eigh(inverse.T @ matrix @ inverse)
     basis = root @ axes
     return np.asarray(basis * np.maximum(values, 0.0) @ basis.T)

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from time import perf_counter
 
 from semcal_cli import _core
-from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_shutter
+from semcal_cli.assessment.pose_checks import check_distance
 from semcal_cli.baselines.config import SoicConfig
+from semcal_cli.baselines.result import calibration_of
 from semcal_cli.baselines.soic import Soic
 from semcal_cli.checks.convergence import SOIC
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.drive.observations import Observations
+from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import make_calibration
+from semcal_cli.initialization.search import GIVEN
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.stage import StageResult
-from semcal_cli.stages import Stages
+from semcal_cli.result.stage import StageResult, announced
 
 
 def calibrate_by_soic(
@@ -38,63 +38,49 @@ def calibrate_by_soic(
     pose replaces them. A result whose camera is farther away is not trusted.
     """
     on_event(Progress("computing distances to classes"))
-    start = perf_counter()
-    soic = Soic(data.observations, SoicConfig())
-    initial = _initialize(data, soic, initial_pose, config.refinement.max_baseline_m, start, on_event)
-    refined = _minimize(data, soic, initial.T_camera_lidar, on_event)
-    of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=False)
-    return make_calibration(
+    observations, max_baseline_m = data.observations, config.refinement.max_baseline_m
+    soic = Soic(observations, SoicConfig())
+    doing = "trying semantic centroids" if initial_pose is None else f"starting at {initial_pose.name}"
+    start = partial(_start, observations, soic, initial_pose, max_baseline_m)
+    initial = announced("initial", doing, start, on_event)
+    T_init = initial.T_camera_lidar
+    minimize = partial(_minimize, observations, soic, T_init)
+    refined = announced("refined", "moving points to their classes", minimize, on_event, T_init)
+    return calibration_of(
         data,
-        Stages(
-            initial,
-            refined,
-            of_data=(*check_motion(data.observations.motion_error_px), *of_shutter),
-            notes_on_data=notes,
-            of_comparison=check_distance(refined.T_camera_lidar, config.refinement.max_baseline_m),
-        ),
         config,
+        initial,
+        refined,
+        check_distance(refined.T_camera_lidar, max_baseline_m),
         initial_pose=initial_pose,
         relative_to=relative_to,
         hashes=hashes,
     )
 
 
-def _initialize(
-    data: LoadedDrive,
-    soic: Soic,
-    initial_pose: InitialPose | None,
-    max_baseline_m: float,
-    start: float,
-    on_event: Listener,
+def _start(
+    observations: Observations, soic: Soic, initial_pose: InitialPose | None, max_baseline_m: float
 ) -> StageResult:
-    if initial_pose is None:
-        on_event(Progress("trying semantic centroids"))
+    """Start at semantic centroids, or at a given pose."""
     T = soic.initialize(max_baseline_m) if initial_pose is None else initial_pose.T_camera_lidar
-    found = StageResult(
-        T_camera_lidar=T,
-        agreement=_core.agreement(data.observations.core, T),
-        settings={"soic": asdict(soic.config)},
-    )
     origin = "semantic centroids" if initial_pose is None else initial_pose.name
-    details = f"from {origin}, {soic.cost(T):.2f} px"
-    note = "started at semantic centroids" if initial_pose is None else "started at the given transform"
-    on_event(StageDone("initial", perf_counter() - start, note, found.agreement, details=details))
-    return found
-
-
-def _minimize(data: LoadedDrive, soic: Soic, T_init: Pose, on_event: Listener) -> StageResult:
-    start = perf_counter()
-    on_event(Progress("moving points to their classes"))
-    settled = soic.minimize(T_init)
-    T = settled.T_camera_lidar
-    unsettled = SOIC.finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
-    found = StageResult(
+    return StageResult(
         T_camera_lidar=T,
-        agreement=_core.agreement(data.observations.core, T),
-        findings=() if settled.converged else (unsettled,),
+        agreement=_core.agreement(observations.core, T),
+        settings={"soic": asdict(soic.config)},
+        note="started at semantic centroids" if initial_pose is None else GIVEN,
+        details=f"from {origin}, {soic.cost(T):.2f} px",
     )
-    note = "" if settled.converged else "still moving at the end"
-    details = f"soic, {settled.cost_px:.2f} px after {settled.num_evaluations} evaluations"
-    moved = compare_poses(T, T_init)
-    on_event(StageDone("refined", perf_counter() - start, note, found.agreement, moved, details))
-    return found
+
+
+def _minimize(observations: Observations, soic: Soic, T_init: Pose) -> StageResult:
+    """Minimise the cost from a pose (4, 4)."""
+    found = soic.minimize(T_init)
+    unsettled = SOIC.finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
+    return StageResult(
+        T_camera_lidar=found.T_camera_lidar,
+        agreement=_core.agreement(observations.core, found.T_camera_lidar),
+        findings=() if found.converged else (unsettled,),
+        note="" if found.converged else "still moving at the end",
+        details=f"soic, {found.cost_px:.2f} px after {found.num_evaluations} evaluations",
+    )

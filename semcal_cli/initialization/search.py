@@ -26,6 +26,9 @@ from semcal_cli.result.stage import Finding, StageResult
 MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
 """Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
 
+GIVEN = "started at the given transform"
+"""What is said of a pose that was not searched for."""
+
 NO_OTHER = NOTHING_TO_COMPARE.finding("no other mounting was left to compare with, needed one that is worse")
 
 FAR_RUNNER_UPS = 2.0
@@ -50,7 +53,7 @@ class Initialization(StageResult):
     """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
 
 
-def initialize(
+def search_mountings(
     observations: Observations,
     config: InitializationConfig,
     seed: int,
@@ -93,14 +96,26 @@ def initialize(
     other = runner_up(hypotheses, config.runner_up_deg)
     # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
     is_alone = other is None and T_given is None and len(kept) == len(ranked)
+    margin = None if other is None else hypotheses[0].margin(other)
     return Initialization(
         T_camera_lidar=T_best,
         agreement=kept[0].agreement,
         findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
         settings={"initialization": asdict(config)},
+        note=_note(len(hypotheses), margin) if is_searched else GIVEN,
+        details="" if margin is None else f"runner-up {margin:.1f} standard errors behind",
         hypotheses=hypotheses,
-        runner_up_margin=None if other is None else hypotheses[0].margin(other),
+        runner_up_margin=margin,
     )
+
+
+def _note(count: int, margin: float | None) -> str:
+    """Tell how many mountings were compared, and whether the best one is clear."""
+    if margin is None:
+        return "mounting found, no other one to compare with"
+    if margin >= MIN_RUNNER_UP_MARGIN:
+        return f"{count} mountings compared, the best one is clear"
+    return f"{count} mountings compared, another one fits almost as well"
 
 
 def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
@@ -110,6 +125,7 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
         T_camera_lidar=T_given,
         agreement=agreement,
         settings={"initialization": asdict(config)},
+        note=GIVEN,
         hypotheses=(describe(Candidate(T_given), agreement, T_given),),
         runner_up_margin=None,
     )
