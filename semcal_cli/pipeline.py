@@ -21,7 +21,6 @@ from semcal_cli.assessment.fusion import Fused, fuse_with_priors
 from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.assessment.joint_checks import check_beside_pose, is_polished
 from semcal_cli.assessment.mountings import decide_in_full
-from semcal_cli.assessment.pose_checks import check_motion, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.assessment.stages import Stages
@@ -173,8 +172,6 @@ def refine_and_polish(
         CalibrationError: as `refine`.
     """
     check_beside_pose(data, config, priors)
-    of_shutter, notes = check_shutter(data.drive, data.observations)
-    of_data = (*check_motion(data.observations.motion_error_px), *of_shutter)
     again = partial(refine, config=config, seed=seed, priors=priors)
     T_initial = initial.T_camera_lidar
     refined = again(data, T_initial, on_event=on_event, from_afar=from_afar, others=others)
@@ -182,17 +179,19 @@ def refine_and_polish(
         initial, refined = decide_in_full(
             data, initial, refined, partial(again, data), config.max_baseline_m, seed, on_event
         )
-    seen = None
+    seen = data
     if can_be_unrolled(data.observations):
         lines = data.unrolled(refined.T_camera_lidar)
         refined = again(lines, refined.T_camera_lidar, on_event=on_event)
-        data = data.unrolled(refined.T_camera_lidar)
-        seen = data.observations
-    limit_m = config.max_baseline_m
-    found = Stages(
-        initial, refined, unrolled=seen, of_data=of_data, notes_on_data=notes, max_baseline_m=limit_m
+        seen = data.unrolled(refined.T_camera_lidar)
+    found = Stages.from_refined(
+        data, initial, refined, is_compensated=True, max_baseline_m=config.max_baseline_m
     )
-    return _finish(data, found, refined, config, priors, on_event)
+    if seen is not data:
+        found = replace(found, unrolled=seen.observations)
+    if not is_polished(seen.observations, config):
+        return found
+    return _finish(seen, found, refined, config, priors, on_event)
 
 
 def _finish(
@@ -204,8 +203,6 @@ def _finish(
     on_event: Listener,
 ) -> Stages:
     """Polish the refined pose, and estimate it together with what is asked for, or with what is known."""
-    if not is_polished(data.observations, config):
-        return found
     polished = polish(data, refined.T_camera_lidar, config, on_event)
     found = replace(found, polished=polished)
     if config.jointly.is_asked:

@@ -41,7 +41,7 @@ def never(monkeypatch: pytest.MonkeyPatch) -> None:
     def called(*_: object) -> None:
         raise AssertionError("estimated")
 
-    monkeypatch.setattr(remedies, "estimate_jointly", called)
+    monkeypatch.setattr(remedies, "fit_jointly", called)
 
 
 @pytest.mark.parametrize("scale", [0.95, 1.08])
@@ -163,7 +163,7 @@ def test_an_estimate_that_fails_leaves_the_advice(
     def fails(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(remedies, "estimate_jointly", fails)
+    monkeypatch.setattr(remedies, "fit_jointly", fails)
     (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig())
     assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
 

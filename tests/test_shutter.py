@@ -12,7 +12,7 @@ from semcal_cli.assessment.inspection import inspect
 from semcal_cli.assessment.pose_checks import check_shutter
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.baselines.soic_calibration import calibrate_by_soic
+from semcal_cli.baselines.soic import calibrate_by_soic
 from semcal_cli.config import (
     CalibrationConfig,
     JointlyConfig,

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.information import information_by_squares, paired_gain
+from semcal_cli.assessment.information import compared_by, information_by_squares, paired_gain
 from semcal_cli.checks.belonging import WRONG_PAIRING
 from semcal_cli.checks.camera import WRONG_CLOCKS, WRONG_FOCAL_LENGTH
 from semcal_cli.checks.check import Measured
@@ -63,11 +63,6 @@ def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple
         _wrong_azimuth(few, T_camera_lidar),
         *_wrong_model(few, T_camera_lidar),
     )
-
-
-def _by(observations: Observations) -> str:
-    """Name the limit that goes with what the points are compared by."""
-    return "segments" if observations.has_segments else "labels"
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:
@@ -137,7 +132,7 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
             found.append(_information(observations.with_images(others), T_camera_lidar))
     if not found:
         return []
-    by, best = _by(observations), max(found)
+    by, best = compared_by(observations), max(found)
     fit, most = _as_well(best, own), WRONG_PAIRING.limit(by)
     sentence = f"pictures of other frames fit the clouds {fit}, needed at most {most:.0%}"
     return [WRONG_PAIRING.measured(_share(best, own), sentence, by)]
@@ -153,7 +148,7 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
         turned = _fit(observations, T_turned)
         if turned.information > best and _overlap(observations, T_turned, turned) >= least:
             best, best_deg = turned.information, turn_deg
-    by, fit = _by(observations), _as_well(best, own.information)
+    by, fit = compared_by(observations), _as_well(best, own.information)
     found = (
         f"with the camera turned by {best_deg:.0f} degrees points and pictures fit {fit}, needed at most "
         f"{OTHER_AZIMUTH.limit(by):.0%}"
@@ -162,7 +157,6 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
 
 
 def _overlap(observations: Observations, T_camera_lidar: Pose, fit: _Fit) -> float:
-    """Give the share of the pictures that visible points cover."""
     return (fit.agreement or _core.agreement(observations.core, T_camera_lidar)).overlap
 
 
@@ -192,7 +186,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Measu
     although they hardly change its curvature.
     """
     changes = (-FOCAL_CHANGE, FOCAL_CHANGE)
-    delays_s = CLOCK_DELAYS_S if _tells_clocks(observations) else ()
+    delays_s = CLOCK_DELAYS_S if _has_varying_motion(observations) else ()
     models = [
         observations,
         *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
@@ -226,7 +220,7 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[
     return [WRONG_FOCAL_LENGTH.measured(gain, sentence)]
 
 
-def _tells_clocks(observations: Observations) -> bool:
+def _has_varying_motion(observations: Observations) -> bool:
     """Whether the motion differs between frames; at one constant motion, a delay looks like another camera position."""
     twists = twists_per_s(observations)
     return twists is not None and bool(np.ptp(twists, axis=0).any())

@@ -213,7 +213,6 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> _core.HeldOutGain:
 def _camera_of(
     fit: Fit, asked: Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
 ) -> RefinedCamera:
-    """Collect what was found of the intrinsics."""
     intrinsics = {}
     for name in asked.intrinsics:
         given = intrinsic_value(camera, name)

@@ -175,7 +175,7 @@ class Problem:
             fit = self._fit(T, variables)
             if fit.variables != variables:
                 return fit
-            fit = self._on_telling_blocks(fit)
+            fit = self._on_determined_blocks(fit)
             if fit.covariance is None and len(variables.names) > 1 and variables.with_delay:
                 # A clock that moves no point, as where the rig stands, tells nothing and leaves the others as they are.
                 variables = variables.without([DELAY])
@@ -220,7 +220,7 @@ class Problem:
         coarse = self._climb(T, variables, at_drive, levels, LEAST_EVIDENCE)
         return self.finish(coarse.T_camera_lidar, variables, _changes(coarse, variables))
 
-    def _on_telling_blocks(self, fit: Fit) -> Fit:
+    def _on_determined_blocks(self, fit: Fit) -> Fit:
         """Take the covariance on the finest blocks of pixels that leave the fewest variables open.
 
         In full resolution the mutual information is rough along what is hardly determined, and its curvature there

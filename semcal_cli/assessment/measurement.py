@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Scatter, Sensitivity
+from semcal_cli.assessment.sensitivity import Matrix, Scatter, Sensitivity, bending
 
 LEAST_SPREAD = 1e-12
 """Smallest variance along a direction, as a share of that of a measurement alone. Less is rounding."""
@@ -87,14 +87,12 @@ def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measuremen
         around: Curvature and scores of the mutual information around the variables.
         systematic: (n, n) covariance that systematic errors add, such as stated ones of the intrinsics.
     """
-    scale = 1.0 / np.sqrt(np.diag(around.motions))
-    bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
-    bend = bends > LEAST_BEND * max(bends[-1], 0.0)
+    scale, bends, directions = bending(around.curvature, around.motions)
     if not around.has_scatter:
-        return no_information(len(bends))
-    influence = scale[:, None] * directions[:, bend] / bends[bend]
+        return no_information(len(scale))
+    influence = scale[:, None] * directions / bends
     scatter = around.scatter(influence)
-    reads = (directions[:, bend] / scale[:, None]).T
+    reads = (directions / scale[:, None]).T
     mean, covariance = around.scores.sum(axis=0) @ influence, scatter.covariance
     labels = Measurement(reads, scatter, mean, covariance)
     if systematic is None:

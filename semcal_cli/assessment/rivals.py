@@ -127,7 +127,6 @@ def _is_far(T_rival: Pose, T_camera_lidar: Pose) -> bool:
 
 
 def _is_outside(T_rival: Pose, T_camera_lidar: Pose, uncertainty: Uncertainty) -> bool:
-    """Whether a rival is outside the interval of the pose."""
     offsets = compare_poses(T_rival, T_camera_lidar).offsets
     return bool((np.abs(offsets) > uncertainty.half_widths).any())
 

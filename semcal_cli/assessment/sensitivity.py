@@ -163,11 +163,9 @@ class Sensitivity:
 
         With the curvature `H` and the share `H_k` of a class, `(H - H_k)^-1 s = H^-1 s_k` for `s_k = H (H - H_k)^-1 s`.
         """
-        scale = 1.0 / np.sqrt(np.diag(self.motions))
-        bends, directions = np.linalg.eigh(self.curvature * np.outer(scale, scale))
-        bend = bends > LEAST_BEND * max(float(bends[-1]), 0.0)
+        scale, bends, directions = bending(self.curvature, self.motions)
         # Along the columns of this basis the curvature is one.
-        basis = scale[:, None] * directions[:, bend] / np.sqrt(bends[bend])
+        basis = scale[:, None] * directions / np.sqrt(bends)
         back = self.curvature @ basis
         scores = self.scores.copy()
         for index, curvature in enumerate(self.class_curvatures):
@@ -176,6 +174,23 @@ class Sensitivity:
             of_class = self.classes == index
             scores[of_class] += self.scores[of_class] @ (basis @ (axes * more) @ axes.T @ back.T)
         return scores
+
+
+def bending(curvature: Matrix, motions: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """Find the directions along which the mutual information falls, of variables that each move points by a pixel.
+
+    Args:
+        curvature: (n, n) negated Hessian of the mutual information.
+        motions: (n, n) mean products of the motions of points by the variables, in pixels.
+
+    Returns:
+        (n,) change of each variable that moves points by a pixel, root mean square; (k,) curvatures along the
+        directions, ascending; and (n, k) the directions, in units of these changes.
+    """
+    scale = 1.0 / np.sqrt(np.diag(motions))
+    bends, directions = np.linalg.eigh(curvature * np.outer(scale, scale))
+    falls = bends > LEAST_BEND * max(float(bends[-1]), 0.0)
+    return scale, bends[falls], directions[:, falls]
 
 
 def squares_of(found: _core.Sensitivity) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.intp]]:

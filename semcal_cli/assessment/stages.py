@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.joint import Joint
-from semcal_cli.assessment.pose_checks import check_pose
+from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
 from semcal_cli.checks.check import Measured, findings_among
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization
@@ -63,6 +64,37 @@ class Stages:
     """Findings of a comparison of the last pose with something else, such as the poses of other seeds."""
     max_baseline_m: float = math.inf
     """Distance between camera and LiDAR at which the last pose was held; infinite where it was not."""
+
+    @classmethod
+    def from_refined(
+        cls,
+        data: LoadedDrive,
+        initial: StageResult,
+        refined: StageResult,
+        *,
+        is_compensated: bool,
+        max_baseline_m: float = math.inf,
+        of_comparison: tuple[Finding, ...] = (),
+    ) -> Stages:
+        """Begin with a refined pose, and check the data that it was found from.
+
+        Args:
+            data: The drive, as `load` returns it.
+            initial: Result of the initial calibration.
+            refined: Result of the refinement.
+            is_compensated: Whether the method compensates a rolling shutter where the motion is known.
+            max_baseline_m: Distance between camera and LiDAR at which the pose was held; infinite where it was not.
+            of_comparison: Findings of a comparison of the pose with something else.
+        """
+        of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=is_compensated)
+        return cls(
+            initial,
+            refined,
+            of_data=(*check_motion(data.observations.motion_error_px), *of_shutter),
+            notes_on_data=notes,
+            of_comparison=of_comparison,
+            max_baseline_m=max_baseline_m,
+        )
 
     @property
     def poses(self) -> dict[str, StageResult]:

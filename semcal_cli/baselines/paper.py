@@ -14,18 +14,25 @@ from functools import partial
 from pathlib import Path
 
 from semcal_cli import _core
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.baselines.config import PaperConfig
-from semcal_cli.baselines.result import calibration_of
 from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.events import Listener, ignore
 from semcal_cli.extras import check_torch, torch_import
-from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate, register
-from semcal_cli.initialization.search import NO_OTHER, Initialization, check_runner_up, describe, runner_up
-from semcal_cli.pipeline import start_at
+from semcal_cli.initialization.search import (
+    NO_OTHER,
+    Initialization,
+    check_runner_up,
+    describe,
+    runner_up,
+    seen_from,
+)
+from semcal_cli.pipeline import make_calibration, start_at
 from semcal_cli.refinement.pyramid import Refinement, refine_pose
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.stage import Finding, StageResult, announced
@@ -59,16 +66,16 @@ def calibrate_as_published(
     of_comparison: tuple[Finding, ...] = ()
     if isinstance(initial, Initialization):
         initial, of_comparison = _compared(initial, refined, paper)
-    return calibration_of(
+    stages = Stages.from_refined(
         data,
-        config,
         initial,
         refined,
-        of_comparison,
+        is_compensated=False,
         max_baseline_m=config.refinement.max_baseline_m,
-        initial_pose=initial_pose,
-        relative_to=relative_to,
-        hashes=hashes,
+        of_comparison=of_comparison,
+    )
+    return make_calibration(
+        data, stages, config, initial_pose=initial_pose, relative_to=relative_to, hashes=hashes
     )
 
 
@@ -122,7 +129,6 @@ def _initialize(observations: Observations, paper: PaperConfig, seed: int) -> In
 def _refine(
     observations: Observations, T_init: Pose, paper: PaperConfig, seed: int, device: Device
 ) -> Refinement:
-    """Refine a pose, and record the settings of the paper's method."""
     found = refine(observations, T_init, paper, seed, device)
     details = f"mine, {found.details}, bound {found.bound_nats:.4f} nats"
     settings = {"paper": {"mine": asdict(paper.mine), "device": device}}
@@ -138,13 +144,8 @@ def _compared(
     there. The right one is then mostly among the other placements, and agrees as well even before it is refined.
     """
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
-    others = [
-        each.model_copy(
-            update={"rotation_from_best_deg": rotation_error_deg(each.pose, refined.T_camera_lidar)}
-        )
-        for each in sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
-    ]
-    other = runner_up(others, paper.initialization.runner_up_deg)
+    ranked = sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
+    other = runner_up(seen_from(ranked, refined.T_camera_lidar), paper.initialization.runner_up_deg)
     if other is None:
         return initial, (NO_OTHER,)
     return replace(initial, runner_up_margin=best.margin(other)), check_runner_up(best, other)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
@@ -82,13 +82,7 @@ def search_mountings(
     """
     observations = few_frames(observations, config.max_frames)
     is_searched = T_given is None or config.search_deg is not None
-    if is_searched:
-        _check_classes(observations)
-        around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
-        candidates = _align(observations, register(observations, config, seed, around), config, seed)
-    else:
-        assert T_given is not None
-        candidates = _align_given(observations, Candidate(T_given), config, seed)
+    candidates = _candidates(observations, config, seed, T_given)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
     kept = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)] or ranked
     T_best = kept[0].candidate.T_camera_lidar
@@ -107,6 +101,17 @@ def search_mountings(
         hypotheses=hypotheses,
         runner_up_margin=margin,
     )
+
+
+def _candidates(
+    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None
+) -> list[Candidate]:
+    """Find poses to rank: by a registration, or by an ascent from a given pose that is not searched around."""
+    if T_given is not None and config.search_deg is None:
+        return _align_given(observations, Candidate(T_given), config, seed)
+    _check_classes(observations)
+    around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
+    return _align(observations, register(observations, config, seed, around), config, seed)
 
 
 def _note(count: int, margin: float | None) -> str:
@@ -152,15 +157,20 @@ def is_rival(best: Hypothesis, other: Hypothesis, least_deg: float) -> bool:
     return other.rotation_from_best_deg >= least_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
 
 
+def seen_from(hypotheses: Iterable[Hypothesis], T_best: Pose) -> tuple[Hypothesis, ...]:
+    """Tell how far hypotheses are rotated from another best pose (4, 4)."""
+    return tuple(
+        each.model_copy(update={"rotation_from_best_deg": rotation_error_deg(each.pose, T_best)})
+        for each in hypotheses
+    )
+
+
 def led_by(found: Initialization, first: Hypothesis, observations: Observations) -> Initialization:
     """Put one of the hypotheses first, for which something else than the search decided."""
     if first is found.hypotheses[0]:
         return found
     ordered = (first, *(other for other in found.hypotheses if other is not first))
-    hypotheses = tuple(
-        other.model_copy(update={"rotation_from_best_deg": rotation_error_deg(other.pose, first.pose)})
-        for other in ordered
-    )
+    hypotheses = seen_from(ordered, first.pose)
     other = runner_up(hypotheses, InitializationConfig.runner_up_deg)
     margin = None if other is None else hypotheses[0].margin(other)
     few = few_frames(observations, InitializationConfig.max_frames)
