@@ -104,7 +104,7 @@ def test_few_frames_are_the_same_of_both_cues(
 
     monkeypatch.setattr(search, "register", stop)
     with pytest.raises(KeyboardInterrupt):
-        search.initialize(whole, InitializationConfig(max_frames=3), 0)
+        search.search_mountings(whole, InitializationConfig(max_frames=3), 0)
     assert [frames_of(searched[0], whole, cue) for cue in (0, 1)] == [[0, 4, 7], [0, 4, 7]]
 
 
