@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from semcal_cli.geometry.pose_error import compare_poses as compare_poses
     from semcal_cli.library import convert as convert
     from semcal_cli.library import split as split
-    from semcal_cli.library import verify as verify
     from semcal_cli.pipeline import calibrate as calibrate
     from semcal_cli.result.calibration import Calibration as Calibration
     from semcal_cli.result.calibration import read_calibration as read_calibration
     from semcal_cli.result.calibration import write_calibration as write_calibration
+    from semcal_cli.verification import verify as verify
 
     __version__: str
 
@@ -53,7 +53,7 @@ _MODULES = {
     "read_drive": "drive.document",
     "read_transform": "formats",
     "split": "library",
-    "verify": "library",
+    "verify": "verification",
     "write_calibration": "result.calibration",
     "write_transform": "formats",
 }

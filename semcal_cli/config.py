@@ -343,6 +343,11 @@ class RefinementConfig:
     jointly: JointlyConfig = field(default_factory=JointlyConfig)
     """What is estimated beside the pose."""
 
+    @property
+    def polish(self) -> PolishConfig:
+        """Settings of the polish, with those that all stages share."""
+        return PolishConfig(max_baseline_m=self.max_baseline_m, edge_band_px=self.edge_band_px)
+
 
 @dataclass(frozen=True)
 class CalibrationConfig:

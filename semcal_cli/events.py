@@ -41,5 +41,10 @@ Event: TypeAlias = Progress | StageDone
 Listener: TypeAlias = Callable[[Event], None]
 
 
+def movement(moved: PoseError) -> str:
+    """Say how far a stage moved the pose."""
+    return f"moved {moved.rotation_deg:.3f} degrees and {moved.camera_center_cm:.2f} cm"
+
+
 def ignore(event: Event) -> None:
     """Listener that does nothing."""

@@ -8,60 +8,48 @@ functions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli import _core, stage_words
-from semcal_cli.assessment.assess import assess as assess_pose
-from semcal_cli.assessment.assess import assess_rejected
+from semcal_cli import _core
+from semcal_cli.assessment.assess import assess as assess
 from semcal_cli.assessment.clock_error import covariance_of_clock
-from semcal_cli.assessment.fusion import Fused
-from semcal_cli.assessment.fusion import fuse as fuse_pose
-from semcal_cli.assessment.guide import check_guide
-from semcal_cli.assessment.joint import Joint
-from semcal_cli.assessment.joint import estimate_jointly as estimate
+from semcal_cli.assessment.fusion import Fused, fuse_with_priors
+from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.assessment.joint_checks import check_beside_pose, is_polished
-from semcal_cli.assessment.pose_checks import check_motion, check_shutter
+from semcal_cli.assessment.mountings import decide_in_full
 from semcal_cli.assessment.priors import Prior, clamp
-from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.repeatability import compare_seeds
-from semcal_cli.assessment.rivals import sigmas_behind
-from semcal_cli.checks.mounting import OTHER_POSE
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import (
     FAR_DEG,
+    LABELS,
     CalibrationConfig,
-    ExactConfig,
     InitializationConfig,
-    PolishConfig,
     PyramidConfig,
     RefinementConfig,
 )
-from semcal_cli.drive.cues import files_of
+from semcal_cli.drive.cues import describe_cues, files_of
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import can_be_unrolled
 from semcal_cli.errors import CalibrationError, InputError, about
-from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.events import Listener, Progress, StageDone, ignore, movement
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import Initialization, as_given, is_rival, led_by
-from semcal_cli.initialization.search import initialize as search
+from semcal_cli.initialization.search import GIVEN, Initialization, as_given, search_mountings
 from semcal_cli.refinement.estimators import make_estimator
-from semcal_cli.refinement.polish import Polish, newton
-from semcal_cli.refinement.polish import polish as polish_pose
-from semcal_cli.refinement.pyramid import Level, Refinement
-from semcal_cli.refinement.pyramid import refine as refine_pose
-from semcal_cli.refinement.several_starts import SeveralStarts, pyramid_of
-from semcal_cli.result.assembly import assemble
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.provenance import describe_input
-from semcal_cli.result.stage import StageResult
-from semcal_cli.stages import Stages, findings_of, settings_of
+from semcal_cli.refinement.polish import Polish, polish_pose
+from semcal_cli.refinement.pyramid import Level, Refinement, refine_pose
+from semcal_cli.refinement.several_starts import pyramid_of
+from semcal_cli.result.calibration import Calibration, Settings
+from semcal_cli.result.provenance import describe_input, versions
+from semcal_cli.result.stage import StageResult, announced
 
 NO_START = (
     "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m without --search-deg, from --init "
@@ -103,12 +91,12 @@ def calibrate(
     check_beside_pose(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
-    stages = _refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event, others=given)
+    stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event, others=given)
     stages = assess(data, stages, config.refinement, on_event)
     if config.num_seeds > 1:
         stages = repeat(data, stages, config, initial_pose, priors, on_event)
     return make_calibration(
-        data, stages, config, initial_pose=initial_pose, priors=priors, relative_to=relative_to, hashes=hashes
+        data, stages, config, initial_pose=initial_pose, relative_to=relative_to, hashes=hashes
     )
 
 
@@ -130,35 +118,33 @@ def initialize(
         InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for
             by edges without labels of the pictures.
     """
-    start = perf_counter()
-    if initial_pose is None:
-        on_event(Progress("searching all mounting directions"))
-    else:
-        way = "starting at" if config.search_deg is None else "searching around"
-        on_event(Progress(f"{way} {initial_pose.name}"))
+    T_given = None if initial_pose is None else initial_pose.T_camera_lidar
+    is_searched = T_given is None or config.search_deg is not None
+    if is_searched and not data.tells_mountings:
+        raise InputError(f"{data.drive.path}: {NO_START}")
 
     def is_possible(T_camera_lidar: Pose) -> bool:
         return all(prior.allows(T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for prior in priors)
 
-    T_given = None if initial_pose is None else initial_pose.T_camera_lidar
-    is_searched = initial_pose is None or config.search_deg is not None
-    if is_searched and not data.tells_mountings:
-        raise InputError(f"{data.drive.path}: {NO_START}")
+    search = partial(search_mountings, data.for_search, config, seed, T_given, is_possible)
+    if T_given is not None and not is_searched and data.is_refined_by_edges:
+        search = partial(as_given, data.observations, T_given, config)
+    doing = "searching all mounting directions"
+    if initial_pose is not None:
+        doing = f"{'searching around' if is_searched else 'starting at'} {initial_pose.name}"
     with about(data.drive.path):
-        if T_given is not None and not is_searched and data.is_refined_by_edges:
-            found = as_given(data.observations, T_given, config)
-        else:
-            found = search(data.for_search, config, seed, T_given, is_possible)
-    on_event(stage_words.initial(found, perf_counter() - start, is_searched=is_searched))
-    return found
+        return announced("initial", doing, search, on_event)
 
 
 def start_at(data: LoadedDrive, initial_pose: InitialPose, on_event: Listener = ignore) -> StageResult:
     """Use a given pose as the result of the initial calibration."""
-    start, T = perf_counter(), initial_pose.T_camera_lidar
-    found = StageResult(T_camera_lidar=T, agreement=_core.agreement(data.observations.core, T))
-    on_event(stage_words.started(found, perf_counter() - start, initial_pose.name))
-    return found
+    T, name = initial_pose.T_camera_lidar, initial_pose.name
+
+    def start() -> StageResult:
+        agreement = _core.agreement(data.observations.core, T)
+        return StageResult(T_camera_lidar=T, agreement=agreement, note=GIVEN, details=f"from {name}")
+
+    return announced("initial", f"starting at {name}", start, on_event)
 
 
 def refine_and_polish(
@@ -170,6 +156,7 @@ def refine_and_polish(
     on_event: Listener = ignore,
     *,
     from_afar: bool = False,
+    others: Sequence[Pose] = (),
 ) -> Stages:
     """Refine and polish the initial pose, and fuse it with priors.
 
@@ -178,43 +165,44 @@ def refine_and_polish(
 
     Poses from features are not polished, because the polish needs the exact mutual information, which vectors lack.
 
+    Arguments beside `initial`, the result of `initialize` or of `start_at`, are those of `refine`.
+
     Raises:
         InputError: as `refine` and `check_beside_pose`.
         CalibrationError: as `refine`.
     """
     check_beside_pose(data, config, priors)
-    return _refine_and_polish(data, initial, config, seed, priors, on_event, from_afar=from_afar)
+    again = partial(refine, config=config, seed=seed, priors=priors)
+    T_initial = initial.T_camera_lidar
+    refined = again(data, T_initial, on_event=on_event, from_afar=from_afar, others=others)
+    if data.observations.starts is not None and isinstance(initial, Initialization) and initial.findings:
+        initial, refined = decide_in_full(
+            data, initial, refined, partial(again, data), config.max_baseline_m, seed, on_event
+        )
+    seen = data
+    if can_be_unrolled(data.observations):
+        lines = data.unrolled(refined.T_camera_lidar)
+        refined = again(lines, refined.T_camera_lidar, on_event=on_event)
+        seen = data.unrolled(refined.T_camera_lidar)
+    found = Stages.from_refined(
+        data, initial, refined, is_compensated=True, max_baseline_m=config.max_baseline_m
+    )
+    if seen is not data:
+        found = replace(found, unrolled=seen.observations)
+    if not is_polished(seen.observations, config):
+        return found
+    return _finish(seen, found, refined, config, priors, on_event)
 
 
-def _refine_and_polish(
+def _finish(
     data: LoadedDrive,
-    initial: StageResult,
+    found: Stages,
+    refined: Refinement,
     config: RefinementConfig,
-    seed: int,
     priors: Sequence[Prior],
     on_event: Listener,
-    *,
-    from_afar: bool = False,
-    others: Sequence[Pose] = (),
 ) -> Stages:
-    """Refine and polish by settings that are checked."""
-    of_shutter, notes = check_shutter(data.drive, data.observations)
-    of_data = (*check_motion(data.observations.motion_error_px), *of_shutter)
-    refined = refine(
-        data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar, others=others
-    )
-    if data.observations.starts is not None and isinstance(initial, Initialization) and initial.findings:
-        initial, refined = _decided_in_full(data, initial, refined, config, seed, priors, on_event)
-    seen = None
-    if can_be_unrolled(data.observations):
-        refined = refine(
-            data.unrolled(refined.T_camera_lidar), refined.T_camera_lidar, config, seed, priors, on_event
-        )
-        data = data.unrolled(refined.T_camera_lidar)
-        seen = data.observations
-    found = Stages(initial, refined, unrolled=seen, of_data=of_data, notes_on_data=notes)
-    if not is_polished(data.observations, config):
-        return found
+    """Polish the refined pose, and estimate it together with what is asked for, or with what is known."""
     polished = polish(data, refined.T_camera_lidar, config, on_event)
     found = replace(found, polished=polished)
     if config.jointly.is_asked:
@@ -222,45 +210,6 @@ def _refine_and_polish(
     if priors:
         return replace(found, fused=fuse(data, polished.T_camera_lidar, config, priors, on_event))
     return found
-
-
-def _decided_in_full(
-    data: LoadedDrive,
-    initial: Initialization,
-    refined: Refinement,
-    config: RefinementConfig,
-    seed: int,
-    priors: Sequence[Prior],
-    on_event: Listener,
-) -> tuple[Initialization, Refinement]:
-    """Decide by what refines poses between mountings that ground and objects alone cannot tell apart.
-
-    The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
-    are ascended and finished are refined in full, and the best one is taken.
-    """
-    assert data.observations.starts is not None
-    best = taken = initial.hypotheses[0]
-    rivals = [
-        other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
-    ]
-    is_clear, exact = bool(rivals), ExactConfig(max_baseline_m=config.max_baseline_m)
-    least, polish_config = OTHER_POSE.limit(), _polish_config(config)
-    for rival in rivals:
-        on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
-        # A mounting in which sweeps and pictures do not overlap is none.
-        with suppress(CalibrationError):
-            several = SeveralStarts(data.observations, exact, seed, data.observations.starts)
-            T_coarse = newton(data.observations, several.coarse_top(rival.pose), polish_config).T_camera_lidar
-            if sigmas_behind(data.observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
-                continue
-            found = refine(data, rival.pose, config, seed, priors)
-            (behind,) = sigmas_behind(data.observations, refined.T_camera_lidar, [found.T_camera_lidar])
-            if behind < 0.0:
-                taken, refined = rival, found
-            is_clear &= abs(behind) >= least
-    return replace(
-        led_by(initial, taken, data.for_search), findings=() if is_clear else initial.findings
-    ), refined
 
 
 def refine(
@@ -290,43 +239,41 @@ def refine(
         InputError: the exact estimator is asked for with features, or the device does not exist.
         CalibrationError: too few labelled points are on labelled pixels.
     """
-    start = perf_counter()
-    pyramid = _pyramid(data.observations, from_afar=from_afar)
-    estimator, settings = make_estimator(data.observations, config, seed, on_event, others)
 
     def on_level(level: Level, num_levels: int) -> None:
         moved = compare_poses(level.T_camera_lidar, T_init)
-        on_event(Progress(f"refining: {level.factor}-pixel blocks done, {stage_words.movement(moved)}"))
+        on_event(Progress(f"refining: {level.factor}-pixel blocks done, {movement(moved)}"))
 
-    with about(data.drive.path):
-        found = refine_pose(
-            data.observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
-        )
-    on_event(stage_words.refined(found, perf_counter() - start, T_init, config.estimator))
-    return replace(found, settings={"refinement": {**found.settings, **settings}})
+    def ascend() -> Refinement:
+        estimator, settings = make_estimator(data.observations, config, seed, on_event, others)
+        pyramid = _pyramid(data.observations, from_afar=from_afar)
+        with about(data.drive.path):
+            found = refine_pose(
+                data.observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
+            )
+        settings = {"refinement": {**found.settings, **settings}}
+        known = {"priors": [prior.describe() for prior in priors]} if priors else {}
+        return replace(found, details=f"{config.estimator}, {found.details}", settings=settings | known)
+
+    return announced("refined", "refining", ascend, on_event, T_init)
 
 
 def polish(
     data: LoadedDrive, T_refined: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Polish:
     """Polish a pose that is about one pixel off with Newton's method; held-out data decide whether it is accepted."""
-    on_event(Progress("polishing"))
-    start = perf_counter()
-    found = polish_pose(data.observations, T_refined, _polish_config(config))
-    on_event(stage_words.polished(found, perf_counter() - start, T_refined, data.observations.unit))
-    return found
+    stage = partial(polish_pose, data.observations, T_refined, config.polish)
+    return announced("polished", "polishing", stage, on_event, T_refined)
 
 
 def estimate_jointly(
     data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Joint:
     """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`."""
-    on_event(Progress("estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"))
-    start = perf_counter()
-    settings = config.jointly, _polish_config(config)
-    found = estimate(data.observations, T_polished, *settings, data.drive.time_offset_s)
-    on_event(stage_words.estimated_jointly(found, perf_counter() - start, T_polished))
-    return found
+    doing = "estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"
+    settings = config.jointly, config.polish, data.drive.time_offset_s
+    stage = partial(fit_jointly, data.observations, T_polished, *settings)
+    return announced("joint", doing, stage, on_event, T_polished)
 
 
 def fuse(
@@ -337,72 +284,16 @@ def fuse(
     on_event: Listener = ignore,
 ) -> Fused:
     """Fuse the labels' evidence with priors."""
-    on_event(Progress("weighing what is known"))
-    start = perf_counter()
-    found = fuse_pose(
+    of_clock = covariance_of_clock(data.drive, T_polished)
+    stage = partial(
+        fuse_with_priors,
         data.observations,
         T_polished,
         priors,
         edge_band_px=config.edge_band_px,
-        of_clock=covariance_of_clock(data.drive, T_polished),
+        of_clock=of_clock,
     )
-    on_event(stage_words.fused(found, perf_counter() - start, T_polished, priors))
-    return found
-
-
-def assess(
-    data: LoadedDrive,
-    stages: Stages,
-    config: RefinementConfig,
-    on_event: Listener = ignore,
-    *,
-    with_label_bleed: bool = True,
-    with_remedies: bool = True,
-) -> Stages:
-    """Estimate the uncertainty of a polished or fused pose and look for findings.
-
-    Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false.
-
-    A pose whose polish was rejected has no uncertainty, and is checked otherwise. One that was not polished stays as it
-    is.
-    """
-    if stages.fused is None and stages.polished is None:
-        return stages
-    on_event(Progress("assessing"))
-    start = perf_counter()
-    T_camera_lidar, agreement = stages.T_camera_lidar, list(stages.poses.values())[-1].agreement
-    joint = stages.joint if stages.is_joint else None
-    data = replace(data, observations=stages.seen or data.observations)
-    is_rejected = stages.polished is not None and not stages.polished.is_accepted
-    polish_config = _polish_config(config)
-    if stages.fused is None and joint is None and is_rejected:
-        found = assess_rejected(data, T_camera_lidar, agreement)
-    else:
-        found = assess_pose(
-            data,
-            T_camera_lidar,
-            agreement,
-            polish_config,
-            stages.fused,
-            stages.joint,
-            with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"},
-        )
-    if data.guide is not None and data.is_refined_by_edges:
-        found = found.with_measured(check_guide(data.guide, T_camera_lidar, stages.initial.T_camera_lidar))
-    if with_remedies:
-        findings = advise(
-            found.findings,
-            data.observations,
-            T_camera_lidar,
-            polish_config,
-            done=config.jointly,
-            with_priors=stages.fused is not None,
-            time_offset_s=data.drive.time_offset_s,
-        )
-        found = replace(found, findings=findings)
-    stages = replace(stages, assessment=found)
-    on_event(stage_words.assessed(findings_of(stages, config), perf_counter() - start))
-    return stages
+    return announced("fused", "weighing what is known", stage, on_event, T_polished)
 
 
 def repeat(
@@ -421,14 +312,17 @@ def repeat(
         on_event(Progress(f"repeating with seed {seed}"))
         try:
             initial = initialize(data, config.initialization, seed, initial_pose, priors)
-            found = _refine_and_polish(data, initial, config.refinement, seed, priors, ignore, others=given)
+            found = refine_and_polish(data, initial, config.refinement, seed, priors, others=given)
             others.append(found.T_camera_lidar)
         except CalibrationError:
             others.append(None)
     label_gain = None if stages.fused is None else stages.fused.label_gain
     of_clock = covariance_of_clock(data.drive, stages.T_camera_lidar, label_gain)
     repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty, of_clock)
-    on_event(stage_words.repeated(config.num_seeds, findings, perf_counter() - start))
+    count = len(findings)
+    doubts = {0: "the pose is the same", 1: "1 more doubt"}.get(count, f"{count} more doubts")
+    note = f"{config.num_seeds} seeds compared, {doubts}"
+    on_event(StageDone("repeated", perf_counter() - start, note))
     return replace(stages, repeatability=repeatability, of_comparison=findings)
 
 
@@ -438,39 +332,64 @@ def make_calibration(
     config: CalibrationConfig,
     *,
     initial_pose: InitialPose | None = None,
-    priors: Sequence[Prior] = (),
     relative_to: Path = Path(),
     hashes: dict[str, str] | None = None,
 ) -> Calibration:
-    """Check the last pose and make the calibration; arguments are those of `calibrate`."""
-    poses, initial = stages.poses, stages.initial
-    searched = initial if isinstance(initial, Initialization) else None
+    """Make the calibration of the last pose; arguments are those of `calibrate`.
+
+    It is trusted if it was assessed, and nothing speaks against it.
+
+    Raises:
+        InputError: a file of the drive cannot be read.
+        CalibrationError: the pose is not finite or not rigid.
+    """
+    findings, assessment, joint = stages.findings, stages.assessment, stages.joint
     source = None if initial_pose is None else initial_pose.source
-    return assemble(
-        poses,
-        findings_of(stages, config.refinement),
-        settings=settings_of(data, stages, config, initial_pose, priors),
-        seed=config.seed,
-        num_frames=len(data.drive.frames),
-        input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
-        is_assessed=stages.assessment is not None,
+    options = {**_options(data, initial_pose), **stages.settings}
+    if stages.repeatability is not None:
+        options["num_seeds"] = stages.repeatability.num_seeds
+    return Calibration.from_pose(
+        stages.T_camera_lidar,
+        status="not_trusted" if findings else "not_assessed" if assessment is None else "trusted",
+        reasons=tuple(finding.sentence for finding in findings),
+        topics=tuple(finding.topic for finding in findings),
         notes=stages.notes,
-        parts=stages.parts,
-        hypotheses=searched.hypotheses if searched else (),
-        runner_up_margin=searched.runner_up_margin if searched else None,
-        held_out=stages.polished.held_out if stages.polished else None,
+        parts=() if assessment is None else assessment.parts,
+        quality=stages.quality(len(data.drive.frames)),
+        stages=stages.records,
         uncertainty=stages.uncertainty,
         repeatability=stages.repeatability,
-        camera=stages.joint.camera if stages.joint else None,
-        clock=stages.joint.clock if stages.joint else None,
+        camera=None if joint is None else joint.camera,
+        clock=None if joint is None else joint.clock,
+        polish=None if stages.polished is None else stages.polished.held_out,
+        hypotheses=() if stages.searched is None else stages.searched.hypotheses,
+        input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
+        settings=Settings.model_validate(
+            {"options": _plain(options), "seed": config.seed, "versions": versions()}
+        ),
     )
+
+
+def _options(data: LoadedDrive, initial_pose: InitialPose | None) -> dict[str, object]:
+    """Collect the options that changed the answer before any stage."""
+    options: dict[str, object] = {"max_frames": data.max_frames}
+    if data.cues != LABELS:
+        options["cues"] = describe_cues(data.cues)
+    if initial_pose is not None and initial_pose.source is None:
+        options["given"] = initial_pose.name
+    if initial_pose is not None and initial_pose.direction is not None:
+        options["init_direction"] = initial_pose.direction
+    return options
+
+
+def _plain(value: object) -> object:
+    """Convert tuples to lists, as which both file formats read them back."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:
     if observations.starts is not None:
         return pyramid_of(observations.starts)
     return PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
-
-
-def _polish_config(config: RefinementConfig) -> PolishConfig:
-    return PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)

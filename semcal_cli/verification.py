@@ -3,33 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
 from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.checks.belonging import OWN_DRIVE
 from semcal_cli.config import (
-    MAX_BASELINE_M,
     AlignmentConfig,
+    CalibrationConfig,
     InitializationConfig,
     JointlyConfig,
     Limits,
     RefinementConfig,
 )
+from semcal_cli.config_checks import check_limits
 from semcal_cli.drive.delay import twists_per_s
-from semcal_cli.drive.document import Drive
-from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.files.reading import hash_file
+from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.geometry.poses import (
+    OPTICAL_AXES,
+    Pose,
+    as_transform,
+    inverse,
+    pose_from_quaternion,
+    quaternion_xyzw,
+)
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, initialize, refine_and_polish, start_at
+from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.stage import Finding, StageResult
-from semcal_cli.stages import Stages, findings_of
 
 NEAR_DEG = 5.0
 """Rotation between transform and estimate, in degrees, beyond which all mounting directions are searched."""
@@ -91,15 +103,13 @@ class Verification:
 
 
 def verify(
-    data: LoadedDrive,
-    initial_pose: InitialPose,
+    drive: LoadedDrive | Drive | Path | str,
+    transform: InitialPose | Path | str | npt.ArrayLike,
     limits: Limits | None = None,
-    seed: int = 0,
+    config: CalibrationConfig | None = None,
     on_event: Listener = ignore,
-    *,
-    max_baseline_m: float = MAX_BASELINE_M,
 ) -> Verification:
-    """Verify a transform on a drive.
+    """Check whether a transform still holds on a drive.
 
     The pose is refined from the transform. If this gives no pose near the transform or leaves findings, all mounting
     directions are searched; edges alone tell none, so that their first estimate stands. An offset fails if its 95 %
@@ -107,58 +117,135 @@ def verify(
     that the data do not determine, and what would pass on the drive that the transform was calibrated from. If the
     offset of the clock is limited, it is estimated together with the pose, and if it is kept, the pose is that of both.
 
+    The camera and the clock that a calibration estimated together with its transform take the place of the drive's. A
+    drive that is loaded is loaded again then.
+
     Args:
-        data: The drive, as `load` returns it.
-        initial_pose: The transform.
-        limits: Largest offsets that are allowed; the defaults if not given.
-        seed: Seed of every random choice.
-        on_event: Called with each event.
-        max_baseline_m: Largest distance between camera and LiDAR, metres, at which the estimate is held.
+        drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
+        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; or a file of any known format.
+        limits: Largest allowed errors; None takes the defaults.
+        config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults.
+        on_event: Called with each event of the run.
 
     Raises:
-        InputError: the offset of the clock is limited, and the drive gives no direction of its motion.
-        CalibrationError: the drive cannot be calibrated.
+        InputError: the drive, one of its files or the transform is wrong, or the offset of the clock is limited, and
+            the drive gives no direction of its motion.
+        CalibrationError: the drive cannot be calibrated at all.
     """
-    limits = limits or Limits()
+    config, limits = config or CalibrationConfig(), limits or Limits()
+    check_limits(limits)
+    stated = _initial_pose(transform)
+    data = load(_as_result_sees(drive, stated), config, on_event)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
         )
     jointly = JointlyConfig(with_delay=limits.delay_s is not None)
-    config = RefinementConfig(max_baseline_m=max_baseline_m, jointly=jointly)
-    T_stated = initial_pose.T_camera_lidar
-    if data.tells_mountings:
-        stages = _nearby(data, initial_pose, config, seed, on_event) or _from_nothing(
-            data, config, seed, on_event
-        )
-    else:
-        stages = _estimate(data, start_at(data, initial_pose, on_event), config, seed, on_event)
-    findings = findings_of(stages, config)
-    uncertainty = stages.uncertainty
-    estimate = stages.T_camera_lidar
+    refinement = RefinementConfig(max_baseline_m=config.refinement.max_baseline_m, jointly=jointly)
+    estimate = _Estimate(data, stated, refinement, config.seed, on_event)
+    return _judged(data, stated, estimate.made(), limits)
+
+
+def _initial_pose(transform: InitialPose | Path | str | npt.ArrayLike) -> InitialPose:
+    if isinstance(transform, InitialPose):
+        return transform
+    if isinstance(transform, Path | str):
+        found = read_extrinsic(transform)
+        return InitialPose(found.T_camera_lidar, str(transform), Path(transform), record=found.record)
+    return InitialPose(as_transform(transform, "transform"), "transform")
+
+
+def _as_result_sees(
+    drive: LoadedDrive | Drive | Path | str, stated: InitialPose
+) -> LoadedDrive | Drive | Path | str:
+    """Give a drive the camera and the clock of a result; a loaded one stays as it is if that changes nothing."""
+    if stated.record is None:
+        return drive
+    if isinstance(drive, LoadedDrive):
+        applied = apply_result(stated.record, drive.drive, stated.name).drive
+        return drive if applied == drive.drive else applied
+    document = drive if isinstance(drive, Drive) else read_drive(drive)
+    return apply_result(stated.record, document, stated.name).drive
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """The estimate of the pose anew, from the transform or from nothing."""
+
+    data: LoadedDrive
+    stated: InitialPose
+    config: RefinementConfig
+    seed: int
+    on_event: Listener
+
+    def made(self) -> Stages:
+        """Estimate the pose from the transform, and if that leaves doubts, from nothing."""
+        if not self.data.tells_mountings:
+            return self.at_transform()
+        return self.nearby() or self.from_nothing()
+
+    def nearby(self) -> Stages | None:
+        """Estimate the pose from the transform; None if the estimate is far from it or has findings."""
+        try:
+            stages = self.at_transform(is_nearby=True)
+        except CalibrationError:
+            return None
+        is_near = _is_near(stages.T_camera_lidar, self.stated.T_camera_lidar, NEAR_DEG, NEAR_M)
+        return stages if is_near and stages.uncertainty is not None and not stages.findings else None
+
+    def at_transform(self, *, is_nearby: bool = False) -> Stages:
+        """Estimate the pose from the transform."""
+        return self._from(start_at(self.data, self.stated, self.on_event), is_nearby=is_nearby)
+
+    def from_nothing(self) -> Stages:
+        """Estimate the pose by a search over all mounting directions."""
+        alignment = AlignmentConfig(max_baseline_m=self.config.max_baseline_m)
+        search = InitializationConfig(alignment=alignment)
+        return self._from(initialize(self.data, search, self.seed, on_event=self.on_event))
+
+    def _from(self, initial: StageResult, *, is_nearby: bool = False) -> Stages:
+        data, config, on_event = self.data, self.config, self.on_event
+        stages = refine_and_polish(data, initial, config, self.seed, on_event=on_event, from_afar=is_nearby)
+        if stages.joint is not None:
+            # The transform is judged with the clock that the drive has, and the clock beside it.
+            stages = replace(stages, joint=replace(stages.joint, left_open=None))
+        # An estimate with findings that starts at the transform is made again from nothing.
+        return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
+
+
+def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limits) -> Verification:
+    """Judge how far the transform is from the estimate, and say why where that cannot be told."""
+    findings, uncertainty, notes = stages.findings, stages.uncertainty, stages.notes
+    T_stated, estimate = stated.T_camera_lidar, stages.T_camera_lidar
     error = compare_poses(T_stated, estimate)
     center_m = [0.01 * x for x in error.camera_center_xyz_cm]
     half_widths = None if uncertainty is None else uncertainty.half_widths
     checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits)
-    notes, of_clock = stages.notes, list[str]()
+    of_clock = list[str]()
     if limits.delay_s is not None:
         check, of_clock = _check_clock(data, stages, limits.delay_s)
         checks, notes = (*checks, check), tuple(note for note in notes if note not in of_clock)
     if findings or uncertainty is None:
         verdict: Verdict = "inconclusive"
-        told = [(finding.topic, finding.sentence) for finding in findings]
+        reasons = [(finding.topic, finding.sentence) for finding in findings]
     else:
         verdict = together(check.verdict for check in checks)
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
-        told = [(LOOKS_LIKE, each) for each in looks]
-    told += [(CLOCK_TOPIC, each) for each in of_clock]
-    if initial_pose.record is not None and (own := _made_from(data.drive, initial_pose.record)):
-        told += [(own.topic, own.sentence)]
+        reasons = [(LOOKS_LIKE, each) for each in looks]
+    reasons += [(CLOCK_TOPIC, each) for each in of_clock]
+    if stated.record is not None and (own := _made_from(data.drive, stated.record)):
+        reasons += [(own.topic, own.sentence)]
         verdict = "inconclusive" if verdict == "pass" else verdict
-    topics, reasons = ((*column,) for column in zip(*told, strict=True)) if told else ((), ())
     clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
-    time_offset_s = data.drive.time_offset_s if clock is None else clock.time_offset_s
-    return Verification(verdict, checks, reasons, topics, notes, estimate, time_offset_s)
+    return Verification(
+        verdict,
+        checks,
+        tuple(sentence for _, sentence in reasons),
+        tuple(topic for topic, _ in reasons),
+        notes,
+        estimate,
+        data.drive.time_offset_s if clock is None else clock.time_offset_s,
+    )
 
 
 def _made_from(drive: Drive, record: Calibration) -> Finding | None:
@@ -184,44 +271,6 @@ def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Che
     if check.verdict == "fail" and not joint.is_kept:
         return replace(check, verdict="inconclusive"), [*joint.notes]
     return check, []
-
-
-def _nearby(
-    data: LoadedDrive, initial_pose: InitialPose, config: RefinementConfig, seed: int, on_event: Listener
-) -> Stages | None:
-    """Estimate the pose from the transform; None if the estimate is far from it or has findings."""
-    try:
-        initial = start_at(data, initial_pose, on_event)
-        stages = _estimate(data, initial, config, seed, on_event, is_nearby=True)
-    except CalibrationError:
-        return None
-    is_near = _is_near(stages.T_camera_lidar, initial_pose.T_camera_lidar, NEAR_DEG, NEAR_M)
-    is_sure = stages.uncertainty is not None
-    return stages if is_near and is_sure and not findings_of(stages, config) else None
-
-
-def _from_nothing(data: LoadedDrive, config: RefinementConfig, seed: int, on_event: Listener) -> Stages:
-    """Estimate the pose by a search over all mounting directions."""
-    search = InitializationConfig(alignment=AlignmentConfig(max_baseline_m=config.max_baseline_m))
-    initial = initialize(data, search, seed, on_event=on_event)
-    return _estimate(data, initial, config, seed, on_event)
-
-
-def _estimate(
-    data: LoadedDrive,
-    initial: StageResult,
-    config: RefinementConfig,
-    seed: int,
-    on_event: Listener,
-    *,
-    is_nearby: bool = False,
-) -> Stages:
-    stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
-    if stages.joint is not None:
-        # The transform is judged with the clock that the drive has, and the clock beside it.
-        stages = replace(stages, joint=replace(stages.joint, left_open=None))
-    # An estimate with findings that starts at the transform is made again from nothing.
-    return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
 
 
 def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:

@@ -11,8 +11,6 @@ from test_hostile_commands import SMALL
 from semcal_cli import pipeline
 from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.errors import InputError
-from semcal_cli.formats import read_transform
-from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -99,15 +97,6 @@ def test_what_cannot_be_estimated_is_told_before_the_search(
     config = CalibrationConfig(refinement=RefinementConfig(jointly=jointly))
     with pytest.raises(InputError, match=message):
         pipeline.calibrate(street, config)
-
-
-def test_what_cannot_be_estimated_is_looked_for_once(street: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    checked = []
-    monkeypatch.setattr(pipeline, "check_beside_pose", lambda *arguments: checked.append(arguments))
-    refinement = RefinementConfig(jointly=JointlyConfig(("fx",)))
-    start = InitialPose(read_transform(street), "start")
-    pipeline.calibrate(street, CalibrationConfig(refinement=refinement), initial_pose=start)
-    assert len(checked) == 1
 
 
 def test_several_that_are_not_determined_are_listed(

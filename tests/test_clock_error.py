@@ -11,7 +11,7 @@ from conftest import make_pose, run
 from scipy.linalg import expm
 
 from semcal_cli.assessment.clock_error import KNOW_MOTION, covariance_of_clock, notes_on_clock
-from semcal_cli.assessment.fusion import fuse
+from semcal_cli.assessment.fusion import fuse_with_priors
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import CalibrationConfig, PolishConfig, SynthConfig
 from semcal_cli.drive.document import Drive, Motion, Twist, read_drive
@@ -155,8 +155,8 @@ def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
     measured[:3, 3] -= polished[:3, :3] @ (0.15, 0.0, 0.0)
     tape = Prior("tape", measured, (0.01, 0.01, 0.01, np.inf, np.inf, np.inf))
     of_clock = covariance_of_clock(at_speed(read_drive(street), 8.0), polished)
-    sure = fuse(street_observations, polished, [tape])
-    unsure = fuse(street_observations, polished, [tape], of_clock=of_clock)
+    sure = fuse_with_priors(street_observations, polished, [tape])
+    unsure = fuse_with_priors(street_observations, polished, [tape], of_clock=of_clock)
     assert [finding.topic for finding in sure.findings] == ["prior"]
     assert unsure.findings == ()
     assert unsure.of_intrinsics is None

@@ -14,7 +14,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import refine
+from semcal_cli.refinement.pyramid import refine_pose
 
 
 def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:
@@ -70,7 +70,7 @@ def test_wrong_intrinsics_are_named(
     street_observations: Observations, street_truth: Pose, scale: float
 ) -> None:
     seen = replace(street_observations, camera=street_observations.camera.zoomed(scale))
-    refined = refine(
+    refined = refine_pose(
         seen, street_truth, ExactEstimator(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
     )
     (focal,) = sentences(seen, refined.T_camera_lidar)
@@ -106,7 +106,7 @@ def test_wrong_clocks_are_told_from_the_motion(
     ]
     clouds = [c.with_points(points) for c, points in zip(street_observations.clouds, moved, strict=True)]
     seen = with_twists(street_observations.with_clouds(clouds), twists)
-    near = refine(
+    near = refine_pose(
         seen, street_truth, ExactEstimator(seen, ExactConfig(), 0), PyramidConfig(3.0)
     ).T_camera_lidar
     ended = newton(seen, near, PolishConfig()).T_camera_lidar

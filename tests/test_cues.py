@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import SMALL_DRIVE
 
-from semcal_cli.assessment.joint import estimate_jointly
+from semcal_cli.assessment.joint import fit_jointly
 from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.config import (
     CalibrationConfig,
@@ -104,7 +104,7 @@ def test_few_frames_are_the_same_of_both_cues(
 
     monkeypatch.setattr(search, "register", stop)
     with pytest.raises(KeyboardInterrupt):
-        search.initialize(whole, InitializationConfig(max_frames=3), 0)
+        search.search_mountings(whole, InitializationConfig(max_frames=3), 0)
     assert [frames_of(searched[0], whole, cue) for cue in (0, 1)] == [[0, 4, 7], [0, 4, 7]]
 
 
@@ -132,7 +132,7 @@ def test_frames_are_compared_once(drives: dict[int, Path], monkeypatch: pytest.M
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_intrinsics_with_two_cues(drives: dict[int, Path], case: Case) -> None:
     data, truth = loaded(drives, case), read_transform(drives[case[1]])
-    found = estimate_jointly(data.observations, truth, JointlyConfig(("fx", "fy")), PolishConfig())
+    found = fit_jointly(data.observations, truth, JointlyConfig(("fx", "fy")), PolishConfig())
     error = compare_poses(found.T_camera_lidar, truth)
     assert error.rotation_deg <= NEAR_DEG
     assert error.camera_center_cm <= 100.0 * NEAR_M
@@ -144,7 +144,7 @@ def test_intrinsics_with_two_cues(drives: dict[int, Path], case: Case) -> None:
 def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case) -> None:
     data, truth = loaded(drives, case), read_transform(drives[case[1]])
     wrong = replace(data.observations, camera=data.observations.camera.zoomed(WRONG_FOCAL))
-    found = estimate_jointly(wrong, truth, JointlyConfig(("fx", "fy")), PolishConfig())
+    found = fit_jointly(wrong, truth, JointlyConfig(("fx", "fy")), PolishConfig())
     assert found.camera is not None
     # What segments and intensities tell of so few and small pictures is not always enough.
     assert found.is_kept or "labels" not in case[0]

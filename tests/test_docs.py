@@ -167,7 +167,10 @@ def test_the_reference_has_every_public_name_with_its_docstring(site: Path) -> N
     missing = {f"{each.__module__}.{name}" for name, each in public.items()} - shown
     assert missing == set()
     text = " ".join(html.unescape(re.sub(r"<[^>]+>", "", page)).split())
-    assert "verify( drive: LoadedDrive | Drive | Path | str, transform: Path | str | ArrayLike," in text
+    assert (
+        "verify( drive: LoadedDrive | Drive | Path | str, transform: InitialPose | Path | str | ArrayLike,"
+        in text
+    )
     for name, each in public.items():
         assert inspect.getdoc(each).splitlines()[0].replace("`", "") in text, name
 

@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from commands import invoke
 from conftest import make_pose
 
 from semcal_cli import _core
-from semcal_cli.assessment.guide import check_guide
-from semcal_cli.cli import semcal
+from semcal_cli.assessment.rivals import check_guide
 from semcal_cli.config import AUTO, EDGE_STARTS, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues import EDGES, chosen
@@ -63,10 +62,6 @@ def without(drive: Path, *keys: str) -> Path:
         document.pop("classes", None)
     file.write_text(yaml.safe_dump(document))
     return drive
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(semcal, [str(word) for word in words])
 
 
 def test_points_with_and_without_edges(street: Path) -> None:
@@ -171,7 +166,7 @@ def test_the_cue_is_chosen_by_the_files_of_a_drive(
 def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
     bare: Path, tmp_path: Path
 ) -> None:
-    result = run("calibrate", bare, "-o", tmp_path / "found.yaml")
+    result = invoke("calibrate", bare, "-o", tmp_path / "found.yaml")
     assert result.exit_code in (0, 3), result.output
     assert "by segments and edges, the best that its files allow" in result.stderr.replace("\n", " ")
     cues = yaml.safe_load((tmp_path / "found.yaml").read_text())["settings"]["options"]["cues"]
@@ -187,12 +182,12 @@ def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
 
 def test_edges_alone_want_a_start(bare: Path, street_truth: Pose, tmp_path: Path) -> None:
     drive = without(bare, "image_labels")
-    result = run("calibrate", drive, "-o", tmp_path / "found.yaml", "-q")
+    result = invoke("calibrate", drive, "-o", tmp_path / "found.yaml", "-q")
     assert result.exit_code == 1
     assert isinstance(result.exception, InputError)
     assert "drive.yaml: edges tell no mountings apart, needed a start" in str(result.exception)
     write_transform(FAR @ street_truth, tmp_path / "far.txt", "lidar2cam")
-    result = run("calibrate", drive, "--init", tmp_path / "far.txt", "-o", tmp_path / "found.yaml", "-q")
+    result = invoke("calibrate", drive, "--init", tmp_path / "far.txt", "-o", tmp_path / "found.yaml", "-q")
     assert result.exit_code in (0, 3), result.output
 
 
@@ -215,7 +210,7 @@ def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth:
     ("value", "expected"), [("edges,auto", "auto goes alone"), ("edge", "needed some of")]
 )
 def test_wrong_cues_are_named(bare: Path, value: str, expected: str) -> None:
-    result = run("calibrate", bare, "--cue", value)
+    result = invoke("calibrate", bare, "--cue", value)
     assert result.exit_code == 2
     assert expected in result.output
 

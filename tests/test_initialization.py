@@ -10,7 +10,7 @@ from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center, inverse, rotation_error_deg
-from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, initialize, runner_up
+from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
 from semcal_cli.result.hypothesis import Hypothesis
 
 RIGHT_DEG = 1.0  # pictures of 640 x 360 ascend on blocks of 2 pixels, a quarter of a degree
@@ -21,7 +21,7 @@ def from_nothing(
     observations: Observations, T_given: Pose | None = None, **changes: object
 ) -> tuple[Hypothesis, ...]:
     config = dataclasses.replace(InitializationConfig(), **changes)
-    return initialize(observations, config, 0, T_given).hypotheses
+    return search_mountings(observations, config, 0, T_given).hypotheses
 
 
 def check(hypothesis: Hypothesis, T_true: Pose) -> None:
@@ -122,13 +122,13 @@ def test_ascents_that_end_apart_have_the_surroundings_searched(
 def test_the_camera_stays_within_the_baseline(street_observations: Observations) -> None:
     config = InitializationConfig()
     near = dataclasses.replace(config, alignment=dataclasses.replace(config.alignment, max_baseline_m=0.05))
-    for hypothesis in initialize(street_observations, near, seed=0).hypotheses:
+    for hypothesis in search_mountings(street_observations, near, seed=0).hypotheses:
         assert np.linalg.norm(camera_center(hypothesis.pose)) < 0.051
 
 
 def test_a_runner_up_says_something_else(street_observations: Observations) -> None:
     config = InitializationConfig()
-    found = initialize(street_observations, config, seed=0)
+    found = search_mountings(street_observations, config, seed=0)
     best, *_ = found.hypotheses
     other = runner_up(found.hypotheses, config.runner_up_deg)
     assert other is not None
@@ -142,7 +142,7 @@ def test_a_runner_up_is_left_where_those_near_the_best_end_there(street_observat
     """After the first level, the best other pose is 13 degrees away, and ascends to the best one."""
     config = InitializationConfig()
     one_each = dataclasses.replace(config.alignment, num_kept=(1,) * len(config.alignment.num_kept))
-    found = initialize(street_observations, dataclasses.replace(config, alignment=one_each), seed=0)
+    found = search_mountings(street_observations, dataclasses.replace(config, alignment=one_each), seed=0)
     assert found.runner_up_margin is not None
     assert found.findings == ()
 
@@ -158,7 +158,7 @@ def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations:
         for cloud in street_observations.clouds
     )
     config = InitializationConfig()
-    found = initialize(doubled, config, seed=0)
+    found = search_mountings(doubled, config, seed=0)
     best, *_ = found.hypotheses
     other = runner_up(found.hypotheses, config.runner_up_deg)
     assert other is not None

@@ -3,11 +3,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
 from semcal_cli.assessment.identical_files import find_identical_files
 from semcal_cli.assessment.inspection import inspect
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
@@ -48,13 +47,13 @@ def test_what_is_suspicious_comes_first_and_equal_faults_are_one_line(street: Pa
         frame |= {"points_stamp": 1.0, "image_stamp": 1.5}
     document["frames"][3]["image_labels"] = str(street / "drive.yaml")
     write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
-    lines = CliRunner().invoke(semcal, ["inspect", str(drive)]).stdout.splitlines()
+    lines = invoke("inspect", drive).stdout.splitlines()
     names = [frame["points"] for frame in document["frames"]]
     assert lines[0] == f"suspicious  {names[0]}, {names[1]}: sweep and picture are 0.500 s apart"
     assert lines[1].startswith(f"suspicious  {names[3]}: {street / 'drive.yaml'}: ")
     assert not any(line.startswith("points") for line in lines)
     assert "is not checked here" in "\n".join(lines)
-    rows = CliRunner().invoke(semcal, ["inspect", str(drive), "--frames"]).stdout.splitlines()
+    rows = invoke("inspect", drive, "--frames").stdout.splitlines()
     assert rows[: len(lines) - 1] == lines[:-1]
     assert len(rows) == len(lines) - 1 + 1 + len(names)
 
@@ -112,7 +111,7 @@ def test_a_drive_without_labels_is_looked_at(street: Path, tmp_path: Path) -> No
         "no labels of pixels that can be read: a calibration by labels needs them; "
         "`semcal label` makes them with a network",
     )
-    found = CliRunner().invoke(semcal, ["inspect", str(tmp_path)])
+    found = invoke("inspect", tmp_path)
     assert found.exit_code == 0, found.output
     assert "no labels" in found.output
 
@@ -152,11 +151,11 @@ def test_what_looks_wrong_is_said(street: Path, tmp_path: Path) -> None:
     frames[0] |= {"points_stamp": 10.0, "image_stamp": 10.2}
     camera = document["camera"] | {"K": [[320.0, 0.0, 959.5], [0.0, 320.0, 179.5], [0.0, 0.0, 1.0]]}
     drive = changed(street, tmp_path, frames=frames, camera=camera)
-    found = CliRunner().invoke(semcal, ["inspect", str(drive)])
+    found = invoke("inspect", drive)
     assert found.exit_code == 0, found.output
     assert "cx of K is 959.5 in a picture of 640, 100% of the longer side from the middle" in found.output
     assert "sweep and picture are 0.200 s apart" in found.output
-    report = json.loads(CliRunner().invoke(semcal, ["inspect", str(drive), "--json"]).output)
+    report = json.loads(invoke("inspect", drive, "--json").output)
     assert report["frames"][0]["gap_s"] == pytest.approx(0.2)
 
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semcal_cli.assessment.fusion import fuse
+from semcal_cli.assessment.fusion import fuse_with_priors
 from semcal_cli.assessment.intrinsics import (
     around_intrinsics,
     covariance_of_intrinsics,
@@ -102,8 +102,8 @@ def test_labels_with_stated_errors_of_k_weigh_less_than_a_prior(
 ) -> None:
     prior = Prior("stated", polished, np.array([0.01, 0.01, 0.01, 0.002, 0.002, 0.002]))
     camera = street_observations.camera.model_copy(update={"intrinsics_sigma": SIGMA})
-    sure = fuse(street_observations, polished, [prior])
-    unsure = fuse(replace(street_observations, camera=camera), polished, [prior])
+    sure = fuse_with_priors(street_observations, polished, [prior])
+    unsure = fuse_with_priors(replace(street_observations, camera=camera), polished, [prior])
     assert sure.uncertainty is not None
     assert unsure.uncertainty is not None
     assert (np.array(unsure.uncertainty.half_widths) > np.array(sure.uncertainty.half_widths)).all()

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semcal_cli.assessment.joint import Joint, estimate_jointly
+from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.assessment.joint_fit import Variables
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import with_others
-from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
@@ -22,7 +23,6 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.result.uncertainty import Uncertainty
-from semcal_cli.stages import Stages, settings_of
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, synthesize
 
 K_NAMES = ("fx", "fy", "cx", "cy")
@@ -66,7 +66,7 @@ def spoiled(camera: Camera, share: float, pixels: float) -> Camera:
 
 
 def estimate(observations: Observations, T: Pose, names: tuple[str, ...] = K_NAMES) -> Joint:
-    return estimate_jointly(observations, T, JointlyConfig(names), PolishConfig())
+    return fit_jointly(observations, T, JointlyConfig(names), PolishConfig())
 
 
 @pytest.mark.parametrize(("share", "pixels"), [(0.03, -8.0), (-0.03, 8.0)])
@@ -109,7 +109,7 @@ def test_what_one_frame_does_not_tell_stays(observed: Observations, truth: Pose)
 def test_a_camera_that_is_known_exactly_stays(observed: Observations, truth: Pose) -> None:
     wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 8.0))
     exact = JointlyConfig(K_NAMES, focal_sigma=1e-9, center_sigma_px=1e-9)
-    found = estimate_jointly(wrong, truth, exact, PolishConfig())
+    found = fit_jointly(wrong, truth, exact, PolishConfig())
     assert not found.is_kept
     assert np.array_equal(found.T_camera_lidar, truth)
 
@@ -118,7 +118,7 @@ def test_a_camera_that_is_known_exactly_stays(observed: Observations, truth: Pos
 def test_late_pictures_are_found(moving: LoadedDrive, late_s: float) -> None:
     truth = np.array(moving.drive.T_camera_lidar)
     late = delayed(moving.observations, -late_s)
-    found = estimate_jointly(late, truth, JointlyConfig(with_delay=True), PolishConfig())
+    found = fit_jointly(late, truth, JointlyConfig(with_delay=True), PolishConfig())
     assert found.is_kept
     assert found.clock is not None
     assert abs(found.clock.time_offset_s - late_s) < MAX_CLOCK_S
@@ -130,7 +130,7 @@ def test_a_clock_tells_how_it_goes_with_the_pose(moving: LoadedDrive, names: tup
     """Also where nothing but the clock is estimated; its row is the last one, in seconds."""
     truth = np.array(moving.drive.T_camera_lidar)
     late = delayed(moving.observations, -0.02)
-    found = estimate_jointly(late, truth, JointlyConfig(names, with_delay=True), PolishConfig())
+    found = fit_jointly(late, truth, JointlyConfig(names, with_delay=True), PolishConfig())
     assert found.clock is not None
     assert found.uncertainty is not None
     covariance = np.array(found.clock.joint_covariance)
@@ -149,7 +149,7 @@ def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive) -> None:
     late = delayed(moving.observations, -0.02)
     config = JointlyConfig(with_delay=True)
     alone, added = (
-        estimate_jointly(late, truth, config, PolishConfig(), before_s).clock for before_s in (0.0, 0.3)
+        fit_jointly(late, truth, config, PolishConfig(), before_s).clock for before_s in (0.0, 0.3)
     )
     assert alone is not None
     assert added is not None
@@ -162,7 +162,7 @@ def test_one_speed_straight_on_tells_no_offset(moving: LoadedDrive) -> None:
     frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frame_observations)
     observations = replace(moving.observations, frame_observations=frames)
     truth = np.array(moving.drive.T_camera_lidar)
-    found = estimate_jointly(observations, truth, JointlyConfig(with_delay=True), PolishConfig())
+    found = fit_jointly(observations, truth, JointlyConfig(with_delay=True), PolishConfig())
     assert found.clock is not None
     assert not found.is_kept
     assert not found.clock.is_determined
@@ -199,7 +199,7 @@ def test_what_was_found_and_not_kept_is_in_the_interval(synthetic_eight: LoadedD
     """The pose may be off by what stays uncertain and by what was found of it; by nothing where K is known exactly."""
     names = ("cx", "cy")
     known, free = (
-        estimate_jointly(
+        fit_jointly(
             synthetic_eight.observations, truth, JointlyConfig(names, center_sigma_px=px), PolishConfig()
         )
         for px in (1e-9, 20.0)
@@ -241,8 +241,7 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     advice = "drive at different speeds, and turn, or calibrate without --estimate-delay if the clocks agree"
     assert finding.advice == advice
     # What the clock may be off is recorded, though the pose is that of the drive's.
-    settings = settings_of(data, stages, CalibrationConfig(), None, ())
-    assert settings["jointly"] == asdict(JointlyConfig(with_delay=True))
+    assert stages.settings["jointly"] == asdict(JointlyConfig(with_delay=True))
     assert stages.joint is not None
     assert stages.joint.clock is not None
     found = replace(stages.joint, clock=stages.joint.clock.model_copy(update={"is_determined": True}))
@@ -302,7 +301,7 @@ def test_the_drive_says_what_is_estimated_from(street: Path) -> None:
 def test_a_parked_rig_tells_intrinsics_and_no_clock(observed: Observations, truth: Pose) -> None:
     frames = tuple(replace(frame, twist_per_s=(0.0,) * 6) for frame in observed.frame_observations)
     wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 0.0), frame_observations=frames)
-    found = estimate_jointly(wrong, truth, JointlyConfig(("fx", "fy"), with_delay=True), PolishConfig())
+    found = fit_jointly(wrong, truth, JointlyConfig(("fx", "fy"), with_delay=True), PolishConfig())
     assert found.is_kept
     assert found.camera is not None
     assert found.clock is not None

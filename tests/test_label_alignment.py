@@ -81,65 +81,59 @@ def test_labels_where_they_belong_give_no_finding(
     assert check_label_alignment(street_drive, good).findings == ()
 
 
-@pytest.mark.parametrize("noise", ["exact", "30 % wrong", "a network's"])
-@pytest.mark.parametrize(
-    ("entries", "words"), [(1, "1 entry towards the start"), (-3, "3 entries towards the end")]
-)
-def test_labels_of_other_points_are_found(
-    street_drive: Drive, street_observations: Observations, noise: str, entries: int, words: str
-) -> None:
-    good = GOOD[noise](street_observations, np.random.default_rng(3))
-    (found,) = check_label_alignment(street_drive, with_point_labels_moved(good, entries)).findings
-    start = f"labels of points fit the clouds better shifted by {words} of the file, by "
-    assert found.sentence.startswith(start)
-
-
-def test_frames_with_labels_of_other_points_are_named(
-    street_drive: Drive, street_observations: Observations
-) -> None:
-    (found,) = check_label_alignment(
-        street_drive, with_point_labels_moved(street_observations, 5, step=2)
-    ).findings
-    assert found.sentence.startswith(
-        "labels of points of frames 000000 and 000002 fit the clouds better shifted by 5 "
-    )
-
-
-MOVES: dict[str, tuple[Callable[[Labels], Labels], str]] = {
-    "3 right": (lambda labels: np.roll(labels, 3, axis=1), "shifted by 3 pixels left"),
-    "2 right and 3 up": (
-        lambda labels: np.roll(labels, (-3, 2), axis=(0, 1)),
-        "shifted by 2 pixels left and 3 down",
+POINTS = "labels of points{of} fit the clouds better shifted by {by}"
+PIXELS = "label images{of} fit their pictures better {by}"
+EVEN = " of frames 000000 and 000002"
+DISPLACED: dict[str, tuple[Callable[[Observations], Observations], str]] = {
+    "1 entry": (
+        lambda seen: with_point_labels_moved(seen, 1),
+        POINTS.format(of="", by="1 entry towards the start"),
     ),
-    "resized": (resized, "scaled by 1.015 about the middle and shifted by 5 pixels right and 3 down"),
+    "3 back": (
+        lambda seen: with_point_labels_moved(seen, -3),
+        POINTS.format(of="", by="3 entries towards the end"),
+    ),
+    "some points": (lambda seen: with_point_labels_moved(seen, 5, step=2), POINTS.format(of=EVEN, by="5 ")),
+    "3 right": (
+        lambda seen: with_pixels_moved(seen, lambda labels: np.roll(labels, 3, axis=1)),
+        PIXELS.format(of="", by="shifted by 3 pixels left, by "),
+    ),
+    "2 right and 3 up": (
+        lambda seen: with_pixels_moved(seen, lambda labels: np.roll(labels, (-3, 2), axis=(0, 1))),
+        PIXELS.format(of="", by="shifted by 2 pixels left and 3 down, by "),
+    ),
+    "resized": (
+        lambda seen: with_pixels_moved(seen, resized),
+        PIXELS.format(
+            of="", by="scaled by 1.015 about the middle and shifted by 5 pixels right and 3 down, by "
+        ),
+    ),
+    "some pixels": (
+        lambda seen: with_pixels_moved(seen, lambda labels: np.roll(labels, 4, axis=0), step=2),
+        PIXELS.format(of=EVEN, by="shifted by 4 pixels up"),
+    ),
+    "4 pixels down": (
+        lambda seen: with_pixels_moved(seen, lambda labels: np.roll(labels, 4, axis=0)),
+        PIXELS.format(of="", by="shifted by 4 pixels up"),
+    ),
 }
 
 
-@pytest.mark.parametrize("move", MOVES)
-def test_labels_of_other_pixels_are_found(
-    street_drive: Drive, street_observations: Observations, move: str
+@pytest.mark.parametrize(
+    ("displaced", "noise"),
+    [
+        *((name, "exact") for name in DISPLACED),
+        *((name, noise) for name in ("1 entry", "3 back") for noise in ("30 % wrong", "a network's")),
+        ("4 pixels down", "a network's"),
+    ],
+)
+def test_labels_of_others_are_found(
+    street_drive: Drive, street_observations: Observations, displaced: str, noise: str
 ) -> None:
-    change, words = MOVES[move]
-    (found,) = check_label_alignment(street_drive, with_pixels_moved(street_observations, change)).findings
-    assert found.sentence.startswith(f"label images fit their pictures better {words}, by ")
-
-
-def test_frames_with_labels_of_other_pixels_are_named(
-    street_drive: Drive, street_observations: Observations
-) -> None:
-    moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=0), step=2)
-    (found,) = check_label_alignment(street_drive, moved).findings
-    assert found.sentence.startswith(
-        "label images of frames 000000 and 000002 fit their pictures better shifted by 4 pixels up"
-    )
-
-
-def test_borders_of_a_network_that_are_4_pixels_off_are_found(
-    street_drive: Drive, street_observations: Observations
-) -> None:
-    network = as_by_a_network(street_observations, np.random.default_rng(3))
-    moved = with_pixels_moved(network, lambda labels: np.roll(labels, 4, axis=0))
-    assert len(check_label_alignment(street_drive, moved).findings) == 1
+    displace, start = DISPLACED[displaced]
+    good = GOOD[noise](street_observations, np.random.default_rng(3))
+    (found,) = check_label_alignment(street_drive, displace(good)).findings
+    assert found.sentence.startswith(start)
 
 
 def test_pictures_that_cannot_be_read_are_left_out(drive: Path, street_observations: Observations) -> None:

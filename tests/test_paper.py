@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from commands import invoke
 
 from semcal_cli import _core
 from semcal_cli.baselines import paper
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.baselines.paper import calibrate_as_published
-from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -134,13 +133,9 @@ def test_a_run_that_still_drifts_has_not_settled(data: LoadedDrive, street_truth
 FAST = ("--mine-steps", "4", "--mine-warm-up", "4", "--quiet")
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, ["calibrate", *map(str, arguments)])
-
-
 def test_the_command_writes_the_bound_and_its_settings(street: Path, tmp_path: Path) -> None:
     out = tmp_path / "paper.yaml"
-    found = run(street, "--method", "paper", *FAST, "--mine-units", 8, "-o", out)
+    found = invoke("calibrate", street, "--method", "paper", *FAST, "--mine-units", 8, "-o", out)
     assert found.exit_code in (0, 3), found.output
     written = read_calibration(out)
     assert written.stages["refined"].bound_nats is not None
@@ -165,14 +160,15 @@ def test_the_command_writes_the_bound_and_its_settings(street: Path, tmp_path: P
     ],
 )
 def test_options_that_do_not_go_together(street: Path, options: tuple[str, ...], line: str) -> None:
-    found = run(street, *options)
+    found = invoke("calibrate", street, *options)
     assert found.exit_code == 2
     assert line in found.output
 
 
 def test_raw_intensity_is_refined_from_a_start(street: Path, tmp_path: Path) -> None:
     out = tmp_path / "pmi.yaml"
-    found = run(
+    found = invoke(
+        "calibrate",
         *(street, "--method", "paper", "--cue", "intensity", "--init", street),
         *FAST,
         "--max-frames",

@@ -1,13 +1,16 @@
 """The stages together: the library is the command line, and a listener hears every stage."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from conftest import make_pose
 
+import semcal_cli
+from semcal_cli import _core
 from semcal_cli.assessment.priors import Prior
-from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
@@ -18,6 +21,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.result.calibration import Calibration, calibration_text
+from semcal_cli.result.stage import StageResult, announced
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +41,7 @@ def test_the_library_gives_the_bytes_of_the_command_line(
     street: Path, folder: Path, calibrated: tuple[Calibration, list[Event]]
 ) -> None:
     output = folder / "calibration.yaml"
-    done = CliRunner().invoke(semcal, ["calibrate", str(street), "-o", str(output), "-q"])
+    done = invoke("calibrate", street, "-o", output, "-q")
     assert done.exit_code == 0
     assert output.read_bytes() == calibration_text(calibrated[0], "yaml").encode()
 
@@ -90,3 +94,34 @@ def test_settings_out_of_range_are_refused(street: Path, config: CalibrationConf
     with pytest.raises(InputError) as refusal:
         calibrate(street, config)
     assert str(refusal.value) == complaint
+
+
+@pytest.mark.parametrize("is_moved", [True, False])
+def test_a_stage_that_keeps_the_pose_is_told_as_one_that_has_not_moved(
+    street_observations: Observations, street_truth: Pose, is_moved: bool
+) -> None:
+    events: list[Event] = []
+    T = make_pose((0.01, 0.0, 0.0), (0.0, 0.1, 0.0)) @ street_truth if is_moved else street_truth
+    agreement = _core.agreement(street_observations.core, T)
+    found = StageResult(T_camera_lidar=T, agreement=agreement, note="kept", details="of all data")
+    assert announced("polished", "polishing", lambda: found, events.append, street_truth) is found
+    doing, done = events
+    assert doing == Progress("polishing")
+    assert isinstance(done, StageDone)
+    assert (done.name, done.note, done.details, done.agreement) == (
+        "polished",
+        "kept",
+        "of all data",
+        agreement,
+    )
+    assert (done.moved is not None) == is_moved
+
+
+def test_the_walk_through_the_code_is_short_and_names_its_files() -> None:
+    text = (Path(__file__).parents[1] / "docs/method.md").read_text()
+    walk = text.split("## A walk through the code")[1].split("\n## ")[0]
+    files = re.findall(r"^\| `([\w/]+\.py)` \|", walk, re.MULTILINE)
+    assert files[0] == "cli/calibrate.py"
+    assert 10 <= len(files) <= 15
+    package = Path(semcal_cli.__file__).parent
+    assert [name for name in files if not (package / name).is_file()] == []

@@ -16,7 +16,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.refinement.polish import polish, split
+from semcal_cli.refinement.polish import polish_pose, split
 
 CONFIG = PolishConfig()
 PIXEL_OFF = make_pose((0.002, -0.003, 0.002), (0.01, 0.01, -0.01))
@@ -32,7 +32,7 @@ def test_a_pixel_off_ends_at_the_truth(
 ) -> None:
     """Held out are regions of the pictures."""
     few = street_observations.of_frames(range(num_frames))
-    polished = polish(few, PIXEL_OFF @ street_truth, CONFIG)
+    polished = polish_pose(few, PIXEL_OFF @ street_truth, CONFIG)
     assert polished.is_accepted
     assert polished.is_settled
     slack = 1.0 if num_frames == 4 else 4.0
@@ -47,7 +47,7 @@ def test_frames_are_held_out_where_there_are_enough(
     config = dataclasses.replace(CONFIG, min_frames=3)
     kept, held_out = split(street_observations, config)
     assert (kept.num_frames, held_out.num_frames) == (3, 1)
-    assert polish(street_observations, PIXEL_OFF @ street_truth, config).is_accepted
+    assert polish_pose(street_observations, PIXEL_OFF @ street_truth, config).is_accepted
 
 
 def test_regions_that_are_held_out_are_whole(street_observations: Observations) -> None:
@@ -68,7 +68,7 @@ def test_held_out_data_reject_what_only_the_kept_data_like(
         for index, image in enumerate(street_observations.images)
     )
     config = dataclasses.replace(CONFIG, min_frames=3)
-    polished = polish(torn, street_truth, config)
+    polished = polish_pose(torn, street_truth, config)
     assert not polished.is_accepted
     (finding,) = polished.findings
     assert re.match(
@@ -89,7 +89,7 @@ def test_frames_without_labels_test_no_polish(
         image.with_classes(np.full_like(image.classes, NO_CLASS)) if index in blank else image
         for index, image in enumerate(street_observations.images)
     )
-    polished = polish(some, street_truth, dataclasses.replace(CONFIG, min_frames=3))
+    polished = polish_pose(some, street_truth, dataclasses.replace(CONFIG, min_frames=3))
     assert str(polished.held_out.held_out_gain_nats) == "0.0"
     assert [finding.topic for finding in polished.findings] == ["polish-not-tested"]
 
@@ -98,13 +98,13 @@ def test_threads_do_not_change_a_bit(street_observations: Observations, street_t
     found = []
     for num_threads in (1, 2):
         _core.set_num_threads(num_threads)
-        found.append(polish(street_observations, PIXEL_OFF @ street_truth, CONFIG))
+        found.append(polish_pose(street_observations, PIXEL_OFF @ street_truth, CONFIG))
     np.testing.assert_array_equal(found[0].T_camera_lidar, found[1].T_camera_lidar)
     assert found[0].held_out == found[1].held_out
 
 
 def test_at_the_truth_it_stays_there(street_observations: Observations, street_truth: Pose) -> None:
-    again = polish(street_observations, street_truth, CONFIG)
+    again = polish_pose(street_observations, street_truth, CONFIG)
     assert rotation_error_deg(again.T_camera_lidar, street_truth) < MAX_ROTATION_DEG
 
 
@@ -134,7 +134,7 @@ def test_the_pose_that_counts_is_the_one_that_has_to_settle(
         PolishConfig, max_loss=3.0 if accepted else -1e6, settled_px=0.1 if settled else -1.0
     )
     pyramid = partial(PyramidConfig, max_final_drift=1e6 if converged else -1.0)
-    monkeypatch.setattr(pipeline, "PolishConfig", polish_config)
+    monkeypatch.setattr("semcal_cli.config.PolishConfig", polish_config)
     monkeypatch.setattr(pipeline, "PyramidConfig", pyramid)
     data = LoadedDrive(read_drive(street), street_observations)
     initial = pipeline.start_at(data, InitialPose(street_truth, "truth"))

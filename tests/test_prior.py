@@ -7,7 +7,7 @@ from conftest import make_pose, poses, triples
 from hypothesis import given
 from scipy.linalg import expm
 
-from semcal_cli.assessment.fusion import _Known, _solve, fuse
+from semcal_cli.assessment.fusion import _Known, _solve, fuse_with_priors
 from semcal_cli.assessment.measurement import Measurement, measure
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.sensitivity import Scatter, sensitivity
@@ -78,7 +78,7 @@ def test_axes_that_are_fixed_stay_and_the_others_follow_the_labels(
 ) -> None:
     T_given = nudged(polished, (0.02, 0.0, 0.01), (0.0, 0.0, 0.001))
     prior = Prior("--fix tx,rz", T_given, (0.0, np.inf, np.inf, np.inf, np.inf, 0.0))
-    fused = fuse(street_observations, polished, [prior])
+    fused = fuse_with_priors(street_observations, polished, [prior])
     assert fused.uncertainty is not None
     residual = prior.residual(fused.T_camera_lidar)
     np.testing.assert_allclose(residual[[0, 5]], 0.0, atol=1e-7)
@@ -101,7 +101,7 @@ def test_what_is_hardly_known_leaves_newtons_step_and_its_covariance(
     street_observations: Observations, polished: Pose, alone: Uncertainty
 ) -> None:
     vague = Prior("vague", nudged(polished, (0.5, 0.5, 0.5)), (100.0,) * 3 + (10.0,) * 3)
-    fused = fuse(street_observations, polished, [vague])
+    fused = fuse_with_priors(street_observations, polished, [vague])
     around = sensitivity(street_observations, polished, SensitivityConfig())
     assert around is not None
     assert fused.uncertainty is not None
@@ -120,8 +120,8 @@ def test_two_equally_good_witnesses_meet_in_the_middle(
     known = (np.inf, np.inf, sigma, np.inf, np.inf, np.inf)
     prior = Prior("tape", nudged(polished, (0.0, 0.0, 2.0 * sigma)), known)
     here = Prior("here", polished, known)
-    between = fuse(street_observations, polished, [prior])
-    at_rest = fuse(street_observations, polished, [here])
+    between = fuse_with_priors(street_observations, polished, [prior])
+    at_rest = fuse_with_priors(street_observations, polished, [here])
     assert between.uncertainty is not None
     # Half of the way, from where labels alone lead: that is a small step from the polished pose.
     moved = here.residual(between.T_camera_lidar)[2] - here.residual(at_rest.T_camera_lidar)[2]
@@ -133,7 +133,7 @@ def test_labels_that_contradict_what_is_known_say_so(
     street_observations: Observations, polished: Pose
 ) -> None:
     prior = Prior("--fix ty", nudged(polished, (0.0, 0.2, 0.0)), (np.inf, 0.0, *FREE[:4]))
-    fused = fuse(street_observations, polished, [prior])
+    fused = fuse_with_priors(street_observations, polished, [prior])
     (finding,) = fused.findings
     assert re.fullmatch(
         r"--fix ty is 20\.\d cm from where labels alone lead, chi-square \d+ of 1, needed at most \d+: "
@@ -144,7 +144,9 @@ def test_labels_that_contradict_what_is_known_say_so(
 
 def test_knowledge_that_contradicts_itself_says_so(street_observations: Observations, polished: Pose) -> None:
     tape = Prior("tape", nudged(polished, (0.01, 0.0, 0.0)), (0.001, *FREE[:5]))
-    fused = fuse(street_observations, polished, [tape, Prior("--fix tx", polished, (0.0, *FREE[:5]))])
+    fused = fuse_with_priors(
+        street_observations, polished, [tape, Prior("--fix tx", polished, (0.0, *FREE[:5]))]
+    )
     assert fused.findings[0].sentence.startswith("tape is 1.0 cm from ")
 
 
@@ -157,13 +159,13 @@ def test_labels_in_one_corner_leave_the_pose_to_what_is_known(
     corner[200:230, 300:330] = image[200:230, 300:330]
     seen = frame.with_images([LabelledImage(corner)])
     known = Prior("known", nudged(polished, (0.01, 0.0, 0.0)), (0.01,) * 3 + (0.001,) * 3)
-    fused = fuse(seen, polished, [known])
+    fused = fuse_with_priors(seen, polished, [known])
     assert fused.uncertainty is not None
     assert not fused.is_alone
     assert (np.sqrt(np.diag(fused.uncertainty.covariance)) <= np.array(known.sigmas) * (1.0 + 1e-6)).all()
     assert (np.abs(known.residual(fused.T_camera_lidar)) <= 3.0 * np.array(known.sigmas)).all()
     half = Prior("half", known.T_camera_lidar, (0.01, *FREE[:5]))
-    assert fuse(seen, polished, [half]).uncertainty is None
+    assert fuse_with_priors(seen, polished, [half]).uncertainty is None
 
 
 def test_labels_that_tell_nothing_leave_all_to_what_is_known(
@@ -172,7 +174,9 @@ def test_labels_that_tell_nothing_leave_all_to_what_is_known(
     plain = street_observations.with_images(
         image.with_classes(np.zeros_like(image.classes)) for image in street_observations.images
     )
-    fused = fuse(plain, polished, [Prior("known", polished, (0.1, 0.1, 0.1, np.inf, np.inf, np.inf))])
+    fused = fuse_with_priors(
+        plain, polished, [Prior("known", polished, (0.1, 0.1, 0.1, np.inf, np.inf, np.inf))]
+    )
     assert fused.uncertainty is None
     assert not fused.is_settled
 

@@ -23,8 +23,8 @@ from semcal_cli.pipeline import refine_and_polish, start_at
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine import MineEstimator
 from semcal_cli.refinement.mine_config import MineConfig
-from semcal_cli.refinement.polish import polish
-from semcal_cli.refinement.pyramid import LevelOptimizer, refine
+from semcal_cli.refinement.polish import polish_pose
+from semcal_cli.refinement.pyramid import LevelOptimizer, refine_pose
 
 NUM_CLASSES = 25  # of the synthetic street's ids, 255 is unlabelled
 
@@ -80,7 +80,7 @@ def test_certain_shares_give_the_same_pose(street_observations: Observations, st
         LabelledImage(image.classes, certain(image.classes)) for image in observations.images
     )
     config = PolishConfig(edge_band_px=0)  # shares have none
-    poses = [polish(each, street_truth, config).T_camera_lidar for each in (observations, soft)]
+    poses = [polish_pose(each, street_truth, config).T_camera_lidar for each in (observations, soft)]
     np.testing.assert_allclose(poses[0], poses[1], atol=1e-12)
 
 
@@ -93,7 +93,7 @@ def test_certain_shares_of_points_give_the_same_pose(
     )
     config = ExactConfig(edge_band_px=0)
     poses = [
-        refine(each, street_truth, ExactEstimator(each, config, 0), PyramidConfig()).T_camera_lidar
+        refine_pose(each, street_truth, ExactEstimator(each, config, 0), PyramidConfig()).T_camera_lidar
         for each in (observations, soft)
     ]
     np.testing.assert_array_equal(poses[0], poses[1])
@@ -114,8 +114,8 @@ def test_a_networks_probabilities_end_at_the_truth(
         if estimator == "exact"
         else MineEstimator(observations, MineConfig(), seed=0)
     )
-    refinement = refine(observations, street_truth, optimizer, PyramidConfig())
-    polished = polish(observations, refinement.T_camera_lidar, PolishConfig())
+    refinement = refine_pose(observations, street_truth, optimizer, PyramidConfig())
+    polished = polish_pose(observations, refinement.T_camera_lidar, PolishConfig())
     error = compare_poses(polished.T_camera_lidar, street_truth)
     assert error.rotation_deg < MAX_ROTATION_DEG
 

@@ -14,7 +14,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine import MineEstimator
 from semcal_cli.refinement.mine_config import MineConfig
-from semcal_cli.refinement.pyramid import LevelOptimizer, pyramid_factors, refine
+from semcal_cli.refinement.pyramid import LevelOptimizer, pyramid_factors, refine_pose
 
 # Three times what four frames of 640 x 360 were measured to end at.
 MAX_ROTATION_DEG = 0.1
@@ -40,7 +40,7 @@ def test_a_bad_start_ends_at_the_truth(
     street_observations: Observations, street_truth: Pose, estimator: str, start: Pose
 ) -> None:
     optimizer = make_optimizer(estimator, street_observations)
-    refinement = refine(street_observations, start @ street_truth, optimizer, FROM_AFAR)
+    refinement = refine_pose(street_observations, start @ street_truth, optimizer, FROM_AFAR)
     error = compare_poses(refinement.T_camera_lidar, street_truth)
     assert error.rotation_deg < MAX_ROTATION_DEG
     assert error.camera_center_cm < MAX_CENTER_CM
@@ -52,7 +52,7 @@ def test_the_seed_decides_every_bit(
     street_observations: Observations, street_truth: Pose, estimator: str
 ) -> None:
     first, second, other = (
-        refine(
+        refine_pose(
             street_observations,
             street_truth,
             make_optimizer(estimator, street_observations, seed, SHORT),
@@ -76,7 +76,7 @@ def test_a_pose_that_still_moves_has_not_settled(
         optimizer = MineEstimator(
             street_observations, MineConfig(steps_per_level=8, learning_rate_pose=2.0, final_rate=1.0), seed=0
         )
-    refinement = refine(street_observations, BAD_START @ street_truth, optimizer, PyramidConfig())
+    refinement = refine_pose(street_observations, BAD_START @ street_truth, optimizer, PyramidConfig())
     assert not refinement.converged
     (finding,) = refinement.findings
     assert finding.sentence.startswith("the refinement had not settled, the pose still moved points by ")
@@ -91,7 +91,7 @@ def test_disjoint_ids_carry_the_same_information(
         for image in street_observations.images
     )
     renamed = dataclasses.replace(swapped, image_class_names=tuple(f"x{i}" for i in range(25)))
-    refinement = refine(renamed, street_truth, make_optimizer(estimator, renamed), PyramidConfig())
+    refinement = refine_pose(renamed, street_truth, make_optimizer(estimator, renamed), PyramidConfig())
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
 
@@ -99,7 +99,7 @@ def test_disjoint_ids_carry_the_same_information(
 def test_a_camera_that_looks_away_has_no_overlap(street_observations: Observations, estimator: str) -> None:
     looking_up = np.eye(4)  # The camera's z axis along the LiDAR's: into the sky.
     with pytest.raises(CalibrationError, match=r"no overlap: 0 of \d+ points land on pixels with classes"):
-        refine(
+        refine_pose(
             street_observations, looking_up, make_optimizer(estimator, street_observations), PyramidConfig()
         )
 
@@ -121,7 +121,7 @@ def test_points_that_leave_the_picture_raise_nothing(
         camera=camera.model_copy(update={"width": width, "height": height, "K": K}),
     )
     start = make_pose((0.0, 0.05, 0.0), (0.0, 0.0, 0.0)) @ street_truth  # a seventh of the crop to the side
-    refinement = refine(cropped, start, make_optimizer(estimator, cropped), FROM_AFAR)
+    refinement = refine_pose(cropped, start, make_optimizer(estimator, cropped), FROM_AFAR)
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < 0.5
 
 
@@ -129,7 +129,7 @@ def test_cuda_gives_the_same_answer(street_observations: Observations, street_tr
     if not torch.cuda.is_available():
         pytest.skip("no CUDA device")
     optimizer = MineEstimator(street_observations, MineConfig(), seed=0, device="cuda")
-    refinement = refine(street_observations, BAD_START @ street_truth, optimizer, FROM_AFAR)
+    refinement = refine_pose(street_observations, BAD_START @ street_truth, optimizer, FROM_AFAR)
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
 

@@ -9,7 +9,6 @@ import pytest
 from test_consistency import with_twists
 from test_findings import ORDERS
 
-from semcal_cli import pipeline
 from semcal_cli.assessment import remedies
 from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS, advise
 from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
@@ -42,7 +41,7 @@ def never(monkeypatch: pytest.MonkeyPatch) -> None:
     def called(*_: object) -> None:
         raise AssertionError("estimated")
 
-    monkeypatch.setattr(remedies, "estimate_jointly", called)
+    monkeypatch.setattr(remedies, "fit_jointly", called)
 
 
 @pytest.mark.parametrize("scale", [0.95, 1.08])
@@ -94,7 +93,7 @@ def test_wrong_clocks_are_told_also_where_the_polish_is_rejected(
     early: LoadedDrive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # As if held-out data had to get better by a lot.
-    monkeypatch.setattr(pipeline, "PolishConfig", partial(PolishConfig, max_loss=-1e6))
+    monkeypatch.setattr("semcal_cli.config.PolishConfig", partial(PolishConfig, max_loss=-1e6))
     start = start_at(early, InitialPose(read_transform(early.drive.path), "start"))
     stages = refine_and_polish(early, start, RefinementConfig(), from_afar=True)
     found = assess(early, stages, RefinementConfig())
@@ -164,7 +163,7 @@ def test_an_estimate_that_fails_leaves_the_advice(
     def fails(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(remedies, "estimate_jointly", fails)
+    monkeypatch.setattr(remedies, "fit_jointly", fails)
     (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig())
     assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +16,6 @@ from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.checks.check import findings_among
-from semcal_cli.cli import semcal
 from semcal_cli.config import SEGMENT_STARTS, CalibrationConfig, Cue, ExactConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues import SEGMENTS, load_cues
@@ -134,8 +133,8 @@ def test_a_start_two_degrees_off_comes_back(street: Path, street_truth: Pose, cu
 
 def test_a_drive_without_labels_of_points_needs_no_start(bare: Path, street_truth: Pose) -> None:
     output = bare.parent / "found.yaml"
-    arguments = ["calibrate", str(bare), "--cue", "segments", "-o", str(output)]
-    answer = CliRunner().invoke(semcal, arguments)
+    arguments = ["calibrate", bare, "--cue", "segments", "-o", output]
+    answer = invoke(*arguments)
     assert answer.exit_code in (0, 3), answer.output
     error = compare_poses(read_transform(output), street_truth)
     assert error.rotation_deg < 0.15
@@ -149,8 +148,8 @@ def test_the_same_bytes_with_any_number_of_threads(bare: Path, street_truth: Pos
     outputs = []
     for threads in ("1", "2"):
         output = bare.parent / f"threads_{threads}.yaml"
-        arguments = ["refine", str(bare), "--init", str(bare.parent / "start.json"), "--cue", "segments"]
-        answer = CliRunner().invoke(semcal, [*arguments, "--threads", threads, "-o", str(output), "-q"])
+        arguments = ["refine", bare, "--init", bare.parent / "start.json", "--cue", "segments"]
+        answer = invoke(*arguments, "--threads", threads, "-o", output, "-q")
         assert answer.exit_code in (0, 3), answer.output
         outputs.append(output.read_bytes())
     assert outputs[0] == outputs[1]
@@ -195,10 +194,10 @@ def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:
 def test_what_cannot_be_done_is_said(bare: Path) -> None:
     with pytest.raises(InputError, match=r"drive.yaml: frames.*point_labels: found nothing"):
         load(read_drive(bare), CalibrationConfig(cues=("labels",)))
-    answer = CliRunner().invoke(semcal, ["calibrate", str(bare), "--cue", "segments", "--estimator", "mine"])
+    answer = invoke("calibrate", bare, "--cue", "segments", "--estimator", "mine")
     assert answer.exit_code == 2
     assert "--cue segments: they differ from frame to frame" in answer.output
-    answer = CliRunner().invoke(semcal, ["calibrate", str(bare), "--cue", "segments,segments"])
+    answer = invoke("calibrate", bare, "--cue", "segments,segments")
     assert "found 'segments,segments', needed each cue once" in answer.output
     document = yaml.safe_load((bare / "drive.yaml").read_text())
     del document["frames"][0]["image_labels"]
@@ -212,9 +211,7 @@ def test_verify_tells_a_knocked_camera(bare: Path, street_truth: Pose) -> None:
     verdicts = []
     for T in (street_truth, knocked):
         write_stored(T, bare.parent / "stored.json")
-        answer = CliRunner().invoke(
-            semcal, ["verify", str(bare), str(bare.parent / "stored.json"), "--cue", "segments"]
-        )
+        answer = invoke("verify", bare, bare.parent / "stored.json", "--cue", "segments")
         verdicts.append(answer.exit_code)
     assert verdicts[0] in (0, 4)
     assert verdicts[1] in (3, 4)
@@ -225,8 +222,8 @@ def test_verify_tells_a_knocked_camera(bare: Path, street_truth: Pose) -> None:
 def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: str) -> None:
     write_stored(street_truth, bare.parent / "stored.json")
     folder = bare.parent / by
-    arguments = ["overlay", str(bare), str(bare.parent / "stored.json"), "--cue", "segments", "--by", by]
-    answer = CliRunner().invoke(semcal, [*arguments, "-o", str(folder), "--max-frames", "1"])
+    arguments = ["overlay", bare, bare.parent / "stored.json", "--cue", "segments", "--by", by]
+    answer = invoke(*arguments, "-o", folder, "--max-frames", "1")
     assert answer.exit_code == 0, answer.output
     assert len(list(folder.glob("*.png"))) == 1
 
@@ -262,10 +259,10 @@ def test_segments_beside_intensity_are_checked_by_it(street: Path) -> None:
 
 def test_a_report_shows_the_first_of_two_cues(bare: Path, tmp_path: Path) -> None:
     made = tmp_path / "initial.yaml"
-    asked = ["initialize", str(bare), "--cue", "segments,intensity", "-o", str(made), "-q"]
-    assert CliRunner().invoke(semcal, asked).exit_code == 0
+    asked = ["initialize", bare, "--cue", "segments,intensity", "-o", made, "-q"]
+    assert invoke(*asked).exit_code == 0
     page = tmp_path / "report.html"
-    result = CliRunner().invoke(semcal, ["report", str(bare), str(made), "-o", str(page), "-q"])
+    result = invoke("report", bare, made, "-o", page, "-q")
     assert result.exit_code == 0, result.output
     assert all(kind in page.read_text() for kind in KINDS.values())
 
@@ -284,9 +281,9 @@ def test_sweeps_of_one_kind_of_segments_are_named(bare: Path) -> None:
         points = np.fromfile(sweep, np.float32).reshape(-1, 4)
         points[:, 2] = -1.7
         points.tofile(sweep)
-    shown = CliRunner().invoke(semcal, ["inspect", str(bare)])
+    shown = invoke("inspect", bare)
     assert ": its points show ground only: --cue segments needs ground and objects" in shown.output
-    answer = CliRunner().invoke(semcal, ["initialize", str(bare), "--cue", "segments", "-q"])
+    answer = invoke("initialize", bare, "--cue", "segments", "-q")
     assert isinstance(answer.exception, CalibrationError)
     expected = (
         f"{bare / 'drive.yaml'}: no initial calibration: found points of ground only, needed two classes"

@@ -11,7 +11,8 @@ from semcal_cli import _core
 from semcal_cli.assessment.inspection import inspect
 from semcal_cli.assessment.pose_checks import check_shutter
 from semcal_cli.assessment.remedies import advise
-from semcal_cli.baselines.soic_calibration import calibrate_by_soic
+from semcal_cli.assessment.stages import Stages
+from semcal_cli.baselines.soic import calibrate_by_soic
 from semcal_cli.config import (
     CalibrationConfig,
     JointlyConfig,
@@ -35,7 +36,6 @@ from semcal_cli.pipeline import calibrate, refine_and_polish, start_at
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.overlay import Overlays, points_in_image
 from semcal_cli.result.stage import Finding
-from semcal_cli.stages import Stages
 from semcal_cli.synthetic.synthesis import synthesize
 from semcal_cli.view.session import Session
 

@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 
 from semcal_cli import _core
 from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError
@@ -28,7 +27,7 @@ def soic(street_observations: Observations) -> Soic:
 
 
 def calibrate(*arguments: object) -> tuple[int, str]:
-    found = CliRunner().invoke(semcal, ["calibrate", *map(str, arguments), "--method", "soic"])
+    found = invoke("calibrate", *arguments, "--method", "soic")
     return found.exit_code, found.output
 
 

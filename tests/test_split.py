@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 
 from semcal_cli import pipeline
-from semcal_cli.cli import semcal
 from semcal_cli.drive import loading
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -18,10 +18,6 @@ from semcal_cli.library import split
 from semcal_cli.report import read_report_input, write_report
 from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.synthetic.raw_drive import RawDrive
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, ["calibrate", *map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +33,7 @@ def results(knocked_drive: Path, tmp_path_factory: pytest.TempPathFactory) -> tu
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loading, "load_cues", counted)
-        found = run(knocked_drive, "--split", "-o", out / "c.yaml", "--log", out / "log.json")
+        found = invoke("calibrate", knocked_drive, "--split", "-o", out / "c.yaml", "--log", out / "log.json")
     return found, out, num_reads
 
 
@@ -76,11 +72,11 @@ def test_each_part_is_a_drive_of_its_own(results: tuple[Result, Path, int], knoc
 
 
 def test_a_drive_of_one_pose_has_no_parts(street: Path, tmp_path: Path) -> None:
-    found = run(street, "--split", "-o", tmp_path / "c.yaml")
+    found = invoke("calibrate", street, "--split", "-o", tmp_path / "c.yaml")
     assert found.exit_code == 0
     assert found.output.splitlines()[-1] == "parts            none: no movement of the camera was found"
     assert [path.name for path in tmp_path.iterdir()] == ["c.yaml"]
-    assert run(street, "-o", tmp_path / "plain.yaml").exit_code == 0
+    assert invoke("calibrate", street, "-o", tmp_path / "plain.yaml").exit_code == 0
     assert (tmp_path / "plain.yaml").read_bytes() == (tmp_path / "c.yaml").read_bytes()
 
 
@@ -100,9 +96,9 @@ def test_the_worst_part_decides(
 
     monkeypatch.setattr(pipeline, "calibrate", answer)
     answers[:] = [whole, doubted, parts[1]]
-    assert run(knocked_drive, "--split", "-o", tmp_path / "a.yaml").exit_code == 3
+    assert invoke("calibrate", knocked_drive, "--split", "-o", tmp_path / "a.yaml").exit_code == 3
     answers[:] = [whole, CalibrationError("no overlap"), parts[1]]
-    failed = run(knocked_drive, "--split", "-o", tmp_path / "b.yaml")
+    failed = invoke("calibrate", knocked_drive, "--split", "-o", tmp_path / "b.yaml")
     assert str(failed.exception) == "1 of 2 parts failed; part 1: no overlap"
     assert sorted(path.name for path in tmp_path.glob("b*")) == ["b.yaml", "b_part_2.yaml"]
 
@@ -115,7 +111,7 @@ def test_usage(street: Path, tmp_path: Path) -> None:
         ([*output, "--no-polish"], "--split: frames are compared after the polish"),
         ([*output, "--method", "soic"], "--split: is of --method mi"),
     ):
-        found = run(street, "--split", *options)
+        found = invoke("calibrate", street, "--split", *options)
         assert found.exit_code == 2
         assert complaint in " ".join(found.output.split())
     assert not list(tmp_path.iterdir())
@@ -124,7 +120,7 @@ def test_usage(street: Path, tmp_path: Path) -> None:
 def test_a_part_replaces_no_input(street: Path, tmp_path: Path) -> None:
     start = tmp_path / "c_part_2.yaml"
     start.write_bytes((street / "drive.yaml").read_bytes())
-    found = run(street, "--split", "--init", start, "-o", tmp_path / "c.yaml")
+    found = invoke("calibrate", street, "--split", "--init", start, "-o", tmp_path / "c.yaml")
     assert isinstance(found.exception, InputError)
     assert "c_part_2.yaml: found a file that this run reads or writes" in str(found.exception)
     assert list(tmp_path.iterdir()) == [start]

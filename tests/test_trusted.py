@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 from conftest import run
 
 from semcal_cli import _core
@@ -14,7 +14,6 @@ from semcal_cli.assessment.information import InformationBySquares
 from semcal_cli.assessment.leaked_labels import check_leaks
 from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.checks.check import findings_among
-from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -77,7 +76,7 @@ def test_k_is_part_of_the_interval_unless_it_is_exact(drive: Path, tmp_path: Pat
 
     def interval(*options: str) -> tuple[Uncertainty, str]:
         out = tmp_path / "found.yaml"
-        answer = CliRunner().invoke(semcal, ["calibrate", str(drive), "-o", str(out), *options])
+        answer = invoke("calibrate", drive, "-o", out, *options)
         assert answer.exit_code in (0, 3), answer.output
         record = read_extrinsic(out).record
         assert record is not None
@@ -123,7 +122,7 @@ def test_a_conversion_tells_that_the_transform_is_not_trusted(
     rellis3d: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "found.yaml"
-    found = CliRunner().invoke(semcal, ["calibrate", str(rellis3d), "--init", str(rellis3d), "-o", str(out)])
+    found = invoke("calibrate", rellis3d, "--init", rellis3d, "-o", out)
     assert found.exit_code == 3
     assert "95 % interval" not in found.output
     warning = f"{out}: the transform is not trusted"
@@ -173,8 +172,8 @@ def test_errors_of_k_beside_priors_are_part_of_the_covariance(
     del document["camera"]["intrinsics_sigma"]
     (drive / "drive.yaml").write_text(yaml.safe_dump(document))
     out = tmp_path / "found.yaml"
-    arguments = ["calibrate", str(drive), "--init", str(drive), *known, "-o", str(out), "-q"]
-    answer = CliRunner().invoke(semcal, arguments)
+    arguments = ["calibrate", drive, "--init", drive, *known, "-o", out, "-q"]
+    answer = invoke(*arguments)
     assert answer.exit_code in (0, 3), answer.exception
     record = read_extrinsic(out).record
     assert record is not None

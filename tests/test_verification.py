@@ -9,7 +9,8 @@ import junitparser
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from conftest import make_pose, run
 from scipy.spatial.transform import Rotation
 
@@ -41,7 +42,7 @@ def write_transform(T: Pose, street: Path, folder: Path) -> Path:
 
 
 def verify(*arguments: object, **environment: str) -> Result:
-    return CliRunner().invoke(semcal, ["verify", *map(str, arguments), "-q"], env=environment)
+    return invoke("verify", *arguments, "-q", env=environment)
 
 
 def turned(T: Pose, angle_deg: float) -> Pose:
@@ -148,7 +149,7 @@ def test_figures_for_github(street: Path, street_truth: Pose, tmp_path: Path) ->
     summary = (tmp_path / "summary.md").read_text()
     assert "### semcal verify: fail" in summary
     assert re.search(r"^\| rotation y \| .* allowed 0\.3 \| fail \|$", summary, re.MULTILINE)
-    compared = CliRunner().invoke(semcal, ["compare", str(street), str(given)], env=github)
+    compared = invoke("compare", street, given, env=github)
     assert compared.exit_code == FAIL
     assert "::error title=semcal compare::fail; rotation 1.000 degrees, allowed 0.3" in compared.stderr
     assert summary in (tmp_path / "summary.md").read_text()
@@ -238,18 +239,18 @@ def test_mistakes_are_recognised() -> None:
 
 def test_compare(street: Path, street_truth: Pose, tmp_path: Path) -> None:
     result = tmp_path / "calibration.yaml"
-    assert CliRunner().invoke(semcal, ["calibrate", str(street), "-o", str(result), "-q"]).exit_code == PASS
-    compare = CliRunner().invoke(semcal, ["compare", str(result), str(street), "--json"])
+    assert invoke("calibrate", street, "-o", result, "-q").exit_code == PASS
+    compare = invoke("compare", result, street, "--json")
     assert compare.exit_code == PASS, compare.output
     report = json.loads(compare.stdout)
     assert report["same"] is True
     assert all(axis["half_width_a"] > 0.0 and axis["half_width_b"] is None for axis in report["axes"])
-    both = CliRunner().invoke(semcal, ["compare", str(result), str(result)])
+    both = invoke("compare", result, result)
     assert both.stdout.count("explained") == 6
     far = write_transform(moved(street_truth, 0.06), street, tmp_path)
     assert "-0.0000" not in both.stdout
     assert both.stdout.splitlines()[-1] == "within limits: 0.0000 degrees and 0.000 cm apart"
-    beyond = CliRunner().invoke(semcal, ["compare", str(result), str(far)])
+    beyond = invoke("compare", result, far)
     assert beyond.exit_code == FAIL
     assert re.fullmatch(r"beyond limits: 6\.\d+ cm, allowed 5", beyond.stdout.splitlines()[-1])
     assert "more than both" not in both.stdout
@@ -257,17 +258,17 @@ def test_compare(street: Path, street_truth: Pose, tmp_path: Path) -> None:
     record = read_calibration(result)
     doubted = record.model_copy(update={"status": "not_trusted", "reasons": ("why",), "topics": ("rivals",)})
     write_calibration(doubted, tmp_path / "doubted.yaml")
-    shown = CliRunner().invoke(semcal, ["compare", str(tmp_path / "doubted.yaml"), str(result)])
+    shown = invoke("compare", tmp_path / "doubted.yaml", result)
     assert [line.count("not known") for line in shown.stdout.splitlines()[1:7]] == [1] * 6
     assert "explained" not in shown.stdout
     terminal = {"FORCE_COLOR": "1", "NO_COLOR": "", "TERM": "xterm"}
     for other, colour in ((result, GREEN), (far, RED)):
-        colourful = CliRunner().invoke(semcal, ["compare", str(result), str(other)], env=terminal, color=True)
+        colourful = invoke("compare", result, other, env=terminal, color=True)
         *rest, verdict = colourful.stdout.splitlines()
         assert verdict.startswith(colour)
         assert not any(line.startswith(colour) for line in rest)
-    allowed = ["compare", str(result), str(far), "--max-translation-m", "0.1"]
-    assert CliRunner().invoke(semcal, allowed).exit_code == PASS
+    allowed = ["compare", result, far, "--max-translation-m", "0.1"]
+    assert invoke(*allowed).exit_code == PASS
 
 
 def test_a_matrix_of_no_stated_direction_is_verified_with_one(
@@ -275,13 +276,13 @@ def test_a_matrix_of_no_stated_direction_is_verified_with_one(
 ) -> None:
     path = tmp_path / "T.txt"
     np.savetxt(path, np.linalg.inv(street_truth))
-    arguments = ["verify", str(street), str(path), "-q"]
-    refused = CliRunner().invoke(semcal, arguments)
+    arguments = ["verify", street, path, "-q"]
+    refused = invoke(*arguments)
     assert str(refused.exception) == (
         f"{path}: found a transform of no stated direction, needed --direction lidar-to-camera (p_camera = T p_lidar) "
         "or camera-to-lidar"
     )
-    found = CliRunner().invoke(semcal, [*arguments, "--direction", "camera-to-lidar"])
+    found = invoke(*arguments, "--direction", "camera-to-lidar")
     assert found.exit_code == PASS, found.output
 
 
@@ -290,17 +291,17 @@ def test_intervals_of_a_damaged_calibration_are_refused(
     street: Path, street_truth: Pose, tmp_path: Path, value: float
 ) -> None:
     path = tmp_path / "calibration.yaml"
-    arguments = ["refine", str(street), "--init", str(street), "-o", str(path), "-q"]
-    assert CliRunner().invoke(semcal, arguments).exit_code == 0
+    arguments = ["refine", street, "--init", street, "-o", path, "-q"]
+    assert invoke(*arguments).exit_code == 0
     document = read_document(path)
     document["uncertainty"]["half_width_95_camera_center_m"][0] = value
     write_text(document_text(document, "yaml"), path)
-    found = CliRunner().invoke(semcal, ["compare", str(path), str(street), "--json"])
+    found = invoke("compare", path, street, "--json")
     assert isinstance(found.exception, InputError)
     assert "uncertainty.half_width_95_camera_center_m[0]: found " in str(found.exception)
 
 
 def test_a_page_and_json_do_not_share_standard_output(street: Path) -> None:
-    found = CliRunner().invoke(semcal, ["verify", str(street), str(street), "--json", "--report", "-"])
+    found = invoke("verify", street, street, "--json", "--report", "-")
     assert found.exit_code == 2
     assert "--json, --report: would both write to standard output: give --report a file" in found.output

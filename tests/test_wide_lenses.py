@@ -11,9 +11,9 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.initialization.search import initialize
+from semcal_cli.initialization.search import search_mountings
 from semcal_cli.refinement.exact import ExactEstimator
-from semcal_cli.refinement.pyramid import refine
+from semcal_cli.refinement.pyramid import refine_pose
 from semcal_cli.synthetic.synthesis import synthesize
 
 # Three times what was measured: a pixel is a third of a degree.
@@ -30,9 +30,9 @@ def test_the_mounting_of_a_wide_lens_is_found(tmp_path: Path, lens: str, size: t
     synthesize(config, tmp_path / "drive")
     drive = read_drive(tmp_path / "drive")
     observations = load_observations(drive)
-    initial = initialize(observations, InitializationConfig(), seed=0)
+    initial = search_mountings(observations, InitializationConfig(), seed=0)
     estimator = ExactEstimator(observations, ExactConfig(), seed=0)
-    refinement = refine(observations, initial.T_camera_lidar, estimator, PyramidConfig())
+    refinement = refine_pose(observations, initial.T_camera_lidar, estimator, PyramidConfig())
     error = compare_poses(refinement.T_camera_lidar, read_transform(drive.root))
     assert refinement.converged
     assert error.rotation_deg < RIGHT_DEG

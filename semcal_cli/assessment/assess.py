@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli import _core
 from semcal_cli.assessment.clock_error import KNOW_MOTION, covariance_of_clock, notes_on_clock
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.disagreement import check_frames
-from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.intrinsics import (
     around_intrinsics,
     covariance_of_intrinsics,
@@ -20,27 +19,27 @@ from semcal_cli.assessment.intrinsics import (
     shift_by,
     wrong_intrinsics,
 )
-from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.leaked_labels import check_leaks
 from semcal_cli.assessment.measurement import sum_of
 from semcal_cli.assessment.pairing import check_pairs
-from semcal_cli.assessment.rivals import check_rivals
+from semcal_cli.assessment.remedies import advise
+from semcal_cli.assessment.rivals import check_guide, check_rivals
 from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
+from semcal_cli.assessment.stages import Assessment, Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
-from semcal_cli.checks.check import Measured, findings_among
+from semcal_cli.checks.check import Measured
 from semcal_cli.checks.determination import NOT_DETERMINED, NOT_DETERMINED_TOGETHER
 from semcal_cli.checks.mounting import FEW_SCENES
-from semcal_cli.config import PolishConfig
+from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, sigma_of, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.camera import RefinedCamera
-from semcal_cli.result.parts import DrivePart
-from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
@@ -48,158 +47,178 @@ NOTHING = NOT_DETERMINED.finding(
     "points and pictures do not determine the pose, their agreement does not fall in every direction"
 )
 TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and what is known do not determine the pose together")
-
-
 KNOW_K = "give --intrinsics-sigma, if K is known better than it says"
 """What to do about an interval that errors of K alone make too wide: more frames do not narrow it."""
 MIN_SCENES = FEW_SCENES.limit()
 """Least number of scenes whose edges are trusted, and whose labels tell one top."""
 
 
-@dataclass(frozen=True)
-class Assessment:
-    """Uncertainty of a pose, and findings against it."""
-
-    uncertainty: Uncertainty | None
-    """Uncertainty of the pose; None if the data do not determine it."""
-    findings: tuple[Finding, ...]
-    """Findings of the assessment against the pose."""
-    notes: tuple[str, ...] = ()
-    """Sentences that a person should know and that do not speak against the pose."""
-    parts: tuple[DrivePart, ...] = ()
-    """Parts of the drive, if its frames fit several poses."""
-    measured: tuple[Measured, ...] = ()
-    """What the checks measured, whether or not it is beyond their limits."""
-
-    def with_measured(self, *measured: Measured) -> Assessment:
-        """Add what more checks measured, with their findings."""
-        findings = (*self.findings, *findings_among(measured))
-        return replace(self, findings=findings, measured=(*self.measured, *measured))
-
-
 def assess(
     data: LoadedDrive,
-    T_camera_lidar: Pose,
-    agreement: _core.Agreement,
-    config: PolishConfig,
-    fused: Fused | None = None,
-    joint: Joint | None = None,
+    stages: Stages,
+    config: RefinementConfig,
+    on_event: Listener = ignore,
     *,
     with_label_bleed: bool = True,
-) -> Assessment:
-    """Estimate the uncertainty of a polished pose, and look for findings against it.
+    with_remedies: bool = True,
+) -> Stages:
+    """Estimate the uncertainty of a polished or fused pose and look for findings.
 
-    Of several cues, rivals are looked for by all, and the rest is checked by `LoadedDrive.for_checks`.
+    Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false. Of several cues,
+    rivals are looked for by all, and the rest is checked by `LoadedDrive.for_checks`.
 
-    Args:
-        data: The drive, as `load` returns it.
-        T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar, metres.
-        agreement: Agreement of the observations at this pose.
-        config: Settings of the polish.
-        fused: Result of the fusion with priors, if there are any.
-        joint: Estimate of the pose with intrinsics or the clock, whether or not it was kept, if there is one.
-        with_label_bleed: Whether to compute the effect of bleeding labels.
+    A pose whose polish was rejected has no uncertainty, since it is no top, and is checked otherwise. One that was not
+    polished stays as it is.
     """
-    observations, checked, camera = data.observations, data.for_checks, data.observations.camera
-    label_gain = None if fused is None else fused.label_gain
-    stated = camera if joint is None or joint.camera is None else _without_stated(camera, joint.camera)
-    effect = _EffectOfIntrinsics.at(observations, T_camera_lidar, label_gain, stated)
-    around = effect.around if checked is observations else around_intrinsics(checked, T_camera_lidar)
-
-    of_intrinsics = effect.of_stated if fused is None else fused.of_intrinsics
-    # An estimate of the clock tells how far it may be off.
-    is_estimated = joint is not None and joint.clock is not None
-    of_clock = None if is_estimated else covariance_of_clock(data.drive, T_camera_lidar, label_gain)
-
-    def uncertain() -> Uncertainty | None:
-        of_others = sum_of(effect.of_stated, of_clock)
-        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, of_others)
-        if found is None:
-            return None
-        bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
-        return found.model_copy(
-            update={
-                "label_bleed": bleed,
-                "intrinsics_cost": effect.cost,
-                "covariance_of_intrinsics": None if of_intrinsics is None else as_entries(of_intrinsics),
-            }
+    if stages.fused is None and stages.polished is None:
+        return stages
+    on_event(Progress("assessing"))
+    start = perf_counter()
+    answer = _Answer(replace(data, observations=stages.seen or data.observations), stages, config.polish)
+    if stages.is_rejected:
+        measured = check_consistency(answer.data.for_checks, answer.T_camera_lidar)
+        found = _compare_frames(answer).with_measured(*measured)
+    else:
+        found = _judge(answer, with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"})
+    if data.guide is not None and data.is_refined_by_edges:
+        T_initial = stages.initial.T_camera_lidar
+        found = found.with_measured(check_guide(data.guide, answer.T_camera_lidar, T_initial))
+    if with_remedies:
+        advised = advise(
+            found.findings,
+            answer.observations,
+            answer.T_camera_lidar,
+            answer.config,
+            done=config.jointly,
+            with_priors=stages.fused is not None,
+            time_offset_s=data.drive.time_offset_s,
         )
-
-    # While one check is in Python, the core works for another one.
-    with thread_pool() as pool:
-        of_frames = pool.submit(compare_frames, data, T_camera_lidar, agreement)
-        of_consistency = pool.submit(check_consistency, checked, T_camera_lidar)
-        of_scale = pool.submit(check_scale, checked)
-        of_pose = pool.submit(uncertain)
-        frames, found = of_frames.result(), of_pose.result()
-        checked_all = frames.with_measured(
-            *of_consistency.result(),
-            *_rivals(data, T_camera_lidar, found, with_priors=fused is not None),
-            *wrong_intrinsics(around, camera, checked.num_cues * len(set(checked.scenes))),
-        )
-        notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
-    findings = checked_all.findings
-    if found is None:
-        none = NOTHING if fused is None else TOGETHER
-        return replace(checked_all, findings=(none, *findings), notes=notes)
-    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint, of_intrinsics, of_clock))
-    return replace(checked_all, uncertainty=found, findings=(*findings, *too_wide), notes=notes)
+        found = replace(found, findings=advised)
+    stages = replace(stages, assessment=found)
+    count = len(stages.findings)
+    doubts = {0: "nothing speaks", 1: "1 doubt speaks"}.get(count, f"{count} doubts speak")
+    note = f"{doubts} against the pose that was found"
+    on_event(StageDone("assessed", perf_counter() - start, note))
+    return stages
 
 
-def assess_rejected(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
-    """Look for findings against a pose whose polish was rejected: it is no top, and so has no uncertainty.
+@dataclass(frozen=True)
+class _Answer:
+    """The pose that is judged, and where it comes from."""
 
-    Args:
-        data: The drive, as `load` returns it.
-        T_camera_lidar: (4, 4) pose before the polish, metres.
-        agreement: Agreement of the observations at this pose.
-    """
-    frames = compare_frames(data, T_camera_lidar, agreement)
-    return frames.with_measured(*check_consistency(data.for_checks, T_camera_lidar))
+    data: LoadedDrive
+    """The drive, as the camera sees it that the pose belongs to."""
+    stages: Stages
+    config: PolishConfig
+
+    @property
+    def observations(self) -> Observations:
+        return self.data.observations
+
+    @property
+    def T_camera_lidar(self) -> Pose:
+        return self.stages.T_camera_lidar
+
+    @property
+    def label_gain(self) -> Matrix | None:
+        """Gain (6, 6) from a twist of the labels' optimum to one of the pose; None where they are the same."""
+        return None if self.stages.fused is None else self.stages.fused.label_gain
+
+    @property
+    def unknown_camera(self) -> Camera:
+        """The camera, which states the errors of those intrinsics alone that no estimate replaces."""
+        joint = self.stages.joint
+        camera = self.observations.camera
+        return camera if joint is None or joint.camera is None else _without_stated(camera, joint.camera)
 
 
-class _EffectOfIntrinsics(NamedTuple):
-    """What intrinsics that are off do to the pose."""
+class _Open(NamedTuple):
+    """What stays as the drive says beside the pose, and moves the pose where it is wrong."""
 
     around: Sensitivity | None
-    of_stated: Matrix | None
-    """(6, 6) covariance of the pose by errors of the intrinsics; None if it is not known."""
+    """Sensitivity to the pose and the intrinsics."""
     cost: IntrinsicsCost | None
+    """How far the pose moves by intrinsics that are a little off; None if it is not known."""
+    of_stated: Matrix | None
+    """(6, 6) covariance of the labels' optimum by errors of the intrinsics, at the pose; None if it is not known."""
+    of_intrinsics: Matrix | None
+    """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if there is none."""
+    of_clock: Matrix | None
+    """(6, 6) covariance of the pose by a clock that is not checked; None if that costs nothing."""
 
     @classmethod
-    def at(
-        cls, observations: Observations, T_camera_lidar: Pose, label_gain: Matrix | None, stated: Camera
-    ) -> _EffectOfIntrinsics:
-        """Compute the effect at a pose (4, 4), to whose twist (6, 6) `label_gain` brings one of the labels' optimum.
-
-        `stated` is the camera with the errors that no estimate replaces.
-        """
-        around = around_intrinsics(observations, T_camera_lidar)
+    def beside(cls, answer: _Answer) -> _Open:
+        """Compute it at the pose."""
+        T, fused, gain = answer.T_camera_lidar, answer.stages.fused, answer.label_gain
+        around = around_intrinsics(answer.observations, T)
         shift = shift_by(around)
-        if shift is not None and label_gain is not None:
-            shift = label_gain @ shift
-        cost = None if shift is None else intrinsics_cost(shift, observations.camera)
-        return cls(around, covariance_of_intrinsics(shift, stated), cost)
+        if shift is not None and gain is not None:
+            shift = gain @ shift
+        cost = None if shift is None else intrinsics_cost(shift, answer.observations.camera)
+        of_stated = covariance_of_intrinsics(shift, answer.unknown_camera)
+        of_intrinsics = of_stated if fused is None else fused.of_intrinsics
+        # An estimate of the clock tells how far it may be off.
+        joint = answer.stages.joint
+        is_estimated = joint is not None and joint.clock is not None
+        of_clock = None if is_estimated else covariance_of_clock(answer.data.drive, T, gain)
+        return cls(around, cost, of_stated, of_intrinsics, of_clock)
 
 
-def _uncertainty(
-    observations: Observations,
-    T_camera_lidar: Pose,
-    config: PolishConfig,
-    fused: Fused | None,
-    joint: Joint | None,
-    of_others: Matrix | None,
-) -> Uncertainty | None:
+def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
+    """Estimate the uncertainty of a top of the mutual information, and check it in every way."""
+    data, T, with_priors = answer.data, answer.T_camera_lidar, answer.stages.fused is not None
+    checked, camera = data.for_checks, data.observations.camera
+    beside = _Open.beside(answer)
+    around = beside.around if checked is data.observations else around_intrinsics(checked, T)
+    # While one check is in Python, the core works for another one.
+    with thread_pool() as pool:
+        of_frames = pool.submit(_compare_frames, answer)
+        of_consistency = pool.submit(check_consistency, checked, T)
+        of_scale = pool.submit(check_scale, checked)
+        of_pose = pool.submit(_uncertainty, answer, beside, with_label_bleed=with_label_bleed)
+        frames, uncertainty = of_frames.result(), of_pose.result()
+        found = frames.with_measured(
+            *of_consistency.result(),
+            *_rivals(data, T, uncertainty, with_priors=with_priors),
+            *wrong_intrinsics(around, camera, checked.num_cues * len(set(checked.scenes))),
+        )
+        notes = (*frames.notes, *notes_on_intrinsics(camera, beside.cost), *of_scale.result())
+    if uncertainty is None:
+        none = TOGETHER if with_priors else NOTHING
+        return replace(found, findings=(none, *found.findings), notes=notes)
+    too_wide = undetermined(uncertainty, _advice(answer, uncertainty, beside))
+    findings = (*found.findings, *too_wide)
+    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes)
+
+
+def _uncertainty(answer: _Answer, beside: _Open, *, with_label_bleed: bool) -> Uncertainty | None:
     """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
+    observations, T, fused, joint = (
+        answer.observations,
+        answer.T_camera_lidar,
+        answer.stages.fused,
+        answer.stages.joint,
+    )
+    of_others = sum_of(beside.of_stated, beside.of_clock)
     if joint is not None:
         of_others = sum_of(of_others, joint.left_open)
     if joint is not None and joint.uncertainty is not None:
-        return with_others(joint.uncertainty, T_camera_lidar, of_others)
-    if fused is not None:
-        return fused.uncertainty
-    return estimate_uncertainty(
-        observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_others=of_others
-    )
+        found: Uncertainty | None = with_others(joint.uncertainty, T, of_others)
+    elif fused is not None:
+        found = fused.uncertainty
+    else:
+        band_px = answer.config.edge_band_px
+        found = estimate_uncertainty(observations, T, edge_band_px=band_px, of_others=of_others)
+    if found is None:
+        return None
+    bleed = label_bleed(observations, T, answer.config, answer.label_gain) if with_label_bleed else None
+    of_intrinsics = None if beside.of_intrinsics is None else as_entries(beside.of_intrinsics)
+    parts = {
+        "label_bleed": bleed,
+        "intrinsics_cost": beside.cost,
+        "covariance_of_intrinsics": of_intrinsics,
+    }
+    return found.model_copy(update=parts)
 
 
 def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
@@ -208,14 +227,9 @@ def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
     return with_intrinsics(stating, {name: intrinsic_value(camera, name) for name in found.intrinsics})
 
 
-def _advice(
-    found: Uncertainty,
-    T_camera_lidar: Pose,
-    joint: Joint | None,
-    of_intrinsics: Matrix | None,
-    of_clock: Matrix | None,
-) -> str | None:
+def _advice(answer: _Answer, found: Uncertainty, beside: _Open) -> str | None:
     """Say what to do about an interval that only what stays open beside the pose makes too wide; None of any other."""
+    joint = answer.stages.joint
 
     def is_narrow_without(part: Matrix | None) -> bool:
         if part is None:
@@ -223,37 +237,32 @@ def _advice(
         # Half widths need the variances alone.
         variances = np.maximum(np.diag(found.covariance) - np.diag(part), 0.0)
         freedom = np.array(found.degrees_of_freedom)
-        alone = Uncertainty.from_covariance(T_camera_lidar, np.diag(variances), freedom)
+        alone = Uncertainty.from_covariance(answer.T_camera_lidar, np.diag(variances), freedom)
         return not undetermined(alone)
 
     if joint is not None and is_narrow_without(joint.left_open):
         return joint.advice
-    if is_narrow_without(of_clock):
+    if is_narrow_without(beside.of_clock):
         return KNOW_MOTION
-    return KNOW_K if is_narrow_without(of_intrinsics) else None
+    return KNOW_K if is_narrow_without(beside.of_intrinsics) else None
 
 
-def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
-    """Look for findings about single frames and labels.
-
-    Args:
-        data: The drive, as `load` returns it.
-        T_camera_lidar: (4, 4), metres.
-        agreement: Agreement of the observations at this pose.
-    """
+def _compare_frames(answer: _Answer) -> Assessment:
+    """Look for findings about single frames and labels."""
+    data, T = answer.data, answer.T_camera_lidar
     observations, names = data.for_checks, [frame.points for frame in data.drive.frames]
-    check = check_frames(observations, T_camera_lidar, names)
-    measured = [*check.measured, *check_pairs(observations, T_camera_lidar, agreement, names)]
+    check = check_frames(observations, T, names)
+    measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
     if data.is_refined_by_edges:
         measured.append(_few_scenes(observations))
     notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(data))
     if "labels" in data.cues:
-        measured += check_leaks(data.of_cue("labels"), T_camera_lidar)
+        measured += check_leaks(data.of_cue("labels"), T)
     if data.cues[0] in ("labels", "segments"):
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
         measured += aligned.measured
         notes += aligned.notes
-    return Assessment(None, (), notes, check.parts).with_measured(*measured)
+    return Assessment(notes=notes, parts=check.parts).with_measured(*measured)
 
 
 def _rivals(

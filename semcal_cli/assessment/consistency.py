@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.information import information_by_squares, paired_gain
+from semcal_cli.assessment.information import compared_by, information_by_squares, paired_gain
 from semcal_cli.checks.belonging import WRONG_PAIRING
 from semcal_cli.checks.camera import WRONG_CLOCKS, WRONG_FOCAL_LENGTH
 from semcal_cli.checks.check import Measured
@@ -27,10 +27,8 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.delay import delayed, twists_per_s
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.exact import ExactEstimator
-from semcal_cli.refinement.pyramid import refine
+from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.threads import thread_pool
 
 NUM_FRAMES = 4
@@ -65,11 +63,6 @@ def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple
         _wrong_azimuth(few, T_camera_lidar),
         *_wrong_model(few, T_camera_lidar),
     )
-
-
-def _by(observations: Observations) -> str:
-    """Name the limit that goes with what the points are compared by."""
-    return "segments" if observations.has_segments else "labels"
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:
@@ -139,7 +132,7 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
             found.append(_information(observations.with_images(others), T_camera_lidar))
     if not found:
         return []
-    by, best = _by(observations), max(found)
+    by, best = compared_by(observations), max(found)
     fit, most = _as_well(best, own), WRONG_PAIRING.limit(by)
     sentence = f"pictures of other frames fit the clouds {fit}, needed at most {most:.0%}"
     return [WRONG_PAIRING.measured(_share(best, own), sentence, by)]
@@ -155,7 +148,7 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
         turned = _fit(observations, T_turned)
         if turned.information > best and _overlap(observations, T_turned, turned) >= least:
             best, best_deg = turned.information, turn_deg
-    by, fit = _by(observations), _as_well(best, own.information)
+    by, fit = compared_by(observations), _as_well(best, own.information)
     found = (
         f"with the camera turned by {best_deg:.0f} degrees points and pictures fit {fit}, needed at most "
         f"{OTHER_AZIMUTH.limit(by):.0%}"
@@ -164,7 +157,6 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
 
 
 def _overlap(observations: Observations, T_camera_lidar: Pose, fit: _Fit) -> float:
-    """Give the share of the pictures that visible points cover."""
     return (fit.agreement or _core.agreement(observations.core, T_camera_lidar)).overlap
 
 
@@ -194,7 +186,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Measu
     although they hardly change its curvature.
     """
     changes = (-FOCAL_CHANGE, FOCAL_CHANGE)
-    delays_s = CLOCK_DELAYS_S if _tells_clocks(observations) else ()
+    delays_s = CLOCK_DELAYS_S if _has_varying_motion(observations) else ()
     models = [
         observations,
         *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
@@ -228,7 +220,7 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[
     return [WRONG_FOCAL_LENGTH.measured(gain, sentence)]
 
 
-def _tells_clocks(observations: Observations) -> bool:
+def _has_varying_motion(observations: Observations) -> bool:
     """Whether the motion differs between frames; at one constant motion, a delay looks like another camera position."""
     twists = twists_per_s(observations)
     return twists is not None and bool(np.ptp(twists, axis=0).any())
@@ -257,15 +249,9 @@ def _wrong_clocks(
 
 def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
     """Refine a pose and score it by the agreement of the labels; None if it cannot be refined."""
-    try:
-        found = refine(
-            observations,
-            T_camera_lidar,
-            ExactEstimator(observations, OTHER_MODEL_EXACT, seed=0),
-            OTHER_MODEL_PYRAMID,
-        )
-    except SemcalError:
-        return None  # The lens does not reach the points, or no point is left in the image.
+    found = refine_exactly(observations, T_camera_lidar, OTHER_MODEL_EXACT, OTHER_MODEL_PYRAMID)
+    if found is None:
+        return None
     if observations.has_segments:
         return _fit(observations, found.T_camera_lidar)
     return _fit_of(found.T_camera_lidar, found.agreement)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.frame_scores import score_frames
+from semcal_cli.assessment.information import compared_by
 from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
 from semcal_cli.assessment.sensitivity import determined_sensitivity
@@ -26,12 +27,10 @@ from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, Sensitiv
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
-from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import refine
 from semcal_cli.result.parts import DrivePart, Movement
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
@@ -121,14 +120,9 @@ class _Suspicion:
 
 def _measured_scatter(suspicion: _Suspicion, observations: Observations) -> Measured:
     """Hand out the scatter as a multiple of what chance exceeds; whether it is a finding, parts decide as well."""
-    by = _by(observations)
+    by = compared_by(observations)
     share = suspicion.scatter / suspicion.allowed
     return FRAMES_DISAGREE.measured(share * FRAMES_DISAGREE.limit(by), limit=by)
-
-
-def _by(observations: Observations) -> str:
-    """Name the limit that goes with what the points are compared by."""
-    return "segments" if observations.has_segments else "labels"
 
 
 def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
@@ -153,7 +147,7 @@ def _compare(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | N
     place = int(np.argmax(splits)) + 1 if splits.max() > limit else None
     outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
     scatter = max(scores.heterogeneity for scores in scored) / (6.0 * (count - 1))
-    allowed = FRAMES_DISAGREE.limit(_by(observations)) * _scatter_by_chance(count, num_squares)
+    allowed = FRAMES_DISAGREE.limit(compared_by(observations)) * _scatter_by_chance(count, num_squares)
     return _Suspicion(place, math.sqrt(max(splits.max(), 0.0)), math.sqrt(limit), scatter, allowed, outliers)
 
 
@@ -170,7 +164,6 @@ def _scatter_by_chance(num_frames: int, num_squares: int) -> float:
 
 
 def _is_one(observations: Observations, part: Part) -> bool:
-    """Whether the frames of a part fit its pose."""
     if len(part.frames) == 1:
         return True
     found = _suspect(observations.of_frames(part.frames), part.T_camera_lidar)
@@ -223,12 +216,10 @@ def fit_part(
 ) -> Part | None:
     """Refine and polish the pose of some frames; None if they do not determine one."""
     few = observations.of_frames(frames)
-    try:
-        estimator = ExactEstimator(few, ExactConfig(), seed=0)
-        T = refine(few, T_start, estimator, pyramid).T_camera_lidar
-    except SemcalError:
+    refined = refine_exactly(few, T_start, ExactConfig(), pyramid)
+    if refined is None:
         return None
-    T = newton(few, T, PolishConfig()).T_camera_lidar
+    T = newton(few, refined.T_camera_lidar, PolishConfig()).T_camera_lidar
     around = determined_sensitivity(few, T, SensitivityConfig())
     if around is None:
         return None

@@ -13,8 +13,7 @@ MAX_PARTS = 6
 
 def frame_name(names: Sequence[str], index: int) -> str:
     """Name a frame by its point cloud without folder and suffix, if that tells it from all others."""
-    stems = [PurePosixPath(name).stem for name in names]
-    return stems[index] if stems.count(stems[index]) == 1 else names[index]
+    return frame_names(names)[index]
 
 
 def frame_names(names: Sequence[str]) -> list[str]:

@@ -22,7 +22,7 @@ from semcal_cli.assessment.intrinsics import (
     covariance_of_intrinsics,
     shift_by,
 )
-from semcal_cli.assessment.measurement import Measurement, measure, silent, sum_of
+from semcal_cli.assessment.measurement import Measurement, measure, no_information, sum_of
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
 from semcal_cli.checks.convergence import FUSION_NOT_SETTLED
@@ -67,7 +67,7 @@ class Fused(StageResult):
     """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if they are exact."""
 
 
-def fuse(
+def fuse_with_priors(
     observations: Observations,
     T_camera_lidar: Pose,
     priors: Sequence[Prior],
@@ -106,6 +106,7 @@ def fuse(
         T_camera_lidar=T,
         agreement=_core.agreement(observations.core, T),
         findings=(*(() if is_settled else (UNSETTLED,)), *far),
+        note=f"with {', '.join(prior.name for prior in priors)}",
         uncertainty=None if fit is None else fit.uncertainty(T),
         is_alone=is_alone,
         label_gain=label_gain,
@@ -150,7 +151,7 @@ def _iterate(
     If the labels alone determine the pose, they are evaluated once; otherwise they are evaluated in every round.
     """
     T = T_start if is_alone else clamp(T_start, priors)
-    labels, fit = silent(6), None
+    labels, fit = no_information(6), None
     for index in range(MAX_ROUNDS):
         if index > 0 and not is_alone:
             around = sensitivity(observations, T, SensitivityConfig(edge_band_px=edge_band_px))
@@ -219,22 +220,20 @@ def _solve(labels: Measurement, known: _Known, motions: Matrix) -> tuple[Vector6
 
 def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     """Compare a prior with the optimum of the labels alone, over all known axes at once."""
-    stated = np.isfinite(prior.sigmas)
+    jacobian, residual, sigmas = _known(T_camera_lidar, [prior])
     alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
-    jacobian = prior.jacobian(T_camera_lidar)[stated]
-    twist = np.linalg.solve(labels.reads, labels.mean)
-    off = prior.residual(T_camera_lidar)[stated] + jacobian @ twist
-    covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(prior.sigmas)[stated])
+    off = residual + jacobian @ np.linalg.solve(labels.reads, labels.mean)
+    covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(sigmas))
     chi2 = float(off @ np.linalg.solve(covariance, off))
     fewest = float(labels.degrees_of_freedom(alone).min())
     # With few parts of the images almost any distance may be chance, so it is limited as well.
-    num_axes = int(stated.sum())
+    num_axes = len(sigmas)
     by_chance = _core.fisher_limit(PRIOR.limit("chance"), num_axes, fewest)
     most = num_axes * min(by_chance, PRIOR.limit("one axis") ** 2)
     if chi2 <= most:
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
-    far = _length(int(np.flatnonzero(stated)[worst]), float(off[worst]))
+    far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
     found = (
         f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {num_axes}, needed at most "
         f"{most:.0f}"
@@ -243,7 +242,6 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
 
 
 def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
-    """Compare a prior with the fused pose, axis by axis."""
     deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
     worst = int(deviations.argmax())
     far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))

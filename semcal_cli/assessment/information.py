@@ -17,6 +17,11 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 
 
+def compared_by(observations: Observations) -> str:
+    """Name what points are compared by, as the limits of checks are named: `segments` or `labels`."""
+    return "segments" if observations.has_segments else "labels"
+
+
 @dataclass(frozen=True, eq=False)
 class InformationBySquares:
     """Information of points and pixels at a pose."""

@@ -27,7 +27,7 @@ from semcal_cli.drive.shutter import shutter_error_px
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.files.picture_sizes import read_size
-from semcal_cli.initialization.search import initialize
+from semcal_cli.initialization.search import search_mountings
 
 MAX_GAP_S = 0.05
 """Largest time between sweep and image of a frame without a finding; at 10 m/s it is half a metre."""
@@ -116,8 +116,8 @@ def inspect(drive: Drive) -> DriveReport:
     points = [cloud.points for cloud in clouds]
     few = _loaded(probed)
     elevations, azimuths = _field_of_points(points)
-    of_points = _names(content.point_classes for content in contents)
-    of_pixels = _names(content.image_classes for content in contents)
+    point_names = _names(content.point_classes for content in contents)
+    pixel_names = _names(content.image_classes for content in contents)
     return DriveReport(
         drive=str(drive.path),
         frames=tuple(_report(drive, *each) for each in zip(drive.frames, contents, strict=True)),
@@ -125,12 +125,12 @@ def inspect(drive: Drive) -> DriveReport:
         elevations_deg=elevations,
         azimuths_deg=azimuths,
         field_of_view_deg=_field_of_view(drive),
-        shared_classes=tuple(name for name in of_points or () if name in (of_pixels or ())),
+        shared_classes=tuple(name for name in point_names or () if name in (pixel_names or ())),
         suspicions=(
             *_check_camera(drive),
             *_check_images(drive),
             *_check_scale(points, few),
-            *_check_classes(of_points, of_pixels),
+            *_check_classes(point_names, pixel_names),
             *_check_motion(motion_error_px(probed, clouds)),
             *_check_shutter(drive, points),
             *([] if few is None else _check_mirroring(few)),
@@ -246,7 +246,6 @@ def _check_side(side: str, counts: Mapping[str, int] | None, num_ignored: int) -
 
 
 def _check_segments(content: _Content) -> list[str]:
-    """Check that a sweep without labels shows both kinds of segments."""
     if content.point_classes is not None or not content.num_points or len(content.kinds) == len(KINDS):
         return []
     found = f"{' and '.join(content.kinds)} only" if content.kinds else "no segments"
@@ -349,7 +348,6 @@ def _has_direction(drive: Drive) -> bool:
 
 
 def _check_labels(labelled: Drive) -> Sequence[str]:
-    """Check that labels belong to their points and pixels."""
     read = _loaded(labelled) if labelled.frames else None
     found = () if read is None else check_label_alignment(labelled, read).findings
     return tuple(finding.sentence for finding in found)
@@ -367,7 +365,8 @@ def _check_mirroring(few: Observations) -> list[str]:
     """Register a few frames as they are and with y negated, because a cloud may have been mirrored."""
     try:
         best, other = (
-            initialize(each, InitializationConfig(), seed=0).hypotheses[0] for each in (few, _mirrored(few))
+            search_mountings(each, InitializationConfig(), seed=0).hypotheses[0]
+            for each in (few, _mirrored(few))
         )
     except (CalibrationError, InputError):
         return []
@@ -380,6 +379,5 @@ def _check_mirroring(few: Observations) -> list[str]:
 
 
 def _mirrored(observations: Observations) -> Observations:
-    """Negate y of all points."""
     flip = np.array([1.0, -1.0, 1.0], np.float32)
     return observations.with_clouds(cloud.with_points(cloud.points * flip) for cloud in observations.clouds)

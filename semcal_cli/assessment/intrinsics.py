@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity, sensitivity
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, bending, sensitivity
 from semcal_cli.checks.camera import WRONG_INTRINSICS
 from semcal_cli.checks.check import Measured
 from semcal_cli.config import SensitivityConfig
@@ -75,13 +75,11 @@ def shift_by(around: Sensitivity | None) -> Matrix | None:
     """
     if around is None:
         return None
-    scale = 1.0 / np.sqrt(np.diag(around.motions)[:6])
-    bends, directions = np.linalg.eigh(around.curvature[:6, :6] * np.outer(scale, scale))
-    falls = bends > LEAST_BEND * max(float(bends[-1]), 0.0)
-    if not falls.any():
+    scale, bends, directions = bending(around.curvature[:6, :6], around.motions[:6, :6])
+    if len(bends) == 0:
         return None
-    basis = scale[:, None] * directions[:, falls]
-    return np.asarray(-(basis / bends[falls]) @ basis.T @ around.curvature[:6, 6:])
+    basis = scale[:, None] * directions
+    return np.asarray(-(basis / bends) @ basis.T @ around.curvature[:6, 6:])
 
 
 def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:

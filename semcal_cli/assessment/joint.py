@@ -14,7 +14,7 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.assessment.information import information_by_squares, paired_gain
 from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by
-from semcal_cli.assessment.joint_fit import Fit, Variables, finish, fit_determined, seen_by
+from semcal_cli.assessment.joint_fit import Fit, Problem, Variables, seen_by
 from semcal_cli.assessment.sensitivity import Matrix, sensitivity
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import Camera
@@ -69,7 +69,7 @@ class Joint(StageResult):
         return f"{' and '.join(more)}, or calibrate without {' and without '.join(without)}"
 
 
-def estimate_jointly(
+def fit_jointly(
     observations: Observations,
     T_camera_lidar: Pose,
     config: JointlyConfig,
@@ -105,8 +105,9 @@ def _estimate(
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     seen = replace(observations, camera=camera)
     asked = Variables(config.intrinsics, config.with_delay)
-    fit = fit_determined(seen, T_camera_lidar, asked, config, polish)
-    gain = _held_out_gain(seen, T_camera_lidar, fit, config, polish)
+    problem = Problem(seen, asked, config, polish)
+    fit = problem.fit_determined(T_camera_lidar)
+    gain = _held_out_gain(problem, T_camera_lidar, fit)
     is_kept = bool(
         fit.variables.names
         and fit.is_beyond_chance
@@ -127,6 +128,7 @@ def _estimate(
         T_camera_lidar=T,
         agreement=_core.agreement(after.core, T),
         settings={"jointly": asdict(config)},
+        note=f"{_variables_words(refined, clock) or 'nothing determined'}, {'kept' if is_kept else 'not kept'}",
         observations=after,
         camera=refined,
         clock=clock,
@@ -135,6 +137,22 @@ def _estimate(
         is_kept=is_kept,
         notes=_notes(fit, asked, gain, is_kept),
     )
+
+
+def _variables_words(camera: RefinedCamera | None, clock: Clock | None) -> str:
+    """Tell what was found of the variables that are determined."""
+    words = (
+        []
+        if camera is None
+        else [
+            f"{name} {each.found - each.given:+.4g}"
+            for name, each in camera.intrinsics.items()
+            if each.is_determined
+        ]
+    )
+    if clock is not None and clock.is_determined:
+        words.append(f"clock {1e3 * clock.time_offset_s:+.1f} ms")
+    return ", ".join(words)
 
 
 def _left_open(
@@ -172,20 +190,18 @@ def _left_open(
     return np.asarray(shift @ about @ shift.T)
 
 
-def _held_out_gain(
-    observations: Observations, T: Pose, fit: Fit, config: JointlyConfig, polish: PolishConfig
-) -> _core.HeldOutGain:
+def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> _core.HeldOutGain:
     """Compute what held-out data gain by estimates of the others, with the variables and without them."""
-    kept, held_out = split(observations, polish)
-    before = newton(kept, T, polish).T_camera_lidar
-    part = None
+    kept, held_out = split(problem.observations, problem.polish)
+    before, part = newton(kept, T, problem.polish).T_camera_lidar, None
     if fit.variables.names:
         # The top of the kept data is near that of all.
-        part = finish(kept, fit.T_camera_lidar, fit.variables, fit.uncertain, fit.changes, config, polish)
+        of_kept = replace(problem, observations=kept, asked=fit.uncertain)
+        part = of_kept.finish(fit.T_camera_lidar, fit.variables, fit.changes)
     if part is None or part.variables != fit.variables:
         return _core.held_out_gain(kept.core, held_out.core, before, before)
     seen = seen_by(held_out, part.variables, part.changes)
-    if observations.has_segments:
+    if problem.observations.has_segments:
         return paired_gain(
             information_by_squares(held_out, before), information_by_squares(seen, part.T_camera_lidar)
         )
@@ -197,20 +213,20 @@ def _held_out_gain(
 def _camera_of(
     fit: Fit, asked: Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
 ) -> RefinedCamera:
-    """Collect what was found of the intrinsics."""
     intrinsics = {}
     for name in asked.intrinsics:
         given = intrinsic_value(camera, name)
-        if name in fit.variables.intrinsics:
+        change, sigma, half_width = 0.0, None, None
+        if is_determined := name in fit.variables.intrinsics:
             index = fit.variables.names.index(name)
-            change, sigma, half = (float(x[index]) for x in (fit.changes, fit.sigmas, fit.half_widths))
-            intrinsics[name] = Intrinsic(
-                given=given, found=given + change, sigma=sigma, half_width_95=half, is_determined=True
-            )
-        else:
-            intrinsics[name] = Intrinsic(
-                given=given, found=given, sigma=None, half_width_95=None, is_determined=False
-            )
+            change, sigma, half_width = (float(x[index]) for x in (fit.changes, fit.sigmas, fit.half_widths))
+        intrinsics[name] = Intrinsic(
+            given=given,
+            found=given + change,
+            sigma=sigma,
+            half_width_95=half_width,
+            is_determined=is_determined,
+        )
     covariance = fit.covariance if fit.variables.names else None
     return RefinedCamera(
         is_kept=is_kept,

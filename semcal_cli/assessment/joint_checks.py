@@ -22,27 +22,21 @@ def check_beside_pose(data: LoadedDrive, config: RefinementConfig, priors: Seque
     """Check that priors, intrinsics and the clock go with the drive and with the polish.
 
     Raises:
-        InputError: there are priors without a polish, or the drive cannot tell what is to be estimated beside the pose.
+        InputError: there are priors without a polish; or something is to be estimated beside the pose, and the lens has
+            not one of the intrinsics, the drive has no motion for the offset of the clock, or priors, features or a
+            pose that is not polished exclude the estimate.
     """
-    if priors and not is_polished(data.observations, config):
+    path, jointly = data.drive.path, config.jointly
+    is_finished = is_polished(data.observations, config)
+    if priors and not is_finished:
         raise InputError(
             f"{priors[0].name}: is weighed by the polish, which features and is_polished=False exclude"
         )
-    if config.jointly.is_asked:
-        _check_jointly(data, config, priors)
-
-
-def _check_jointly(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior]) -> None:
-    """Check that a drive can tell what is to be estimated beside the pose.
-
-    Raises:
-        InputError: the lens has not one of the intrinsics, the drive has no motion for the offset of the clock, or
-            priors, features or a pose that is not polished exclude the estimate.
-    """
-    jointly = config.jointly
+    if not jointly.is_asked:
+        return
     option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
-    check_intrinsics(jointly.intrinsics, data.observations.camera, f"{data.drive.path}: --refine-intrinsics")
-    if not is_polished(data.observations, config):
+    check_intrinsics(jointly.intrinsics, data.observations.camera, f"{path}: --refine-intrinsics")
+    if not is_finished:
         raise InputError(f"{option}: follows the polish, which features and is_polished=False exclude")
     if priors:
         raise InputError(
@@ -50,5 +44,5 @@ def _check_jointly(data: LoadedDrive, config: RefinementConfig, priors: Sequence
         )
     if jointly.with_delay and twists_per_s(data.observations) is None:
         raise InputError(
-            f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
+            f"{path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
         )

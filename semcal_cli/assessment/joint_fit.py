@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -140,15 +140,6 @@ class Fit(NamedTuple):
         freedoms = self.degrees_of_freedom[self.places]
         return np.asarray(self.sigmas * [_core.student_quantile(0.975, freedom) for freedom in freedoms])
 
-    def left_open(self, camera: Camera, config: JointlyConfig) -> list[str]:
-        """List the variables that the data do not determine, beside what was known of the drive's camera."""
-        known = self.variables.sigmas(camera, config)
-        return [
-            name
-            for name, sigma, before in zip(self.variables.names, self.sigmas, known, strict=True)
-            if not sigma <= (MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * before)
-        ]
-
     @property
     def is_beyond_chance(self) -> bool:
         """Whether the variables differ from what the drive says by more than chance (Wald's test)."""
@@ -160,172 +151,159 @@ class Fit(NamedTuple):
         return distance > count * _core.fisher_limit(CHANCE, count, MANY)
 
 
-def fit_determined(
-    observations: Observations, T: Pose, asked: Variables, config: JointlyConfig, polish: PolishConfig
-) -> Fit:
-    """Fit all variables that the data determine: each fit leaves out those that the one before did not determine."""
-    variables = asked
-    while True:
-        fit = _fit(observations, T, variables, asked, config, polish)
-        if fit.variables != variables:
-            return fit
-        fit = _on_telling_blocks(fit, observations.camera, config, polish)
-        if fit.covariance is None and len(variables.names) > 1 and variables.with_delay:
-            # A clock that moves no point, as where the rig stands, tells nothing and leaves the others as they are.
-            variables = variables.without([DELAY])
-            continue
-        left_open = fit.left_open(observations.camera, config)
-        if not left_open:
-            return fit
-        # A clock that is open loosens the others, which the data may determine without it.
-        variables = variables.without([DELAY] if DELAY in left_open else left_open)
+@dataclass(frozen=True)
+class Problem:
+    """What is estimated together with the pose, from which data, and by which settings."""
 
+    observations: Observations
+    """Labelled points and label images, as the drive's camera sees them."""
+    asked: Variables
+    """Variables that are to be estimated."""
+    config: JointlyConfig
+    """What is known of the variables."""
+    polish: PolishConfig
+    """Settings of the polish."""
 
-def _on_telling_blocks(fit: Fit, camera: Camera, config: JointlyConfig, polish: PolishConfig) -> Fit:
-    """Take the covariance on the finest blocks of pixels that leave the fewest variables open.
+    def fit_determined(self, T: Pose) -> Fit:
+        """Fit all variables that the data determine: each fit leaves out those that the one before did not determine.
 
-    In full resolution the mutual information is rough along what is hardly determined, and its curvature there depends
-    on where in a pixel the points land. On twelve development drives of one frame nothing was determined in ten by
-    single pixels alone, and in two by these blocks; 103 of 103 values lay within their intervals.
-    """
-    found = [fit]
-    for factor in BLOCKS_PX[1:]:
-        if not found[-1].left_open(camera, config):
-            break
-        known = fit.uncertain.sigmas(camera, config)
-        settings = SensitivityConfig(factor=factor, edge_band_px=polish.edge_band_px)
-        covariance, degrees_of_freedom = _covariance(
-            fit.observations, fit.T_camera_lidar, fit.uncertain, known, settings
+        Args:
+            T: (4, 4) pose with the drive's camera, metres.
+        """
+        variables = self.asked
+        while True:
+            fit = self._fit(T, variables)
+            if fit.variables != variables:
+                return fit
+            fit = self._on_determined_blocks(fit)
+            if fit.covariance is None and len(variables.names) > 1 and variables.with_delay:
+                # A clock that moves no point, as where the rig stands, tells nothing and leaves the others as they are.
+                variables = variables.without([DELAY])
+                continue
+            left_open = self._left_open(fit)
+            if not left_open:
+                return fit
+            # A clock that is open loosens the others, which the data may determine without it.
+            variables = variables.without([DELAY] if DELAY in left_open else left_open)
+
+    def finish(self, T: Pose, variables: Variables, changes: Values) -> Fit:
+        """Climb the last levels from near the top, and tell how sure its place is.
+
+        Args:
+            T: (4, 4) pose near the top, metres.
+            variables: Variables that are fitted.
+            changes: (m,) their difference from what the drive says, near the top.
+        """
+        # An offset of the clock that may be anything would make the pose as uncertain.
+        uncertain = Variables(self.asked.intrinsics, variables.with_delay)
+        evidence = self._evidence(seen_by(self.observations, variables, changes), T)
+        if evidence is None:
+            nothing = Variables((), with_delay=False)
+            none = np.zeros(0)
+            return Fit(nothing, T, none, self.observations, nothing, None, np.ones(6), math.inf)
+        found = self._climb(T, variables, changes, range(FINE_LEVELS, -1, -1), evidence)
+        changes = _changes(found, variables)
+        seen = seen_by(self.observations, variables, changes)
+        sure = self._covariance(seen, found.T_camera_lidar, uncertain)
+        return Fit(variables, found.T_camera_lidar, changes, seen, uncertain, *sure, found.moved_px)
+
+    def _fit(self, T: Pose, variables: Variables) -> Fit:
+        """Find the top from what the drive says, from coarse blocks to pixels.
+
+        How much what was known before weighs is known only there, and then the last levels are climbed again.
+        """
+        camera = self.observations.camera
+        width = min(camera.width, camera.height * 2)
+        across = BLOCKS_ACROSS_WITH_DELAY if variables.with_delay else BLOCKS_ACROSS
+        coarsest = max(int(math.log2(max(width / across, 1.0))), FINE_LEVELS)
+        at_drive, levels = np.zeros(len(variables.names)), range(coarsest, FINE_LEVELS - 1, -1)
+        coarse = self._climb(T, variables, at_drive, levels, LEAST_EVIDENCE)
+        return self.finish(coarse.T_camera_lidar, variables, _changes(coarse, variables))
+
+    def _on_determined_blocks(self, fit: Fit) -> Fit:
+        """Take the covariance on the finest blocks of pixels that leave the fewest variables open.
+
+        In full resolution the mutual information is rough along what is hardly determined, and its curvature there
+        depends on where in a pixel the points land. On twelve development drives of one frame nothing was determined in
+        ten by single pixels alone, and in two by these blocks; 103 of 103 values lay within their intervals.
+        """
+        found = [fit]
+        for factor in BLOCKS_PX[1:]:
+            if not self._left_open(found[-1]):
+                break
+            sure = self._covariance(fit.observations, fit.T_camera_lidar, fit.uncertain, factor)
+            found.append(fit._replace(covariance=sure[0], degrees_of_freedom=sure[1]))
+        return min(found, key=lambda each: len(self._left_open(each)))
+
+    def _left_open(self, fit: Fit) -> list[str]:
+        """List the variables that the data do not determine, beside what was known of the drive's camera."""
+        return [
+            name
+            for name, sigma, before in zip(
+                fit.variables.names, fit.sigmas, self._known(fit.variables), strict=True
+            )
+            if not sigma <= (MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * before)
+        ]
+
+    def _known(self, variables: Variables) -> Values:
+        return variables.sigmas(self.observations.camera, self.config)
+
+    def _climb(
+        self, T: Pose, variables: Variables, changes: Values, levels: range, evidence: float
+    ) -> _core.JointMaximum:
+        """Climb some levels of the pyramid, whose blocks have sides of two to the power of their number."""
+        settings = JointConfig(
+            factors=tuple(2**level for level in levels),
+            changes=tuple(changes.tolist()),
+            sigmas=tuple(self._known(variables).tolist()),
+            evidence=evidence,
+            edge_band_px=self.polish.edge_band_px,
+            max_baseline_m=self.polish.max_baseline_m,
         )
-        found.append(fit._replace(covariance=covariance, degrees_of_freedom=degrees_of_freedom))
-    return min(found, key=lambda each: len(each.left_open(camera, config)))
+        names, twists = variables.of_core(self.observations.camera), variables.twists(self.observations)
+        return _core.maximise(self.observations.core, T, settings, names, twists)
 
+    def _evidence(self, seen: Observations, T: Pose) -> float | None:
+        """Compute how many nats of a likelihood a nat of mutual information is worth, by the scatter of the scores.
 
-def _fit(
-    observations: Observations,
-    T: Pose,
-    variables: Variables,
-    asked: Variables,
-    config: JointlyConfig,
-    polish: PolishConfig,
-) -> Fit:
-    """Find the top from what the drive says, from coarse blocks to pixels.
+        Returns:
+            The number; None if the labels do not determine the pose.
+        """
+        settings = SensitivityConfig(edge_band_px=self.polish.edge_band_px)
+        around = determined_sensitivity(seen, T, settings)
+        if around is None:
+            return None
+        # What classes share does not make the climb less steep: it is part of the covariance at its end.
+        noise, _ = around.noise(np.asarray(np.linalg.inv(around.curvature), np.float64))
+        return 6.0 / float(np.trace(noise @ around.curvature))
 
-    How much what was known before weighs is known only there, and then the last levels are climbed again.
-    """
-    camera = observations.camera
-    width = min(camera.width, camera.height * 2)
-    across = BLOCKS_ACROSS_WITH_DELAY if variables.with_delay else BLOCKS_ACROSS
-    coarsest = max(int(math.log2(max(width / across, 1.0))), FINE_LEVELS)
-    at_drive = np.zeros(len(variables.names))
-    levels = range(coarsest, FINE_LEVELS - 1, -1)
-    coarse = _climb(observations, T, variables, at_drive, levels, LEAST_EVIDENCE, config, polish)
-    changes = _changes(coarse, variables)
-    return finish(observations, coarse.T_camera_lidar, variables, asked, changes, config, polish)
-
-
-def finish(
-    observations: Observations,
-    T: Pose,
-    variables: Variables,
-    asked: Variables,
-    changes: Values,
-    config: JointlyConfig,
-    polish: PolishConfig,
-) -> Fit:
-    """Climb the last levels from near the top, and tell how sure its place is."""
-    # An offset of the clock that may be anything would make the pose as uncertain.
-    uncertain = Variables(asked.intrinsics, variables.with_delay)
-    known = uncertain.sigmas(observations.camera, config)
-    evidence = _evidence(seen_by(observations, variables, changes), T, polish)
-    if evidence is None:
-        nothing = Variables((), with_delay=False)
-        return Fit(nothing, T, np.zeros(0), observations, nothing, None, np.ones(6), math.inf)
-    levels = range(FINE_LEVELS, -1, -1)
-    found = _climb(observations, T, variables, changes, levels, evidence, config, polish)
-    changes = _changes(found, variables)
-    seen = seen_by(observations, variables, changes)
-    settings = SensitivityConfig(edge_band_px=polish.edge_band_px)
-    covariance, degrees_of_freedom = _covariance(seen, found.T_camera_lidar, uncertain, known, settings)
-    return Fit(
-        variables,
-        found.T_camera_lidar,
-        changes,
-        seen,
-        uncertain,
-        covariance,
-        degrees_of_freedom,
-        found.moved_px,
-    )
-
-
-def _climb(
-    observations: Observations,
-    T: Pose,
-    variables: Variables,
-    changes: Values,
-    levels: range,
-    evidence: float,
-    config: JointlyConfig,
-    polish: PolishConfig,
-) -> _core.JointMaximum:
-    """Climb some levels of the pyramid, whose blocks have sides of two to the power of their number."""
-    camera = observations.camera
-    settings = JointConfig(
-        factors=tuple(2**level for level in levels),
-        changes=tuple(changes.tolist()),
-        sigmas=tuple(variables.sigmas(camera, config).tolist()),
-        evidence=evidence,
-        edge_band_px=polish.edge_band_px,
-        max_baseline_m=polish.max_baseline_m,
-    )
-    twists = variables.twists(observations)
-    return _core.maximise(observations.core, T, settings, variables.of_core(camera), twists)
+    def _covariance(
+        self, seen: Observations, T: Pose, variables: Variables, factor: int = 1
+    ) -> tuple[Matrix | None, Values]:
+        """Compute the covariance of all variables, by the labels and by what was known before, on blocks of pixels."""
+        known = self._known(variables)
+        nothing = None, np.ones(6 + len(known))
+        settings = SensitivityConfig(factor=factor, edge_band_px=self.polish.edge_band_px)
+        around = sensitivity(seen, T, settings, variables.of_core(seen.camera), variables.twists(seen))
+        if around is None:
+            return nothing
+        of_borders = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)
+        labels = measure(around, of_borders)
+        information = labels.information + np.diag(np.concatenate([np.zeros(6), known**-2.0]))
+        # Metres, radians and pixels side by side: each variable is scaled before directions are compared.
+        scale = np.sqrt(np.diag(information))
+        if not (scale > 0.0).all():
+            return nothing
+        weights, directions = np.linalg.eigh(information / np.outer(scale, scale))
+        if weights[0] < LEAST_WEIGHT:
+            return nothing
+        basis = directions / scale[:, None]
+        covariance = np.asarray(basis / weights @ basis.T)
+        return covariance, labels.degrees_of_freedom(covariance)
 
 
 def _changes(found: _core.JointMaximum, variables: Variables) -> Values:
     return np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
-
-
-def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> float | None:
-    """Compute how many nats of a likelihood a nat of mutual information is worth, by the scatter of the scores.
-
-    Returns:
-        The number; None if the labels do not determine the pose.
-    """
-    settings = SensitivityConfig(edge_band_px=polish.edge_band_px)
-    around = determined_sensitivity(observations, T, settings)
-    if around is None:
-        return None
-    # What classes share does not make the climb less steep: it is part of the covariance at its end.
-    noise, _ = around.noise(np.asarray(np.linalg.inv(around.curvature), np.float64))
-    return 6.0 / float(np.trace(noise @ around.curvature))
-
-
-def _covariance(
-    seen: Observations,
-    T: Pose,
-    variables: Variables,
-    known: Values,
-    settings: SensitivityConfig,
-) -> tuple[Matrix | None, Values]:
-    """Compute the covariance of all variables, by the labels and by what was known before."""
-    around = sensitivity(seen, T, settings, variables.of_core(seen.camera), variables.twists(seen))
-    if around is None:
-        return None, np.ones(6 + len(known))
-    of_borders = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)
-    labels = measure(around, of_borders)
-    information = labels.information + np.diag(np.concatenate([np.zeros(6), known**-2.0]))
-    # Metres, radians and pixels side by side: each variable is scaled before directions are compared.
-    scale = np.sqrt(np.diag(information))
-    if not (scale > 0.0).all():
-        return None, np.ones(6 + len(known))
-    weights, directions = np.linalg.eigh(information / np.outer(scale, scale))
-    if weights[0] < LEAST_WEIGHT:
-        return None, np.ones(6 + len(known))
-    basis = directions / scale[:, None]
-    covariance = np.asarray(basis / weights @ basis.T)
-    return covariance, labels.degrees_of_freedom(covariance)
 
 
 def seen_by(observations: Observations, variables: Variables, changes: Values) -> Observations:

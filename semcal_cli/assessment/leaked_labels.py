@@ -25,7 +25,7 @@ LEAST_POINTS = 200
 """Number of hidden points, or fewer, that tell nothing."""
 LEAST_CLASSES = 2.0
 """Number of equally frequent classes that hidden points vary like, or fewer, that tell nothing."""
-LEAST_TOLD = 0.1
+LEAST_EXPLAINED = 0.1
 """Share of the classes of visible points that counts at least as told: it was 29 to 100 %, also with 30 % wrong labels
 and 1 degree off, and at a pose where pixels tell nothing the ratio is chance."""
 
@@ -41,12 +41,12 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
     if hidden.sum() < LEAST_POINTS or _entropy(hidden.sum(axis=1)) < np.log(LEAST_CLASSES):
         return ()
     # At a wrong pose pixels tell little of any point, and by chance as much of both.
-    told = _told(hidden) / max(_told(visible), LEAST_TOLD)
+    share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
     found = (
-        f"labels of points seem to be made from those of the pictures, pixels tell {told:.0%} as much of points that "
+        f"labels of points seem to be made from those of the pictures, pixels tell {share:.0%} as much of points that "
         f"are hidden behind what they show as of visible points, needed at most {LEAKED_LABELS.limit():.0%}"
     )
-    return (LEAKED_LABELS.measured(told, found),)
+    return (LEAKED_LABELS.measured(share, found),)
 
 
 def _joints(
@@ -66,13 +66,13 @@ def _joints(
     return hidden, visible
 
 
-def _told(joint: npt.NDArray[np.float64]) -> float:
+def _share_explained(joint: npt.NDArray[np.float64]) -> float:
     """Compute the share of the entropy of the points' classes that the pixels tell, from how often both come up."""
-    of_points, of_pixels = _entropy(joint.sum(axis=1)), _entropy(joint.sum(axis=0))
+    points_nats, pixels_nats = _entropy(joint.sum(axis=1)), _entropy(joint.sum(axis=0))
     num_points, num_pixels = (np.count_nonzero(joint.any(axis=axis)) for axis in (1, 0))
     # Miller's correction: chance tells so much of few points.
     by_chance = (num_points - 1) * (num_pixels - 1) / (2.0 * max(joint.sum(), 1.0))
-    return float((of_points + of_pixels - _entropy(joint.ravel()) - by_chance) / max(of_points, 1e-9))
+    return float((points_nats + pixels_nats - _entropy(joint.ravel()) - by_chance) / max(points_nats, 1e-9))
 
 
 def _entropy(counts: npt.NDArray[np.float64]) -> float:

@@ -148,8 +148,7 @@ def hotelling_quantile(alpha: float, degrees_of_freedom: float) -> float:
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:
     """Combine verdicts: one `fail` fails, and only all `pass` pass."""
-    found = set(verdicts)
-    return "fail" if "fail" in found else "inconclusive" if "inconclusive" in found else "pass"
+    return min(verdicts, key=VERDICTS.index, default="pass")
 
 
 def _check(name: str, unit: Unit, offset: float, half_width: float | None, allowed: float) -> Check:

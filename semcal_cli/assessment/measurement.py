@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Scatter, Sensitivity
+from semcal_cli.assessment.sensitivity import Matrix, Scatter, Sensitivity, bending
 
 LEAST_SPREAD = 1e-12
 """Smallest variance along a direction, as a share of that of a measurement alone. Less is rounding."""
@@ -43,9 +43,9 @@ class Measurement(NamedTuple):
         scale = np.sqrt(np.diag(self.covariance))
         scale = np.where(scale > 0.0, scale, np.inf)
         spreads, directions = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        told = spreads > LEAST_SPREAD
-        basis = directions[:, told] / scale[:, None]
-        return np.asarray(basis / spreads[told] @ basis.T)
+        is_known = spreads > LEAST_SPREAD
+        basis = directions[:, is_known] / scale[:, None]
+        return np.asarray(basis / spreads[is_known] @ basis.T)
 
     def systematic_part(self, covariance: Matrix) -> Matrix | None:
         """Compute the part (n, n) of a covariance (n, n) to which labels contribute that systematic errors make."""
@@ -73,7 +73,7 @@ def sum_of(*parts: Matrix | None) -> Matrix | None:
     return np.asarray(np.sum(known, axis=0)) if known else None
 
 
-def silent(count: int) -> Measurement:
+def no_information(count: int) -> Measurement:
     """Make the measurement of `count` variables by labels without information."""
     nothing = np.zeros((0, 0))
     scatter = Scatter(np.zeros((1, 0)), np.ones(1), nothing, np.zeros((1, 0)), nothing)
@@ -87,14 +87,12 @@ def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measuremen
         around: Curvature and scores of the mutual information around the variables.
         systematic: (n, n) covariance that systematic errors add, such as stated ones of the intrinsics.
     """
-    scale = 1.0 / np.sqrt(np.diag(around.motions))
-    bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
-    bend = bends > LEAST_BEND * max(bends[-1], 0.0)
+    scale, bends, directions = bending(around.curvature, around.motions)
     if not around.has_scatter:
-        return silent(len(bends))
-    influence = scale[:, None] * directions[:, bend] / bends[bend]
+        return no_information(len(scale))
+    influence = scale[:, None] * directions / bends
     scatter = around.scatter(influence)
-    reads = (directions[:, bend] / scale[:, None]).T
+    reads = (directions / scale[:, None]).T
     mean, covariance = around.scores.sum(axis=0) @ influence, scatter.covariance
     labels = Measurement(reads, scatter, mean, covariance)
     if systematic is None:

@@ -123,7 +123,6 @@ class _Moves:
 
 
 def _moves(width: int, height: int) -> _Moves:
-    """List the moves by which no tile is displaced too far."""
     row, column = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
     tiles = np.argsort((row + column) % 2, kind="stable").reshape(2, -1).T.ravel()
     shifts = np.arange(-MAX_SHIFT_PX, MAX_SHIFT_PX + 1, dtype=np.float64)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from semcal_cli.assessment.joint import Joint, estimate_jointly
+from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Camera
@@ -98,7 +98,7 @@ def _estimate(
     if asked.with_delay and twists_per_s(observations) is None:
         return None
     try:
-        found = estimate_jointly(observations, T_camera_lidar, asked, polish, time_offset_s)
+        found = fit_jointly(observations, T_camera_lidar, asked, polish, time_offset_s)
     except (SemcalError, ValueError):
         return None  # An advice must not end the run whose finding it is for.
     return found if found.is_kept else None
@@ -106,9 +106,9 @@ def _estimate(
 
 def _values(found: Joint) -> str:
     """Say what was found, as far as it is determined."""
-    told = []
+    words = []
     if found.camera is not None and (changes := intrinsic_changes(found.camera)):
-        told.append(", ".join(changes))
+        words.append(", ".join(changes))
     if found.clock is not None and found.clock.is_determined:
-        told.append(f"that {found.clock.meaning}")
-    return " and ".join(told)
+        words.append(f"that {found.clock.meaning}")
+    return " and ".join(words)

@@ -14,14 +14,14 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
 from semcal_cli.checks.check import Measured
-from semcal_cli.checks.mounting import OTHER_POSE
+from semcal_cli.checks.mounting import CUES_DISAGREE, OTHER_POSE
 from semcal_cli.config import EDGE_BAND_PX, ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.exact import exact_config
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import pyramid_factors
 from semcal_cli.result.uncertainty import Uncertainty
@@ -35,6 +35,10 @@ SPREAD_DEG, SPREAD_M = 3.0, 0.3
 BLOCKS_DEG, FINER = 0.9, 4
 """Blocks of the first level of an ascent; those of the second are finer by this factor."""
 CONFIG = ExactConfig(steps=40, max_points=30_000)
+NUM_OTHERS = 8
+OTHERS_DEG, OTHERS_M = 3.0, 0.3
+"""Number of poses around the found one that it is compared with, and their distance: segments end up to 4 degrees
+off."""
 
 
 def check_rivals(
@@ -74,6 +78,30 @@ def check_rivals(
     return (OTHER_POSE.measured(behind, found),)
 
 
+def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> Measured:
+    """Check that segments and labels of the pictures do not prefer another pose to the one that edges found.
+
+    Args:
+        guide: Points and pixels by segments.
+        T_camera_lidar: (4, 4) pose by edges, metres.
+        T_initial: (4, 4) pose from which edges started.
+    """
+    rng = np.random.default_rng(0)
+    others = [
+        T_initial,
+        *(displaced(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS)),
+    ]
+    behind = sigmas_behind(guide, T_camera_lidar, others)
+    best = int(np.argmin(behind))
+    away = compare_poses(others[best], T_camera_lidar)
+    found = (
+        f"segments and labels of the pictures prefer a pose {away.rotation_deg:.1f} degrees and "
+        f"{away.camera_center_cm:.0f} cm away from that of edges, by {-behind[best]:.1f} standard errors, needed at "
+        f"most {CUES_DISAGREE.limit():g}"
+    )
+    return CUES_DISAGREE.measured(-behind[best], found)
+
+
 def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose], list[Pose]]:
     """Ascend from poses around the given one, at two levels of the pyramid, to the highest far and near tops."""
     rng = np.random.default_rng(0)
@@ -81,7 +109,7 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose],
     poses = [displaced(T_camera_lidar, share * SPREAD_DEG, share * SPREAD_M, rng) for share in shares]
     few = few_frames(observations, NUM_FRAMES)
     coarsest, *_ = pyramid_factors(observations.camera, PyramidConfig(coarsest_block_deg=BLOCKS_DEG))
-    config = ExactEstimator(few, CONFIG, seed=0).config
+    config = exact_config(few, CONFIG)
     for factor in (coarsest, max(coarsest // FINER, 1)):
         ends = _core.align(few.core, poses, config, factor=factor, visible_only=True, seed=0)
         far, near = list[Pose](), list[Pose]()
@@ -99,7 +127,6 @@ def _is_far(T_rival: Pose, T_camera_lidar: Pose) -> bool:
 
 
 def _is_outside(T_rival: Pose, T_camera_lidar: Pose, uncertainty: Uncertainty) -> bool:
-    """Whether a rival is outside the interval of the pose."""
     offsets = compare_poses(T_rival, T_camera_lidar).offsets
     return bool((np.abs(offsets) > uncertainty.half_widths).any())
 

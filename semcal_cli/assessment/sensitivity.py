@@ -174,11 +174,9 @@ class Sensitivity:
         With the curvature `H` and the share `H_k` of a class, `(H - H_k)^-1 s = H^-1 s_k` for `s_k = H (H - H_k)^-1 s`.
         That takes the gradient at the optimum, with that of what was known before, as nothing.
         """
-        scale = 1.0 / np.sqrt(np.diag(self.motions))
-        bends, directions = np.linalg.eigh(self.curvature * np.outer(scale, scale))
-        bend = bends > LEAST_BEND * max(float(bends[-1]), 0.0)
+        scale, bends, directions = bending(self.curvature, self.motions)
         # Along the columns of this basis the curvature is one.
-        basis = scale[:, None] * directions[:, bend] / np.sqrt(bends[bend])
+        basis = scale[:, None] * directions / np.sqrt(bends)
         back = self.curvature @ basis
         scores = self.scores.copy()
         for index, curvature in enumerate(self.class_curvatures):
@@ -187,6 +185,23 @@ class Sensitivity:
             of_class = self.classes == index
             scores[of_class] += self.scores[of_class] @ (basis @ (axes * more) @ axes.T @ back.T)
         return scores
+
+
+def bending(curvature: Matrix, motions: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """Find the directions along which the mutual information falls, of variables that each move points by a pixel.
+
+    Args:
+        curvature: (n, n) negated Hessian of the mutual information.
+        motions: (n, n) mean products of the motions of points by the variables, in pixels.
+
+    Returns:
+        (n,) change of each variable that moves points by a pixel, root mean square; (k,) curvatures along the
+        directions, ascending; and (n, k) the directions, in units of these changes.
+    """
+    scale = 1.0 / np.sqrt(np.diag(motions))
+    bends, directions = np.linalg.eigh(curvature * np.outer(scale, scale))
+    falls = bends > LEAST_BEND * max(float(bends[-1]), 0.0)
+    return scale, bends[falls], directions[:, falls]
 
 
 def squares_of(found: _core.Sensitivity) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.intp]]:
@@ -206,9 +221,9 @@ def _positive_part(matrix: Matrix, covariance: Matrix) -> Matrix:
     """Leave out the directions of a symmetric matrix (m, m) along which it is negative, in units of a covariance."""
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     spreads, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
-    told = spreads > LEAST_BEND
-    root = scale[:, None] * directions[:, told] * np.sqrt(spreads[told])
-    inverse = directions[:, told] / np.sqrt(spreads[told]) / scale[:, None]
+    is_spread = spreads > LEAST_BEND
+    root = scale[:, None] * directions[:, is_spread] * np.sqrt(spreads[is_spread])
+    inverse = directions[:, is_spread] / np.sqrt(spreads[is_spread]) / scale[:, None]
     values, axes = np.linalg.eigh(inverse.T @ matrix @ inverse)
     basis = root @ axes
     return np.asarray(basis * np.maximum(values, 0.0) @ basis.T)

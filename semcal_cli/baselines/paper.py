@@ -9,30 +9,33 @@ mutual information polishes nothing. It only tells afterwards whether another pl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from time import perf_counter
 
-from semcal_cli import _core, stage_words
-from semcal_cli.assessment.pose_checks import check_motion, check_shutter
+from semcal_cli import _core
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
-from semcal_cli.events import Listener, Progress, StageDone, ignore
+from semcal_cli.events import Listener, ignore
 from semcal_cli.extras import check_torch, torch_import
-from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate, register
-from semcal_cli.initialization.search import NO_OTHER, Initialization, check_runner_up, describe, runner_up
+from semcal_cli.initialization.search import (
+    NO_OTHER,
+    Initialization,
+    check_runner_up,
+    describe,
+    runner_up,
+    seen_from,
+)
 from semcal_cli.pipeline import make_calibration, start_at
-from semcal_cli.refinement.pyramid import Refinement
-from semcal_cli.refinement.pyramid import refine as refine_pose
+from semcal_cli.refinement.pyramid import Refinement, refine_pose
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.hypothesis import Hypothesis
-from semcal_cli.result.stage import Finding, StageResult
-from semcal_cli.stages import Stages
+from semcal_cli.result.stage import Finding, StageResult, announced
 
 
 def calibrate_as_published(
@@ -52,27 +55,27 @@ def calibrate_as_published(
     """
     initial: StageResult
     if initial_pose is None:
-        initial = _initialize(data, paper, config.seed, on_event)
+        register_labels = partial(_initialize, data.observations, paper, config.seed)
+        doing = "registering label images with spherical images"
+        initial = announced("initial", doing, register_labels, on_event)
     else:
         initial = start_at(data, initial_pose, on_event)
-    refined = _refine(data, initial.T_camera_lidar, paper, config, on_event)
+    T_init = initial.T_camera_lidar
+    ascend = partial(_refine, data.observations, T_init, paper, config.seed, config.refinement.device)
+    refined = announced("refined", "ascending the bound", ascend, on_event, T_init)
     of_comparison: tuple[Finding, ...] = ()
-    of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=False)
     if isinstance(initial, Initialization):
         initial, of_comparison = _compared(initial, refined, paper)
-    return make_calibration(
+    stages = Stages.from_refined(
         data,
-        Stages(
-            initial,
-            refined,
-            of_data=(*check_motion(data.observations.motion_error_px), *of_shutter),
-            notes_on_data=notes,
-            of_comparison=of_comparison,
-        ),
-        config,
-        initial_pose=initial_pose,
-        relative_to=relative_to,
-        hashes=hashes,
+        initial,
+        refined,
+        is_compensated=False,
+        max_baseline_m=config.refinement.max_baseline_m,
+        of_comparison=of_comparison,
+    )
+    return make_calibration(
+        data, stages, config, initial_pose=initial_pose, relative_to=relative_to, hashes=hashes
     )
 
 
@@ -103,41 +106,33 @@ def refine(
     return refine_pose(observations, T_init, estimator, paper.pyramid)
 
 
-def _initialize(data: LoadedDrive, paper: PaperConfig, seed: int, on_event: Listener) -> Initialization:
-    start = perf_counter()
-    on_event(Progress("registering label images with spherical images"))
-    candidates = initialize(data.observations, paper, seed)
-    hypotheses = _hypotheses(data.observations, candidates)
-    found = Initialization(
-        T_camera_lidar=candidates[0].T_camera_lidar,
-        agreement=_core.agreement(data.observations.core, candidates[0].T_camera_lidar),
+def _initialize(observations: Observations, paper: PaperConfig, seed: int) -> Initialization:
+    """Take the best placement, and describe the others."""
+    candidates = initialize(observations, paper, seed)
+    T_first = candidates[0].T_camera_lidar
+    agreements = [_core.agreement(observations.core, each.T_camera_lidar) for each in candidates]
+    hypotheses = tuple(
+        describe(candidate, agreement, T_first)
+        for candidate, agreement in zip(candidates, agreements, strict=True)
+    )
+    return Initialization(
+        T_camera_lidar=T_first,
+        agreement=agreements[0],
         settings={"initialization": asdict(paper.initialization)},
+        note=f"the best of {len(hypotheses)} placements",
+        details=f"{hypotheses[0].num_inliers} inliers of PnP",
         hypotheses=hypotheses,
         runner_up_margin=None,
-    )
-    note, details = f"the best of {len(hypotheses)} placements", f"{hypotheses[0].num_inliers} inliers of PnP"
-    on_event(StageDone("initial", perf_counter() - start, note, found.agreement, details=details))
-    return found
-
-
-def _hypotheses(observations: Observations, candidates: Sequence[Candidate]) -> tuple[Hypothesis, ...]:
-    T_first = candidates[0].T_camera_lidar
-    return tuple(
-        describe(candidate, _core.agreement(observations.core, candidate.T_camera_lidar), T_first)
-        for candidate in candidates
     )
 
 
 def _refine(
-    data: LoadedDrive, T_init: Pose, paper: PaperConfig, config: CalibrationConfig, on_event: Listener
+    observations: Observations, T_init: Pose, paper: PaperConfig, seed: int, device: Device
 ) -> Refinement:
-    start, device = perf_counter(), config.refinement.device
-    on_event(Progress("ascending the bound"))
-    found = refine(data.observations, T_init, paper, config.seed, device)
-    told = stage_words.refined(found, perf_counter() - start, T_init, "mine")
-    on_event(replace(told, details=f"{told.details}, bound {found.bound_nats:.4f} nats"))
+    found = refine(observations, T_init, paper, seed, device)
+    details = f"mine, {found.details}, bound {found.bound_nats:.4f} nats"
     settings = {"paper": {"mine": asdict(paper.mine), "device": device}}
-    return replace(found, settings={**found.settings, **settings})
+    return replace(found, details=details, settings={**found.settings, **settings})
 
 
 def _compared(
@@ -149,13 +144,8 @@ def _compared(
     there. The right one is then mostly among the other placements, and agrees as well even before it is refined.
     """
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
-    others = [
-        each.model_copy(
-            update={"rotation_from_best_deg": rotation_error_deg(each.pose, refined.T_camera_lidar)}
-        )
-        for each in sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
-    ]
-    other = runner_up(others, paper.initialization.runner_up_deg)
+    ranked = sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
+    other = runner_up(seen_from(ranked, refined.T_camera_lidar), paper.initialization.runner_up_deg)
     if other is None:
         return initial, (NO_OTHER,)
     return replace(initial, runner_up_margin=best.margin(other)), check_runner_up(best, other)

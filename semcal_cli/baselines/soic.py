@@ -11,23 +11,92 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.pose_checks import check_distance
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.baselines.config import SoicConfig
-from semcal_cli.config import PnpConfig
+from semcal_cli.checks.convergence import SOIC
+from semcal_cli.config import CalibrationConfig, PnpConfig
 from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
+from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.pnp import solve_pnp
+from semcal_cli.initialization.search import GIVEN
+from semcal_cli.pipeline import make_calibration
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.stage import StageResult, announced
 
 BINS_PER_SECTOR = 4
 """Number of azimuth bins per sector; neighbouring sectors share bins."""
+
+
+def calibrate_by_soic(
+    data: LoadedDrive,
+    config: CalibrationConfig,
+    *,
+    initial_pose: InitialPose | None = None,
+    relative_to: Path = Path(),
+    on_event: Listener = ignore,
+    hashes: dict[str, str] | None = None,
+) -> Calibration:
+    """Calibrate with SOIC; arguments and errors are those of `pipeline.calibrate`.
+
+    The semantic centroids put the camera no farther from the LiDAR than `config.refinement.max_baseline_m`. An initial
+    pose replaces them. A result whose camera is farther away is not trusted.
+    """
+    on_event(Progress("computing distances to classes"))
+    observations, max_baseline_m = data.observations, config.refinement.max_baseline_m
+    soic = Soic(observations, SoicConfig())
+    doing = "trying semantic centroids" if initial_pose is None else f"starting at {initial_pose.name}"
+    start = partial(_start, observations, soic, initial_pose, max_baseline_m)
+    initial = announced("initial", doing, start, on_event)
+    T_init = initial.T_camera_lidar
+    minimize = partial(_minimize, observations, soic, T_init)
+    refined = announced("refined", "moving points to their classes", minimize, on_event, T_init)
+    of_comparison = check_distance(refined.T_camera_lidar, max_baseline_m)
+    stages = Stages.from_refined(data, initial, refined, is_compensated=False, of_comparison=of_comparison)
+    return make_calibration(
+        data, stages, config, initial_pose=initial_pose, relative_to=relative_to, hashes=hashes
+    )
+
+
+def _start(
+    observations: Observations, soic: Soic, initial_pose: InitialPose | None, max_baseline_m: float
+) -> StageResult:
+    T = soic.initialize(max_baseline_m) if initial_pose is None else initial_pose.T_camera_lidar
+    origin = "semantic centroids" if initial_pose is None else initial_pose.name
+    return StageResult(
+        T_camera_lidar=T,
+        agreement=_core.agreement(observations.core, T),
+        settings={"soic": asdict(soic.config)},
+        note="started at semantic centroids" if initial_pose is None else GIVEN,
+        details=f"from {origin}, {soic.cost(T):.2f} px",
+    )
+
+
+def _minimize(observations: Observations, soic: Soic, T_init: Pose) -> StageResult:
+    found = soic.minimize(T_init)
+    unsettled = SOIC.finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
+    return StageResult(
+        T_camera_lidar=found.T_camera_lidar,
+        agreement=_core.agreement(observations.core, found.T_camera_lidar),
+        findings=() if found.converged else (unsettled,),
+        note="" if found.converged else "still moving at the end",
+        details=f"soic, {found.cost_px:.2f} px after {found.num_evaluations} evaluations",
+    )
 
 
 class Soic:
@@ -104,9 +173,9 @@ class Soic:
         points, classes = cloud.points, cloud.classes
         image, block = self.observations.images[frame].classes, self.config.block_px
         height, width = (max(side // block, 1) for side in image.shape)
-        for number, (of_points, of_pixels) in enumerate(self.classes):
-            chosen = points[classes == of_points]
-            others = image != of_pixels
+        for number, (point_class, pixel_class) in enumerate(self.classes):
+            chosen = points[classes == point_class]
+            others = image != pixel_class
             if len(chosen) == 0 or others.all():
                 continue
             distances = cv2.distanceTransform(others.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -130,8 +199,7 @@ class Soic:
         for sector in range(config.num_sectors):
             inside = points[:, :, (BINS_PER_SECTOR * sector + window) % num_bins].sum(2)
             seen = (inside[..., -1] >= config.min_pixels) & (pixels[..., -1] >= config.min_pixels)
-            of_points, of_pixels = inside[seen], pixels[seen]
-            yield of_points[:, :3] / of_points[:, 3:], of_pixels[:, :2] / of_pixels[:, 2:]
+            yield inside[seen][:, :3] / inside[seen][:, 3:], pixels[seen][:, :2] / pixels[seen][:, 2:]
 
     def _point_sums(self, frame: int, num_bins: int) -> npt.NDArray[np.float64]:
         """Sum x, y, z and 1 over the points of each class in each bin of azimuth, (classes, bins, 4)."""
@@ -140,8 +208,8 @@ class Soic:
         turns = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * math.pi)
         bins = np.rint(turns * num_bins).astype(int) % num_bins
         sums = np.zeros((len(self.classes), num_bins, 4))
-        for number, (of_points, _) in enumerate(self.classes):
-            chosen = classes == of_points
+        for number, (point_class, _) in enumerate(self.classes):
+            chosen = classes == point_class
             for axis in range(3):
                 sums[number, :, axis] = np.bincount(bins[chosen], points[chosen, axis], num_bins)
             sums[number, :, 3] = np.bincount(bins[chosen], minlength=num_bins)
@@ -150,7 +218,9 @@ class Soic:
     def _pixel_sums(self, frame: int) -> npt.NDArray[np.float64]:
         """Sum u, v and 1 over the pixels of each class, (classes, 3)."""
         image = self.observations.images[frame].classes
-        moments = [cv2.moments((image == of_pixels).view(np.uint8), True) for _, of_pixels in self.classes]
+        moments = [
+            cv2.moments((image == pixel_class).view(np.uint8), True) for _, pixel_class in self.classes
+        ]
         return np.array([[found["m10"], found["m01"], found["m00"]] for found in moments])
 
     def _half_width(self) -> float:

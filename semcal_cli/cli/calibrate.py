@@ -241,7 +241,7 @@ def _formatted(to: str, options: Mapping[str, Any]) -> tuple[str, FormatOptions]
 def _by_method(settings: Settings) -> Callable[..., Calibration]:
     """Choose the calibration function of a method."""
     if settings.method == "soic":
-        from semcal_cli.baselines.soic_calibration import calibrate_by_soic
+        from semcal_cli.baselines.soic import calibrate_by_soic
 
         return calibrate_by_soic
     if settings.paper is not None:

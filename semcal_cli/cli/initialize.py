@@ -37,13 +37,13 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
 
     Lists the hypotheses, best first. Exit code 3 means that an answer was written but is not trusted.
     """
+    from semcal_cli.assessment.stages import Stages
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import MAX_IMAGES, Outputs, check_image_folder
     from semcal_cli.cli.tables import hypothesis_lines, labelled
     from semcal_cli.pipeline import initialize as search
     from semcal_cli.pipeline import make_calibration
     from semcal_cli.report.registration import RegistrationPictures
-    from semcal_cli.stages import Stages
 
     check_json(options, given_parameters(click.get_current_context()))
     search_config, initial_pose = make_search(options)

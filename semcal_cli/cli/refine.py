@@ -61,6 +61,6 @@ def refine(
         stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
         stages = assess(data, stages, refinement, on_event)
         calibration = make_calibration(
-            data, stages, config, initial_pose=initial_pose, priors=priors, relative_to=outputs.folder
+            data, stages, config, initial_pose=initial_pose, relative_to=outputs.folder
         )
     sys.exit(outputs.write(calibration, terminal, asked.threads))

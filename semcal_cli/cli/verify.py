@@ -125,14 +125,7 @@ def verify(
             data,
             terminal,
         ):
-            found = check(
-                data,
-                initial_pose,
-                limits,
-                config.seed,
-                terminal.on_event,
-                max_baseline_m=config.refinement.max_baseline_m,
-            )
+            found = check(data, initial_pose, limits, config, terminal.on_event)
             _illustrate(found, data, initial_pose, outputs, terminal)
     cases = [Case.of_check(check) for check in found.checks]
     seconds = perf_counter() - start

@@ -10,6 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive
@@ -27,7 +28,6 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import RefinedCamera
-from semcal_cli.stages import Stages
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 Degrade = Callable[[Observations, np.random.Generator], Observations]

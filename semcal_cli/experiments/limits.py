@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, Cue
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
@@ -25,7 +26,6 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization
 from semcal_cli.pipeline import assess, initialize, refine_and_polish
-from semcal_cli.stages import Stages
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import Labels, RawDrive, RawFrame, read_raw_drive, write_raw_drive
 

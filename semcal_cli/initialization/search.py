@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
@@ -25,6 +25,9 @@ from semcal_cli.result.stage import Finding, StageResult
 
 MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
 """Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
+
+GIVEN = "started at the given transform"
+"""What is said of a pose that was not searched for."""
 
 NO_OTHER = NOTHING_TO_COMPARE.finding("no other mounting was left to compare with, needed one that is worse")
 
@@ -50,7 +53,7 @@ class Initialization(StageResult):
     """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
 
 
-def initialize(
+def search_mountings(
     observations: Observations,
     config: InitializationConfig,
     seed: int,
@@ -79,13 +82,7 @@ def initialize(
     """
     observations = few_frames(observations, config.max_frames)
     is_searched = T_given is None or config.search_deg is not None
-    if is_searched:
-        _check_classes(observations)
-        around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
-        candidates = _align(observations, register(observations, config, seed, around), config, seed)
-    else:
-        assert T_given is not None
-        candidates = _align_given(observations, Candidate(T_given), config, seed)
+    candidates = _candidates(observations, config, seed, T_given)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
     kept = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)] or ranked
     T_best = kept[0].candidate.T_camera_lidar
@@ -93,14 +90,37 @@ def initialize(
     other = runner_up(hypotheses, config.runner_up_deg)
     # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
     is_alone = other is None and T_given is None and len(kept) == len(ranked)
+    margin = None if other is None else hypotheses[0].margin(other)
     return Initialization(
         T_camera_lidar=T_best,
         agreement=kept[0].agreement,
         findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
         settings={"initialization": asdict(config)},
+        note=_note(len(hypotheses), margin) if is_searched else GIVEN,
+        details="" if margin is None else f"runner-up {margin:.1f} standard errors behind",
         hypotheses=hypotheses,
-        runner_up_margin=None if other is None else hypotheses[0].margin(other),
+        runner_up_margin=margin,
     )
+
+
+def _candidates(
+    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None
+) -> list[Candidate]:
+    """Find poses to rank: by a registration, or by an ascent from a given pose that is not searched around."""
+    if T_given is not None and config.search_deg is None:
+        return _align_given(observations, Candidate(T_given), config, seed)
+    _check_classes(observations)
+    around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
+    return _align(observations, register(observations, config, seed, around), config, seed)
+
+
+def _note(count: int, margin: float | None) -> str:
+    """Tell how many mountings were compared, and whether the best one is clear."""
+    if margin is None:
+        return "mounting found, no other one to compare with"
+    if margin >= MIN_RUNNER_UP_MARGIN:
+        return f"{count} mountings compared, the best one is clear"
+    return f"{count} mountings compared, another one fits almost as well"
 
 
 def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
@@ -110,6 +130,7 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
         T_camera_lidar=T_given,
         agreement=agreement,
         settings={"initialization": asdict(config)},
+        note=GIVEN,
         hypotheses=(describe(Candidate(T_given), agreement, T_given),),
         runner_up_margin=None,
     )
@@ -136,15 +157,20 @@ def is_rival(best: Hypothesis, other: Hypothesis, least_deg: float) -> bool:
     return other.rotation_from_best_deg >= least_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
 
 
+def seen_from(hypotheses: Iterable[Hypothesis], T_best: Pose) -> tuple[Hypothesis, ...]:
+    """Tell how far hypotheses are rotated from another best pose (4, 4)."""
+    return tuple(
+        each.model_copy(update={"rotation_from_best_deg": rotation_error_deg(each.pose, T_best)})
+        for each in hypotheses
+    )
+
+
 def led_by(found: Initialization, first: Hypothesis, observations: Observations) -> Initialization:
     """Put one of the hypotheses first, for which something else than the search decided."""
     if first is found.hypotheses[0]:
         return found
     ordered = (first, *(other for other in found.hypotheses if other is not first))
-    hypotheses = tuple(
-        other.model_copy(update={"rotation_from_best_deg": rotation_error_deg(other.pose, first.pose)})
-        for other in ordered
-    )
+    hypotheses = seen_from(ordered, first.pose)
     other = runner_up(hypotheses, InitializationConfig.runner_up_deg)
     margin = None if other is None else hypotheses[0].margin(other)
     few = few_frames(observations, InitializationConfig.max_frames)

@@ -1,14 +1,18 @@
-"""The exact mutual information of labels, maximised over SE(3) in Rust: no network and no torch."""
+"""The exact mutual information of labels, maximised over SE(3) in Rust: no network and no torch.
+
+`refine_exactly` is the way in for what is assessed: other focal lengths and clocks, parts of a drive, single frames.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from semcal_cli import _core
-from semcal_cli.config import ExactConfig
+from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.pyramid import Level
+from semcal_cli.refinement.pyramid import Level, Refinement, refine_pose
 
 SEGMENT_SHARE = 2
 """Segments are compared by this part of the points, since only those near the picture are looked at."""
@@ -29,11 +33,7 @@ class ExactEstimator:
             config: Steps, mini-batches and limits.
             seed: Seed of the mini-batches.
         """
-        self.config = config
-        if observations.has_segments:
-            # A segment has few points of a mini-batch, so that each step takes all points.
-            num_points = config.max_points // SEGMENT_SHARE
-            self.config = replace(config, batch_size=num_points, max_points=num_points)
+        self.config = exact_config(observations, config)
         self.observations, self.seed = observations, seed
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
@@ -47,3 +47,21 @@ class ExactEstimator:
             seed=self.seed,
         )
         return Level(factor, end.T_camera_lidar, end.drift, end.num_points)
+
+
+def exact_config(observations: Observations, config: ExactConfig) -> ExactConfig:
+    """Adapt settings to the cue: a segment has few points of a mini-batch, so that each step takes all points."""
+    if not observations.has_segments:
+        return config
+    num_points = config.max_points // SEGMENT_SHARE
+    return replace(config, batch_size=num_points, max_points=num_points)
+
+
+def refine_exactly(
+    observations: Observations, T_init: Pose, exact: ExactConfig, pyramid: PyramidConfig
+) -> Refinement | None:
+    """Refine a pose (4, 4); None if the lens does not reach the points, or no point is left in the image."""
+    try:
+        return refine_pose(observations, T_init, ExactEstimator(observations, exact, seed=0), pyramid)
+    except SemcalError:
+        return None

@@ -53,15 +53,15 @@ class FeaturePoints:
         given_px = observations.camera.width // vectors[0][1].shape[1]
         pooled = max(1, factor // given_px)
         self.block_px = given_px * pooled
-        maps = [block_means(of_pixels, pooled) for _, of_pixels in vectors]
+        maps = [block_means(pixel_vectors, pooled) for _, pixel_vectors in vectors]
         self.rows, self.columns, channels = maps[0].shape
         self.y = torch.from_numpy(np.concatenate([each.reshape(-1, channels) for each in maps]))
         points, x, frames = [], [], []
-        for frame, (cloud, (of_points, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
+        for frame, (cloud, (point_vectors, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
             projected = _core.project_points(core_camera(observations.camera), cloud.points, anchor)
             seen = np.isfinite(projected.ranges) & ~(projected.is_hidden & visible_only)
             points.append(cloud.points[seen])
-            x.append(of_points[seen])
+            x.append(point_vectors[seen])
             frames.append(np.full(seen.sum(), frame))
         self.points = torch.from_numpy(np.concatenate(points)).double()
         self.x, self.frames = torch.from_numpy(np.concatenate(x)), torch.from_numpy(np.concatenate(frames))

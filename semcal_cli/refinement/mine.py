@@ -107,8 +107,8 @@ class MineEstimator:
     def _make_network(self) -> StatisticsNetwork | SeparableNetwork:
         observations, config = self.observations, self.config
         if observations.has_vectors:
-            of_points, of_pixels = feature_vectors(observations)[0]
-            return SeparableNetwork(of_points.shape[-1], of_pixels.shape[-1], config, self.generator)
+            point_vectors, pixel_vectors = feature_vectors(observations)[0]
+            return SeparableNetwork(point_vectors.shape[-1], pixel_vectors.shape[-1], config, self.generator)
         num_classes = len(observations.point_class_names), len(observations.image_class_names)
         return StatisticsNetwork(*num_classes, config.num_hidden, self.generator)
 

@@ -44,7 +44,7 @@ class Polish(StageResult):
         return self.held_out.accepted
 
 
-def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> Polish:
+def polish_pose(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> Polish:
     """Polish a pose that is about a pixel off.
 
     Args:
@@ -70,6 +70,9 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     )
     moved_px = polished.moved_px
     is_settled = moved_px <= config.settled_px
+    note = "not better, so the pose before it is kept"
+    if is_accepted:
+        note = "kept" if is_settled else "kept, still moving at the end"
     return Polish(
         T_camera_lidar=T_polished,
         agreement=_core.agreement(observations.core, T_polished),
@@ -79,6 +82,8 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
         if is_settled
         else _unsettled(moved_px, config.settled_px),
         settings={"polish": asdict(config)},
+        note=note,
+        details=f"held out {gain:+.4f} +- {sigma if math.isfinite(sigma) else math.inf:.4f} {observations.unit}",
         held_out=check,
         is_settled=is_settled,
         moved_px=moved_px,

@@ -71,7 +71,7 @@ class Refinement(StageResult):
     converged: bool
 
 
-def refine(
+def refine_pose(
     observations: Observations,
     T_init: Pose,
     optimizer: LevelOptimizer,
@@ -108,12 +108,15 @@ def refine(
         pose = clamp(level.T_camera_lidar)
         on_level(level, len(factors))
     converged = levels[-1].drift <= config.max_final_drift
+    how = "settled" if converged else "not settled"
     return Refinement(
         T_camera_lidar=pose,
         agreement=_core.agreement(observations.core, pose),
         bound_nats=levels[-1].bound_nats,
         findings=() if converged else (_not_settled(levels[-1], config.max_final_drift),),
         settings={"pyramid": asdict(config)},
+        note="" if converged else "still moving at the end",
+        details=f"{len(levels)} levels, {how}",
         levels=tuple(levels),
         converged=converged,
     )

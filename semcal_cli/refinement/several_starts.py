@@ -14,7 +14,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.exact import exact_config
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Level, pyramid_factors
 
@@ -56,9 +56,8 @@ class SeveralStarts:
             starts: How many starts there are, and where.
             others: (4, 4) poses beside the start that stay candidates.
         """
-        single = ExactEstimator(observations, config, seed)
-        self.observations, self.config, self.seed = observations, single.config, seed
-        self.starts = starts
+        self.config = exact_config(observations, config)
+        self.observations, self.seed, self.starts = observations, seed, starts
         self.given: list[Pose] = list(others)
         self.poses: list[Pose] = []
         """Poses from which the next level is ascended, best first; none before the first level."""

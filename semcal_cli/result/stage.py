@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from time import perf_counter
+from typing import NamedTuple, TypeVar
 
 from semcal_cli import _core
+from semcal_cli.events import Listener, Progress, StageDone
+from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 
 
@@ -39,5 +42,36 @@ class StageResult:
     """Donsker-Varadhan bound on the mutual information (eq. 5) with which MINE ended; None for other stages."""
     findings: tuple[Finding, ...] = ()
     """Findings of the stage against the pose."""
+    note: str = ""
+    """What the stage did, in words for anybody; empty if its movement says it all."""
+    details: str = ""
+    """What else an expert wants to know of it."""
     settings: Mapping[str, object] = field(default_factory=dict)
     """Options of the stage that change the answer, by name."""
+
+
+Result = TypeVar("Result", bound=StageResult)
+
+
+def announced(
+    name: str, doing: str, stage: Callable[[], Result], on_event: Listener, T_before: Pose | None = None
+) -> Result:
+    """Run a stage, and tell a listener what it does, and then what it found.
+
+    Args:
+        name: Name of the stage, as in the result.
+        doing: A verb and what it is about, as `refining`.
+        stage: Finds the pose.
+        on_event: Called with both events.
+        T_before: (4, 4) pose that the stage starts from; None if it starts from none.
+    """
+    on_event(Progress(doing))
+    start = perf_counter()
+    found = stage()
+    moved = None
+    # A stage that keeps the pose before it gives that pose itself, and has moved nothing.
+    if T_before is not None and found.T_camera_lidar is not T_before:
+        moved = compare_poses(found.T_camera_lidar, T_before)
+    seconds = perf_counter() - start
+    on_event(StageDone(name, seconds, found.note, found.agreement, moved, found.details))
+    return found

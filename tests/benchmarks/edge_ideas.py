@@ -37,7 +37,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist, displaced
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import refine
+from semcal_cli.refinement.pyramid import refine_pose
 from semcal_cli.refinement.several_starts import pyramid_of
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -184,7 +184,9 @@ def measure(seen: Observations, T: Pose, num_starts: int) -> Figures:
     assert coarse is not None
     top = newton(seen, T, PolishConfig()).T_camera_lidar
     starts = [displaced(T, START_DEG, START_M, np.random.default_rng(seed)) for seed in range(num_starts)]
-    ends = [refine(seen, start, ExactEstimator(seen, coarse, 0), pyramid).T_camera_lidar for start in starts]
+    ends = [
+        refine_pose(seen, start, ExactEstimator(seen, coarse, 0), pyramid).T_camera_lidar for start in starts
+    ]
     away = [compare_poses(end, top) for end in ends]
     is_back = [each.rotation_deg < SAME_DEG and each.camera_center_cm < SAME_CM for each in away]
     others = [end for end, back in zip(ends, is_back, strict=True) if not back]

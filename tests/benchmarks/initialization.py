@@ -27,7 +27,7 @@ from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, initialize
+from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, search_mountings
 from semcal_cli.synthetic.synthesis import synthesize
 
 RIGHT_DEG = 5.0
@@ -184,7 +184,7 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
     for frames in (every, *((frame,) for frame in every)):
         chosen = observations.of_frames(frames)
         start = perf_counter()
-        found = initialize(chosen, config, seed=0)
+        found = search_mountings(chosen, config, seed=0)
         seconds = perf_counter() - start
         error = compare_poses(found.T_camera_lidar, truth)
         results.append(
