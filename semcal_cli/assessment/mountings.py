@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from semcal_cli.assessment.rivals import sigmas_behind
-from semcal_cli.checks.mounting import OTHER_POSE
+from semcal_cli.checks.mounting import FEW_SCENES, OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError
@@ -47,6 +47,9 @@ def decide_in_full(
     """
     observations, starts = data.observations, data.observations.starts
     assert starts is not None
+    if not data.is_refined_by_edges and len(set(observations.scenes)) < FEW_SCENES.limit():
+        # Segments of few scenes make no mounting clear, and take minutes for that.
+        return initial, refined
     best = taken = initial.hypotheses[0]
     rivals = [
         other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
