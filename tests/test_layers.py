@@ -157,7 +157,7 @@ def rust_sources() -> dict[Module, str]:
     of_tests: set[Module] = set()
     for path in RUST.rglob("*.rs"):
         *folders, name = path.relative_to(RUST).with_suffix("").parts
-        if folders[:1] in (["benches"], ["fuzz"]):
+        if folders[:1] == ["fuzz"]:
             continue
         module = (*folders, *([] if name in ("lib", "mod") else [name]))
         text = re.sub(r"//[^\n]*", "", path.read_text())
