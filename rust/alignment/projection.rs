@@ -135,13 +135,13 @@ impl Projection<'_> {
     }
 
     /// A sample in the camera frame, and its pixel.
-    #[inline]
+    #[inline(always)]
     pub fn place(&self, sample: &Sample) -> Option<(Vector3<f64>, Point2<f64>)> {
         self.place_of(&sample.position, sample.frame)
     }
 
     /// The same for a point of a frame, metres, LiDAR frame.
-    #[inline]
+    #[inline(always)]
     pub fn place_of(&self, position: &Vector3<f64>, frame: u32) -> Option<(Vector3<f64>, Point2<f64>)> {
         let frame = if self.drifts.is_empty() { 0 } else { frame as usize };
         let (rotation, translation) = &self.to_camera[frame];
@@ -154,6 +154,7 @@ impl Projection<'_> {
     }
 
     /// How the pixel of a point of a frame moves: with a twist on the left of the pose, intrinsics, and the clock.
+    #[inline]
     pub fn motion<const WIDTH: usize>(
         &self,
         frame: u32,
