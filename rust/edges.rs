@@ -170,8 +170,6 @@ impl Rays {
     /// The neighbours of a ray: in the direction of larger azimuths, and of smaller ones.
     fn beside(&self, at: usize) -> [Option<Beside>; 2] {
         let ray = &self.sorted[at];
-        let across = ray.elevation.cos().max(LEAST_COSINE);
-        let least = LEAST_ANGLE / across;
         let reach_rows = ((LEAST_HEIGHT + SLOPE * REACH) / ROW).ceil() as usize;
         let own = row(ray.elevation);
         let mut found = [None, None];
@@ -183,44 +181,44 @@ impl Rays {
             below.into_iter().chain(above).map(move |row| (away, row))
         });
         for (away, row) in rows {
-            let rays = &self.sorted[self.starts[row]..self.starts[row + 1]];
-            if rays.is_empty() {
-                continue;
-            }
             let nearest = ((away as f64 - 1.0) * ROW - LEAST_HEIGHT) / SLOPE;
             for (side, found) in found.iter_mut().enumerate() {
-                if found.is_some_and(|best: Beside| best.distance < nearest) {
-                    continue;
-                }
-                // Rays that are nearer than `least` are passed over at once, however many there are.
-                let first = wrapped(ray.azimuth + if side == 0 { least } else { -least });
-                let middle = rays.partition_point(|other| other.azimuth < first);
-                for step in 0..rays.len() {
-                    let place = match side {
-                        0 => (middle + step) % rays.len(),
-                        _ => (middle + rays.len() - 1 - step) % rays.len(),
-                    };
-                    let other = &rays[place];
-                    let turn =
-                        if side == 0 { other.azimuth - ray.azimuth } else { ray.azimuth - other.azimuth };
-                    let turn = turn.rem_euclid(TAU);
-                    let distance = turn * across;
-                    // After a whole turn come the rays that were passed over; round-off puts none of the first there.
-                    if turn < 0.5 * least || turn > TAU - least {
-                        break;
-                    }
-                    if distance > found.map_or(REACH, |best: Beside| best.distance) {
-                        break;
-                    }
-                    let height = (other.elevation - ray.elevation).abs();
-                    if distance > LEAST_ANGLE && height <= LEAST_HEIGHT + SLOPE * distance {
-                        *found = Some(Beside { at: self.starts[row] + place, distance });
-                        break;
-                    }
+                let within = found.map_or(REACH, |best: Beside| best.distance);
+                if found.is_none() || within >= nearest {
+                    *found = self.beside_in_row(ray, row, side, within).or(*found);
                 }
             }
         }
         found
+    }
+
+    /// The neighbour of a ray on one side in a row, at most so far away, radians of arc.
+    fn beside_in_row(&self, ray: &Ray, row: usize, side: usize, within: f64) -> Option<Beside> {
+        let rays = &self.sorted[self.starts[row]..self.starts[row + 1]];
+        let across = ray.elevation.cos().max(LEAST_COSINE);
+        let least = LEAST_ANGLE / across;
+        // Rays that are nearer than `least` are passed over at once, however many there are.
+        let first = wrapped(ray.azimuth + if side == 0 { least } else { -least });
+        let middle = rays.partition_point(|other| other.azimuth < first);
+        for step in 0..rays.len() {
+            let place = match side {
+                0 => (middle + step) % rays.len(),
+                _ => (middle + rays.len() - 1 - step) % rays.len(),
+            };
+            let other = &rays[place];
+            let turn = if side == 0 { other.azimuth - ray.azimuth } else { ray.azimuth - other.azimuth };
+            let turn = turn.rem_euclid(TAU);
+            let distance = turn * across;
+            // After a whole turn come the rays that were passed over; round-off puts none of the first there.
+            if turn < 0.5 * least || turn > TAU - least || distance > within {
+                return None;
+            }
+            let height = (other.elevation - ray.elevation).abs();
+            if distance > LEAST_ANGLE && height <= LEAST_HEIGHT + SLOPE * distance {
+                return Some(Beside { at: self.starts[row] + place, distance });
+            }
+        }
+        None
     }
 }
 

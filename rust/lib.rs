@@ -1,43 +1,45 @@
 //! LiDAR-camera extrinsic calibration by semantic mutual information: the numeric core.
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
+// Without its bindings nothing calls the core but its tests.
+#![cfg_attr(not(feature = "python"), allow(dead_code, unused_imports))]
 
-pub mod agreement;
-pub mod alignment;
-pub mod archive;
-pub mod camera;
-pub mod class_shares;
-pub mod class_table;
-pub mod classes;
-pub mod correspondences;
-pub mod edges;
-pub mod error;
-pub mod file;
-pub mod fisher;
-pub mod label_borders;
-pub mod label_image;
-pub mod labelling;
-pub mod motion;
-pub mod mutual_information;
-pub mod npy;
-pub mod observation;
-pub mod partitions;
+mod agreement;
+mod alignment;
+mod archive;
+mod camera;
+mod class_shares;
+mod class_table;
+mod classes;
+mod correspondences;
+mod distributions;
+mod edges;
+mod error;
+mod file;
+mod label_borders;
+mod label_image;
+mod labelling;
+mod motion;
+mod mutual_information;
+mod npy;
+mod observation;
+mod partitions;
 pub mod point_cloud;
-pub mod powell;
-pub mod probabilities;
-pub mod pyramid;
-pub mod registration;
-pub mod se3;
-pub mod segmentation;
-pub mod semantic_distance;
-pub mod shutter;
-pub mod speckle;
-pub mod spherical;
-pub mod thinning;
-pub mod unrolling;
-pub mod visibility;
-pub mod world;
-pub mod zoom;
+mod powell;
+mod probabilities;
+mod pyramid;
+mod registration;
+mod se3;
+mod segmentation;
+mod semantic_distance;
+mod shutter;
+mod speckle;
+mod spherical;
+mod thinning;
+mod unrolling;
+mod visibility;
+mod world;
+mod zoom;
 
 #[cfg(feature = "python")]
 mod python;

@@ -7,6 +7,7 @@ use crate::camera::Camera;
 use crate::class_shares::ClassShares;
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
+#[cfg(test)]
 use crate::label_image::LabelImage;
 use crate::partitions::Partitions;
 use crate::pyramid::LabelPyramid;
@@ -32,7 +33,8 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A frame whose points and pixels are certain to be of their classes: no network gave shares of others.
+    /// A frame for tests, whose points and pixels are certain to be of their classes: no network gave shares of others.
+    #[cfg(test)]
     pub fn certain(points: Vec<[f32; 3]>, point_classes: Vec<u8>, image_classes: LabelImage<u8>) -> Self {
         Self {
             points: Arc::new(points.into()),

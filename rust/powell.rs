@@ -25,8 +25,6 @@ pub struct Minimum<const N: usize> {
     pub value: f64,
     /// Number of function values computed.
     pub num_evaluations: usize,
-    /// Whether the last round moved less than the tolerance.
-    pub converged: bool,
 }
 
 /// Minimises `f` from `start`.
@@ -48,7 +46,6 @@ pub fn minimize<const N: usize>(
         (0..N).map(|i| SVector::from_fn(|j, _| if i == j { 1.0 } else { 0.0 })).collect();
     let mut x = SVector::<f64, N>::zeros();
     let mut value = value_at(&x);
-    let mut converged = false;
     for _ in 0..config.max_rounds {
         let (round_start, round_value) = (x, value);
         let (mut largest_drop, mut largest) = (0.0, 0);
@@ -61,7 +58,6 @@ pub fn minimize<const N: usize>(
         }
         let moved = x - round_start;
         if moved.norm() <= config.tolerance {
-            converged = true;
             break;
         }
         // Powell's test: take the round's total move as a direction only where the function still falls along it and
@@ -78,7 +74,7 @@ pub fn minimize<const N: usize>(
         }
     }
     let x = std::array::from_fn(|i| start[i] + x[i] * config.step[i]);
-    Minimum { x, value, num_evaluations: evaluations, converged }
+    Minimum { x, value, num_evaluations: evaluations }
 }
 
 /// Brent's minimisation of `t -> f(x + t direction)` on `[-1, 1]`, never ending above its start.
@@ -103,13 +99,8 @@ fn search_line<const N: usize>(
         }
         let parabola = parabolic_step([(t, f_t), (w, f_w), (v, f_v)])
             .filter(|p| p.abs() < 0.5 * step_before.abs() && (low..high).contains(&(t + p)));
-        (step, step_before) = match parabola {
-            Some(p) => (p, step),
-            None => {
-                let side = if t >= middle { low - t } else { high - t };
-                (GOLDEN * side, side)
-            }
-        };
+        let side = if t >= middle { low - t } else { high - t };
+        (step, step_before) = parabola.map_or((GOLDEN * side, side), |p| (p, step));
         let u = t + if step.abs() >= tolerance { step } else { tolerance.copysign(step) };
         let f_u = f(&(start + direction * u));
         if f_u <= f_t {
@@ -156,7 +147,6 @@ mod tests {
             a * a + 1.8 * a * b + b * b
         };
         let minimum = minimize(f, [0.0, 0.0], &CONFIG);
-        assert!(minimum.converged);
         assert!((minimum.x[0] - 2.5).abs() < 1e-4 && (minimum.x[1] + 1.5).abs() < 1e-4, "{minimum:?}");
     }
 

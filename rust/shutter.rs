@@ -70,7 +70,7 @@ impl Shutter {
     }
 
     /// The same shutter with times from the exposure of its middle line.
-    pub fn from_middle(self) -> Self {
+    pub fn around_its_middle(self) -> Self {
         Self { delay_s: -0.5 * self.readout_s, ..self }
     }
 

@@ -36,7 +36,7 @@ impl Rolling<'_> {
     /// Beyond the picture, lines are those at its border. A point that the lens does not show is seen with the middle
     /// line.
     pub fn unroll(&self, points: &[[f32; 3]], seen_s: &[f64]) -> Vec<([f32; 3], f64)> {
-        let shutter = self.shutter.from_middle();
+        let shutter = self.shutter.around_its_middle();
         let pairs = points.par_iter().zip(seen_s).with_min_len(CHUNK);
         pairs.map(|(point, &seen_s)| self.unroll_point(point, seen_s, &shutter)).collect()
     }

@@ -65,6 +65,7 @@ __all__ = [
     "align",
     "ascend",
     "classes_of_scores",
+    "config_attributes",
     "despeckle",
     "edge_steps",
     "estimate_grid",
@@ -576,7 +577,7 @@ def maximise(
     intrinsics: Sequence[str] = ...,
     twists_per_s: Sequence[Sequence[float]] | None = None,
 ) -> JointMaximum:
-    """Bring a pose and other variables to the top of the mutual information: see `rust/alignment/joint/`.
+    """Bring a pose and other variables to the top of the mutual information: see `rust/alignment/joint.rs`.
 
     Intrinsics are fx, fy, cx, cy, or the index of a number of the lens. With a twist (6,) of the LiDAR in each frame
     the offset of the clock is a variable, too. Raises `ValueError` where the camera has not one of the variables.
@@ -596,16 +597,23 @@ def sensitivity(
     """
 
 def fisher_limit(alpha: float, numerator: float, denominator: float) -> float:
-    """The value that Fisher's F exceeds with probability `alpha`: see `rust/fisher.rs`.
+    """The value that Fisher's F exceeds with probability `alpha`: see `rust/distributions.rs`.
 
     Raises `ValueError` unless `alpha` is above 0 and at most 0.1, and degrees of freedom are at least 1 and above 0.
     """
 
 def student_quantile(probability: float, degrees_of_freedom: float) -> float:
-    """The quantile of Student's t; needs a probability in 0 to 1, degrees of freedom above 0."""
+    """The quantile of Student's t.
+
+    Raises `ValueError` unless the probability is from 1e-9 to 1 - 1e-9 and the degrees of freedom are finite and at
+    least 0.3.
+    """
 
 def set_num_threads(num_threads: int) -> None:
-    """Set the number of threads of the core; results do not depend on it."""
+    """Set the number of threads of the core; results do not depend on it. Raises `ValueError` for more than 4096."""
+
+def config_attributes() -> list[tuple[str, list[str]]]:
+    """The attributes that each of the core's settings is read from, by the name of the setting in the core."""
 
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],

@@ -6,11 +6,22 @@ import numpy as np
 import pytest
 
 from semcal_cli import _core
-from semcal_cli.config import InitializationConfig, JointConfig, SensitivityConfig
+from semcal_cli.baselines.config import SoicConfig
+from semcal_cli.config import (
+    AlignmentConfig,
+    ExactConfig,
+    InitializationConfig,
+    JointConfig,
+    PolishConfig,
+    SensitivityConfig,
+    SynthConfig,
+)
 from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.cue_config import SegmentationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.labelling.card import NeighborsConfig
 
 SUM_ORDER = 1e-9
 
@@ -54,12 +65,42 @@ def test_wrong_arguments_are_errors(street_observations: Observations, street_tr
     for factor in (0, 1000):
         with pytest.raises(ValueError, match="does not fit the picture"):
             _core.sensitivity(observations, street_truth, SensitivityConfig(factor=factor))
-    with pytest.raises(ValueError, match="needed angles that are finite, and steps above 0"):
+    wrong = "InitializationConfig.roll_step_deg: found 0.0, needed a finite number above 0"
+    with pytest.raises(ValueError, match=wrong):
         _core.register(observations, images, replace(config, roll_step_deg=0.0))
     with pytest.raises(ValueError, match="50 points have 5 classes"):
         _core.steps_at_label_changes([cloud], reach=2, num_blocks=1)
     with pytest.raises(ValueError, match="radial moves points as no lens does"):
         _core.maximise(observations, street_truth, joint, ["radial"])
+
+
+CONFIGS: dict[str, tuple[type, ...]] = {
+    "Neighbors": (NeighborsConfig,),
+    "AlignmentConfig": (AlignmentConfig, ExactConfig),
+    "PolishConfig": (PolishConfig,),
+    "SensitivityConfig": (SensitivityConfig,),
+    "JointConfig": (JointConfig,),
+    "RegistrationConfig": (InitializationConfig,),
+    "SegmentationConfig": (SegmentationConfig,),
+    "DescentConfig": (SoicConfig,),
+    "LidarSettings": (SynthConfig,),
+    "ShutterSettings": (SynthConfig,),
+}
+
+
+def test_what_the_core_reads_of_settings_is_what_they_are_called() -> None:
+    read = dict(_core.config_attributes())
+    assert read.keys() == CONFIGS.keys()
+    for name, attributes in read.items():
+        for config in CONFIGS[name]:
+            missing = set(attributes) - config.__annotations__.keys()
+            assert not missing, f"{config.__name__} has no {missing}"
+
+
+@pytest.mark.parametrize("num_threads", [2**31, 4097])
+def test_more_threads_than_any_machine_has_are_refused(num_threads: int) -> None:
+    with pytest.raises(ValueError, match=f"found {num_threads} threads, needed at most 4096"):
+        _core.set_num_threads(num_threads)
 
 
 def test_clouds_and_labels_are_read_as_numpy_reads_them(tmp_path: Path) -> None:

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, f, t
@@ -181,9 +183,15 @@ def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(
     )
 
 
-@pytest.mark.parametrize("dof", [1.3, 4.0, 37.5])
+@pytest.mark.parametrize("dof", [1.3, 4.0, 37.5, 1e5, 1e9])
 def test_student_quantile_is_scipys(dof: float) -> None:
     assert _core.student_quantile(0.975, dof) == pytest.approx(t.ppf(0.975, dof), rel=1e-6)
+
+
+@pytest.mark.parametrize(("probability", "dof"), [(1e-300, 4.0), (1.0, 4.0), (0.975, 0.1), (0.975, math.inf)])
+def test_a_student_quantile_that_nobody_can_tell_is_refused(probability: float, dof: float) -> None:
+    with pytest.raises(ValueError, match="needed a probability from 1e-9 to 1 - 1e-9 and finite degrees"):
+        _core.student_quantile(probability, dof)
 
 
 @pytest.mark.parametrize("alpha", [0.05, 1e-3, 2.5e-5, 1e-7])

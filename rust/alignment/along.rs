@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Vector3, Vector6};
+use nalgebra::{Isometry3, Point2, Vector6};
 use rayon::prelude::*;
 
 use super::level::Level;
+use super::projection::Projection;
 use super::sample::{Counted, Sample};
 use crate::camera::RUN;
 use crate::classes::NO_CLASS;
@@ -89,8 +90,8 @@ struct Leaving {
 }
 
 impl Level {
-    fn amid(&self, sample: &Sample, place: Option<(Vector3<f64>, Point2<f64>)>) -> Amid {
-        let Some((_, pixel)) = place else { return Amid::AMONG_SEVERAL };
+    fn amid(&self, sample: &Sample, here: &Projection<'_>) -> Amid {
+        let Some((_, pixel)) = here.place(sample) else { return Amid::AMONG_SEVERAL };
         let map = &self.maps[sample.frame as usize];
         let Sampled::Uniform(class) = map.at(&pixel) else { return Amid::AMONG_SEVERAL };
         let within = RADII.into_iter().take_while(|&radius| map.is_amid_one_class(&pixel, radius));
@@ -105,17 +106,16 @@ impl Level {
         anchor: &Isometry3<f64>,
         ways: &[Way],
     ) -> Vec<Vec<JointHistogram>> {
-        let here = self.projection(anchor);
-        let amid: Vec<Amid> = samples.iter().map(|sample| self.amid(sample, here(sample))).collect();
+        let here = self.at(anchor);
+        let amid: Vec<Amid> = samples.iter().map(|sample| self.amid(sample, &here)).collect();
         let of_way = |way: &Way| {
             let leaving = self.leaving(samples, &amid, anchor, way);
             let joint = |&offset: &f64| {
                 let longest = leaving.lengths.partition_point(|&length| length < offset.abs());
                 let mut joint = leaving.constant[longest].clone();
-                let pose = way.pose(anchor, offset);
-                let projection = self.projection(&pose);
+                let at = self.at(&way.pose(anchor, offset));
                 for indices in &leaving.moving[..=longest] {
-                    self.add_at(&mut joint, samples, indices, &projection);
+                    self.add_at(&mut joint, samples, indices, &at);
                 }
                 joint
             };
@@ -128,8 +128,7 @@ impl Level {
         let mut lengths: Vec<f64> = way.offsets.iter().map(|offset| offset.abs()).collect();
         lengths.sort_by(f64::total_cmp);
         let farthest = lengths.last().copied().unwrap_or(0.0);
-        let ends = [-farthest, farthest].map(|offset| way.pose(anchor, offset));
-        let ends = ends.each_ref().map(|pose| self.projection(pose));
+        let ends = [-farthest, farthest].map(|offset| self.at(&way.pose(anchor, offset)));
         // The number of lengths at which a point is amid its class: less than its share of the way to the ends.
         let count = |(sample, amid): (&Sample, &Amid)| {
             let allowed_px = f64::from(amid.radius_px) - MARGIN_PX;
@@ -137,7 +136,7 @@ impl Level {
                 return 0;
             }
             let gone_px = |(_, pixel): (_, Point2<f64>)| (pixel - amid.pixel.cast()).amax();
-            let most_px = ends.each_ref().map(|end| end(sample).map_or(f64::INFINITY, gone_px));
+            let most_px = ends.each_ref().map(|end| end.place(sample).map_or(f64::INFINITY, gone_px));
             let reach = farthest * allowed_px / most_px[0].max(most_px[1]);
             lengths.partition_point(|&length| length <= reach)
         };
@@ -161,21 +160,15 @@ impl Level {
     }
 
     /// Adds samples where a pose projects them.
-    fn add_at(
-        &self,
-        joint: &mut JointHistogram,
-        samples: &[Sample],
-        indices: &[u32],
-        projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)>,
-    ) {
+    fn add_at(&self, joint: &mut JointHistogram, samples: &[Sample], indices: &[u32], at: &Projection<'_>) {
         let mut projected = Vec::with_capacity(RUN);
         for run in indices.chunks(RUN) {
             projected.clear();
-            projected.extend(run.iter().map(|&index| projection(&samples[index as usize])));
+            projected.extend(run.iter().map(|&index| at.place(&samples[index as usize])));
             for (&index, place) in run.iter().zip(&projected) {
                 let sample = &samples[index as usize];
                 if let Some((_, pixel)) = place {
-                    self.add(joint, sample, &self.maps[sample.frame as usize].at(pixel));
+                    self.add(joint, sample, &self.under(sample, pixel));
                 }
             }
         }
@@ -222,7 +215,7 @@ mod tests {
             let found = information_along(&observations, &anchor, &ways);
             for (way, found) in ways.iter().zip(found) {
                 for (&offset, found) in way.offsets.iter().zip(found) {
-                    let joint = level.joint(&samples, &way.pose(&anchor, offset));
+                    let joint = level.joint(&samples, &level.at(&way.pose(&anchor, offset)));
                     // The order of the sums differs.
                     assert!((found - level.information(&joint)).abs() < 1e-9, "{way:?} {offset} {found}");
                 }

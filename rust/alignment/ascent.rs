@@ -94,7 +94,7 @@ pub fn align(
     let align = |start| {
         let Ascended { pose, drift, .. } = level.ascend(start, counted, config, seed);
         let samples = level.samples(&pose, counted);
-        let joint = level.joint(&samples, &pose);
+        let joint = level.joint(&samples, &level.at(&pose));
         let mutual_information = level.information(&joint) - level.bias(&joint);
         Aligned { pose, mutual_information, drift, num_points: samples.len() }
     };
@@ -132,10 +132,10 @@ impl Level {
         let quarter = config.steps / 4;
         for step in 0..config.steps {
             let Some(batch) = batches.next() else { break };
-            let (_, gradient) = self.joint_and_gradient(batch, &constant, &pose);
+            let (_, gradient) = self.joint_and_gradient(batch, &constant, &self.at(&pose));
             let cosine = 0.5 * (1.0 + (std::f64::consts::PI * step as f64 / config.steps as f64).cos());
             let length = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine);
-            let by = adam.step(&preconditioner.tr_mul(&gradient)) * length;
+            let by = adam.step(&preconditioner.tr_mul(&gradient.fixed_rows::<6>(0))) * length;
             pose = within_baseline(&(se3::exp(&(preconditioner * by)) * pose), config.max_baseline_m);
             way += by;
             match config.steps - step {

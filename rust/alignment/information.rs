@@ -9,8 +9,8 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-use super::level::{Level, Values};
-use super::pose::to_camera;
+use super::level::Level;
+use super::projection::Projection;
 use super::sample::{Counted, ProjectedSample, Sample};
 use super::view::in_view;
 use crate::agreement::HeldOutGain;
@@ -37,9 +37,10 @@ pub fn information(
 ) -> BTreeMap<[u32; 3], SquareInformation> {
     let level = Level::new(in_view(observations, &[*pose]), 1, edge_band_px, usize::MAX);
     let samples = level.samples(pose, Counted::Visible);
-    let square_of = square_of(observations, pose);
+    let at = level.at(pose);
+    let square_of = square_of(&level, &at);
     let mut squares: BTreeMap<[u32; 3], SquareInformation> = BTreeMap::new();
-    for (sample, value) in samples.iter().zip(level.contributions(&samples, pose)) {
+    for (sample, value) in samples.iter().zip(level.contributions(&samples, &at)) {
         if let Some(square) = square_of(sample) {
             let square = squares.entry(square).or_default();
             square.sum += value;
@@ -50,11 +51,10 @@ pub fn information(
 }
 
 /// The frame of a point, and the row and column of its square at a pose.
-fn square_of(observations: &Observations, pose: &Isometry3<f64>) -> impl Fn(&Sample) -> Option<[u32; 3]> {
-    let (camera, to_camera) = (&observations.camera, to_camera(pose));
-    let side = camera.width as f64 / SQUARES_ACROSS;
+fn square_of<'a>(level: &Level, at: &'a Projection<'_>) -> impl Fn(&Sample) -> Option<[u32; 3]> + use<'a> {
+    let side = level.observations.camera.width as f64 / SQUARES_ACROSS;
     move |sample| {
-        let pixel = camera.project(&to_camera(&sample.position))?;
+        let (_, pixel) = at.place(sample)?;
         Some([sample.frame, (pixel.y / side) as u32, (pixel.x / side) as u32])
     }
 }
@@ -71,13 +71,13 @@ pub fn information_gains(
     let level = Level::new(in_view(observations, &all), 1, edge_band_px, usize::MAX);
     let samples = level.samples(before, Counted::Visible);
     let total = samples.iter().map(|s| f64::from(s.weight)).sum::<f64>().max(1.0);
-    let square_of = square_of(observations, before);
-    let squares: Vec<Option<[u32; 3]>> = samples.iter().map(square_of).collect();
-    let at_first = level.contributions(&samples, before);
+    let here = level.at(before);
+    let squares: Vec<Option<[u32; 3]>> = samples.iter().map(square_of(&level, &here)).collect();
+    let at_first = level.contributions(&samples, &here);
     let gain = |pose| {
         let mut gains: BTreeMap<[u32; 3], f64> = BTreeMap::new();
         for (square, (first, there)) in
-            squares.iter().zip(at_first.iter().zip(level.contributions(&samples, pose)))
+            squares.iter().zip(at_first.iter().zip(level.contributions(&samples, &level.at(pose))))
         {
             if let Some(square) = square {
                 *gains.entry(*square).or_default() += (there - first) / total;
@@ -90,33 +90,19 @@ pub fn information_gains(
 
 impl Level {
     /// What each point adds to the information at a pose, times its weight: zero where the lens does not project it.
-    fn contributions(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Vec<f64> {
-        let values = self.values(&self.joint(samples, pose));
-        let to_camera = to_camera(pose);
-        let contribution = |shares: &mut Vec<f64>, sample| {
-            self.contribution(sample, &values, &to_camera, shares).unwrap_or(0.0)
+    fn contributions(&self, samples: &[Sample], at: &Projection<'_>) -> Vec<f64> {
+        let values = self.values(&self.joint(samples, at));
+        let contribution = |shares: &mut Vec<f64>, sample: &Sample| {
+            let Some((p_camera, pixel)) = at.place(sample) else { return 0.0 };
+            let &Sample { class, frame, point, weight, .. } = sample;
+            let projected = ProjectedSample { class, frame, point, weight, p_camera, pixel };
+            shares.fill(0.0);
+            self.under(sample, &pixel).add_to(shares, 1.0);
+            let sum = |values: &[f64]| shares.iter().zip(values).map(|(s, v)| s * v).sum::<f64>();
+            values.of(&projected, sum) * f64::from(weight)
         };
         let no_shares = || vec![0.0; self.observations.num_image_classes];
         samples.par_iter().map_init(no_shares, contribution).collect()
-    }
-
-    fn contribution(
-        &self,
-        sample: &Sample,
-        values: &Values<'_>,
-        to_camera: impl Fn(&nalgebra::Vector3<f64>) -> nalgebra::Vector3<f64>,
-        shares: &mut [f64],
-    ) -> Option<f64> {
-        let p_camera = to_camera(&sample.position);
-        let pixel = self.observations.camera.project(&p_camera)?;
-        let &Sample { class, frame, point, weight, .. } = sample;
-        let sampled = self.maps[frame as usize].at(&pixel);
-        let projected = ProjectedSample { class, frame, point, weight, p_camera, pixel };
-        shares.fill(0.0);
-        sampled.add_to(shares, 1.0);
-        let value =
-            values.of(&projected, |values| shares.iter().zip(values).map(|(s, v)| s * v).sum::<f64>());
-        Some(value * f64::from(weight))
     }
 }
 
@@ -134,7 +120,7 @@ mod tests {
         let pose = se3::exp(&Vector6::new(0.01, 0.0, -0.01, 0.002, -0.001, 0.003));
         let squares = information(&observations, &pose, 0);
         let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
-        let joint = level.joint(&level.samples(&pose, Counted::Visible), &pose);
+        let joint = level.joint(&level.samples(&pose, Counted::Visible), &level.at(&pose));
         let sum: f64 = squares.values().map(|square| square.sum).sum();
         assert_eq!(squares.keys().map(|square| square[0]).max(), Some(1));
         assert!((sum / level.total(&joint) - level.information(&joint)).abs() < 1e-3, "{sum}");

@@ -1,16 +1,14 @@
-//! One level of the label pyramid: which points count, and mutual information with its gradient at a pose.
+//! One level of the label pyramid: the joint histogram of points at a pose, and its mutual information.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Vector3, Vector6};
+use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
 use super::adjusted::adjusted;
-use super::pose::to_camera;
-use super::sample::{ProjectedSample, Sample};
-use super::sloped::{Motion, SlopedHistogram};
-use crate::camera::RUN;
+use super::projection::Projection;
+use super::sample::{ProjectedSample, Sample, Weights};
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
@@ -21,8 +19,6 @@ use crate::thinning::stride;
 const LEAST_WEIGHT: f64 = 0.1;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
 const CHUNK: usize = 8192;
-/// The same without partitions, whose histograms are small: two tasks or more for a mini-batch of the refinement.
-const SMALL_CHUNK: usize = 2048;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
@@ -53,142 +49,50 @@ impl Level {
         Self { observations, maps, factor, stride }
     }
 
+    /// The projection of points at a pose.
+    pub(super) fn at(&self, pose: &Isometry3<f64>) -> Projection<'static> {
+        Projection::of_pose(&self.observations.camera, pose)
+    }
+
     /// The joint histogram of the points' classes and of the blocks that they project onto.
-    pub fn joint(&self, samples: &[Sample], pose: &Isometry3<f64>) -> JointHistogram {
-        self.joint_and_mixed(samples, self.projection(pose), at_anchor, |_| ()).0
+    pub fn joint(&self, samples: &[Sample], at: &Projection<'_>) -> JointHistogram {
+        self.joint_and_mixed(samples, at, Weights::AtAnchor).0
     }
 
-    /// The joint histogram of `constant` pairs and those of the points, and the gradient of its mutual information with
-    /// respect to a twist on the left of the pose, nats per metre and per radian.
-    ///
-    /// `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from
-    /// the marginals cancel. With partitions it is the gradient of [`Level::information`].
-    pub fn joint_and_gradient(
+    /// The joint histogram of points; and, in chunks, the points on several classes, by which the histogram changes.
+    pub(super) fn joint_and_mixed(
         &self,
         samples: &[Sample],
-        constant: &JointHistogram,
-        pose: &Isometry3<f64>,
-    ) -> (JointHistogram, Vector6<f64>) {
-        if self.observations.has_partitions() {
-            return self.joint_and_gradient_by_point(samples, constant, pose);
-        }
-        let motion = |_: &Sample, p_camera: &Vector3<f64>, _: &Point2<f64>| self.motion::<8>(p_camera);
-        let sloped = self.sloped(samples, self.projection(pose), at_anchor, motion);
-        let joint = sloped.with(constant);
-        let gradient = sloped.gradient(&joint.pointwise_at_least(LEAST_WEIGHT));
-        let total = f64::max(joint.total(), 1.0);
-        (joint, gradient.fixed_rows::<6>(1) / total)
-    }
-
-    fn joint_and_gradient_by_point(
-        &self,
-        samples: &[Sample],
-        constant: &JointHistogram,
-        pose: &Isometry3<f64>,
-    ) -> (JointHistogram, Vector6<f64>) {
-        let (mut joint, mixed) =
-            self.joint_and_mixed(samples, self.projection(pose), at_anchor, |projected| projected);
-        joint.merge(constant);
-        let values = self.values(&joint);
-        let of_chunk = |chunk: &Vec<ProjectedSample>| {
-            let mut gradient = Vector6::zeros();
-            for projected in chunk {
-                let ProjectedSample { frame, weight, p_camera, pixel, .. } = projected;
-                if let Sampled::Mixed(shares) = self.maps[*frame as usize].at(pixel) {
-                    let per_pixel = values.of(projected, |values| shares.gradient(values));
-                    let jacobian = self.observations.camera.jacobian(p_camera);
-                    let force: Vector3<f64> = jacobian.tr_mul(&per_pixel) * f64::from(*weight);
-                    let torque = p_camera.cross(&force);
-                    gradient += Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
-                }
-            }
-            gradient
-        };
-        let chunks: Vec<Vector6<f64>> = mixed.par_iter().map(of_chunk).collect();
-        let gradient = chunks.iter().sum::<Vector6<f64>>() / f64::max(self.total(&joint), 1.0);
-        (joint, gradient)
-    }
-
-    /// The histogram of points without partitions, with weights from `weigh`.
-    pub(super) fn sloped<const WIDTH: usize>(
-        &self,
-        samples: &[Sample],
-        projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
-        weigh: impl Fn(&Sample, &Sampled) -> f32 + Sync,
-        motion: impl Fn(&Sample, &Vector3<f64>, &Point2<f64>) -> Motion<WIDTH> + Sync,
-    ) -> SlopedHistogram<WIDTH> {
-        let empty =
-            || SlopedHistogram::new(self.observations.num_point_classes, self.observations.num_image_classes);
-        let of_chunk = |chunk: &[Sample]| {
-            let (mut sloped, mut projected) = (empty(), Vec::with_capacity(RUN));
-            for run in chunk.chunks(RUN) {
-                projected.clear();
-                projected.extend(run.iter().map(&projection));
-                for (sample, place) in run.iter().zip(&projected) {
-                    let Some((p_camera, pixel)) = place else { continue };
-                    let sampled = self.maps[sample.frame as usize].at(pixel);
-                    let weight = f64::from(weigh(sample, &sampled));
-                    sloped.add(sample.class, weight, &sampled, || motion(sample, p_camera, pixel));
-                }
-            }
-            sloped
-        };
-        let chunks: Vec<SlopedHistogram<WIDTH>> = samples.par_chunks(SMALL_CHUNK).map(of_chunk).collect();
-        let merged = chunks.into_iter().reduce(|mut sum, chunk| {
-            sum.merge(&chunk);
-            sum
-        });
-        merged.unwrap_or_else(empty)
-    }
-
-    /// A sample in the camera frame, and its pixel.
-    pub(super) fn projection(
-        &self,
-        pose: &Isometry3<f64>,
-    ) -> impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync {
-        let to_camera = to_camera(pose);
-        move |sample| {
-            let p_camera = to_camera(&sample.position);
-            self.observations.camera.project(&p_camera).map(|pixel| (p_camera, pixel))
-        }
-    }
-
-    /// The joint histogram of points with weights from `weigh`; and, in chunks, the results of `keep` for the points on
-    /// several classes, by which the histogram changes.
-    pub(super) fn joint_and_mixed<T: Send>(
-        &self,
-        samples: &[Sample],
-        projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
-        weigh: impl Fn(&Sample, &Sampled) -> f32 + Sync,
-        keep: impl Fn(ProjectedSample) -> T + Sync,
-    ) -> (JointHistogram, Vec<Vec<T>>) {
+        at: &Projection<'_>,
+        weights: Weights,
+    ) -> (JointHistogram, Vec<Vec<ProjectedSample>>) {
         let of_chunk = |chunk: &[Sample]| {
             let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::new());
             for sample in chunk {
-                let Some((p_camera, pixel)) = projection(sample) else { continue };
+                let Some((p_camera, pixel)) = at.place(sample) else { continue };
                 let &Sample { class, frame, point, .. } = sample;
-                let sampled = self.maps[frame as usize].at(&pixel);
-                let weight = weigh(sample, &sampled);
+                let sampled = self.under(sample, &pixel);
+                let weight = weights.of(sample, &sampled);
                 self.observations.for_rows(frame as usize, point as usize, class, |row| {
                     sampled.add_to(joint.row_mut(row), f64::from(weight));
                 });
                 if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
-                    mixed.push(keep(ProjectedSample { class, frame, point, weight, p_camera, pixel }));
+                    mixed.push(ProjectedSample { class, frame, point, weight, p_camera, pixel });
                 }
             }
             (joint, mixed)
         };
-        let (chunks, mixed): (Vec<JointHistogram>, Vec<Vec<T>>) =
+        let (chunks, mixed): (Vec<JointHistogram>, Vec<Vec<ProjectedSample>>) =
             samples.par_chunks(CHUNK).map(of_chunk).unzip();
         let mut joint = self.empty_joint();
         chunks.iter().for_each(|chunk| joint.merge(chunk));
         (joint, mixed)
     }
 
+    /// The class shares under a pixel of a sample's frame.
     #[inline]
-    pub(super) fn sampled(&self, sample: &Sample, p_camera: &Vector3<f64>) -> Option<Sampled<'_>> {
-        let pixel = self.observations.camera.project(p_camera)?;
-        Some(self.maps[sample.frame as usize].at(&pixel))
+    pub(super) fn under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<'_> {
+        self.maps[sample.frame as usize].at(pixel)
     }
 
     /// A histogram without pairs.
@@ -246,19 +150,6 @@ impl Level {
         };
         Values { observations: &self.observations, table }
     }
-
-    /// How the pixel of a point (camera frame) moves with a twist on the left of the pose, in the entries after the first.
-    pub(super) fn motion<const WIDTH: usize>(&self, p_camera: &Vector3<f64>) -> Motion<WIDTH> {
-        let jacobian = self.observations.camera.jacobian(p_camera);
-        [0, 1].map(|row| {
-            let force = jacobian.row(row).transpose();
-            let torque = p_camera.cross(&force);
-            let mut motion = [0.0; WIDTH];
-            motion[1..4].copy_from_slice(force.as_slice());
-            motion[4..7].copy_from_slice(torque.as_slice());
-            motion
-        })
-    }
 }
 
 /// Pointwise mutual information of each pair of a joint histogram, or what it adds to the adjusted one.
@@ -287,68 +178,5 @@ impl Values<'_> {
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         });
         with(&sums[..width])
-    }
-}
-
-/// A sample's weight at the anchor pose, wherever it projects.
-pub(super) fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
-    sample.weight
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::choice::Chosen;
-    use super::super::sample::Counted;
-    use super::super::scene::{scene, segmented};
-    use super::*;
-    use crate::se3;
-    use proptest::prelude::*;
-
-    const FACTOR: usize = 4;
-
-    proptest! {
-        #[test]
-        fn the_gradient_is_that_of_finite_differences(twist in prop::array::uniform6(-0.02..0.02f64)) {
-            const STEP: f64 = 1e-7;
-            // Points that cross the middle of a block within the step are left out: there the slope jumps.
-            const FROM_MIDDLE: f64 = 1e-4;
-            // Pairs of segments that weigh less than `LEAST_WEIGHT` have the slope of one that weighs as much.
-            for (observations, tolerance) in [(scene(0.3), 1e-4), (segmented(2), 1e-2)] {
-            let level = Level::new(Arc::clone(&observations), FACTOR, 0, usize::MAX);
-            let pose = se3::exp(&Vector6::from(twist));
-            let mut samples = level.samples(&pose, Counted::All);
-            samples.retain(|sample| {
-                let pixel = observations.camera.project(&to_camera(&pose)(&sample.position)).expect("in front");
-                [pixel.x, pixel.y].iter().all(|x| {
-                    let place = ((x + 0.5) / level.factor as f64 - 0.5).rem_euclid(1.0);
-                    place > FROM_MIDDLE && place < 1.0 - FROM_MIDDLE
-                })
-            });
-            let value = |pose: &Isometry3<f64>| level.information(&level.joint(&samples, pose));
-            let gradient = level.joint_and_gradient(&samples, &level.empty_joint(), &pose).1;
-            for axis in 0..6 {
-                let mut step = Vector6::zeros();
-                step[axis] = STEP;
-                let slope = (value(&(se3::exp(&step) * pose)) - value(&(se3::exp(&-step) * pose))) / (2.0 * STEP);
-                prop_assert!((slope - gradient[axis]).abs() < tolerance * (1.0 + gradient.norm()), "{axis}: {slope} {gradient}");
-            }
-            }
-        }
-    }
-
-    #[test]
-    fn points_amid_one_class_are_summed_up_once() {
-        let observations = scene(0.0);
-        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
-        let pose = Isometry3::identity();
-        let all = level.samples(&pose, Counted::All);
-        let Chosen { moving: left, constant } = level.chosen(&pose, Counted::All, 2);
-        assert!(left.len() < all.len() && constant.total() > 0.0);
-        // A third of a pixel away, nothing of what was taken out has changed.
-        let nearby = se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)) * pose;
-        let (whole, whole_gradient) = level.joint_and_gradient(&all, &level.empty_joint(), &nearby);
-        let (split, split_gradient) = level.joint_and_gradient(&left, &constant, &nearby);
-        assert!((whole.mutual_information() - split.mutual_information()).abs() < 1e-12);
-        assert!((whole_gradient - split_gradient).norm() < 1e-9);
     }
 }

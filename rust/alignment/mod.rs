@@ -19,24 +19,26 @@ mod ascent;
 mod choice;
 mod information;
 mod joint;
+#[cfg(test)]
+mod joint_tests;
 mod level;
-mod polish;
+mod newton;
 mod pose;
 mod preconditioner;
+mod projection;
 mod sample;
 #[cfg(test)]
 mod scene;
 mod sensitivity;
-mod sloped;
+mod slopes;
 mod variables;
 mod view;
 
 pub use along::{Way, information_along};
 pub use anchored::{Anchored, MiniBatch};
 pub use ascent::{Aligned, AlignmentConfig, Ascended, align, ascend};
-pub use information::{SquareInformation, information, information_gains};
-pub use joint::{JointConfig, JointMaximum, maximise};
-pub use polish::{PolishConfig, Polished, polish};
+pub use information::{information, information_gains};
+pub use joint::{JointConfig, JointMaximum, PolishConfig, maximise, polish};
 pub use sample::Counted;
 pub use sensitivity::{Sensitivity, SensitivityConfig, sensitivity};
-pub use variables::{Estimate, MAX_VARIABLES, Variables};
+pub use variables::{MAX_VARIABLES, Variables};

@@ -1,13 +1,10 @@
 //! The preconditioner: motions in which all directions of a pose weigh alike.
 
-use nalgebra::{Isometry3, Matrix2x6, Matrix6};
+use nalgebra::{Isometry3, Matrix6};
 
 use super::level::Level;
-use super::pose::to_camera;
 use super::sample::Sample;
 
-/// Number of points that suffice to measure how a twist moves the image.
-pub(super) const MAX_MOTION_POINTS: usize = 5000;
 /// Longest translation of a column, as a share of the median range, however little it moves the points.
 const LONGEST_MOTION: f64 = 0.05;
 
@@ -19,25 +16,13 @@ impl Level {
     /// and an ascent goes along both at one pace instead of creeping along a valley between them. `None` where numbers
     /// overflow: nothing is a million kilometres away.
     pub fn preconditioner(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Option<Matrix6<f64>> {
-        let to_camera = to_camera(pose);
-        let camera = &self.observations.camera;
-        let mut moved = Matrix6::zeros();
-        let mut ranges = Vec::new();
-        let step = samples.len().div_ceil(MAX_MOTION_POINTS).max(1);
-        for sample in samples.iter().step_by(step) {
-            let p_camera = to_camera(&sample.position);
-            if let Some((_, jacobian)) = camera.project_with_jacobian(&p_camera) {
-                let mut motion = Matrix2x6::zeros();
-                motion.fixed_columns_mut::<3>(0).copy_from(&jacobian);
-                motion.fixed_columns_mut::<3>(3).copy_from(&(-jacobian * p_camera.cross_matrix()));
-                moved += motion.tr_mul(&motion);
-                ranges.push(p_camera.norm());
-            }
-        }
+        let at = self.at(pose);
+        let mut ranges = at.ranges(samples);
         if ranges.is_empty() {
             return None;
         }
-        moved /= ranges.len() as f64 * (self.factor as f64).powi(2);
+        let motions = at.mean_motions(samples) / (self.factor as f64).powi(2);
+        let mut moved: Matrix6<f64> = motions.fixed_view::<6, 6>(0, 0).into_owned();
         let middle = ranges.len() / 2;
         let longest = LONGEST_MOTION * *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
         for axis in 0..3 {
@@ -57,8 +42,7 @@ impl Level {
 mod tests {
     use std::sync::Arc;
 
-    use nalgebra::Vector3;
-
+    use super::super::projection::Projection;
     use super::super::sample::Counted;
     use super::super::scene::scene;
     use super::*;
@@ -75,10 +59,9 @@ mod tests {
         let motions = level.preconditioner(&samples, &pose).expect("finite");
         const STEP: f64 = 1e-4;
         for motion in motions.column_iter() {
-            let moved_pose = se3::exp(&(motion * STEP));
-            let moved = to_camera(&moved_pose);
-            let pixel = |p: &Vector3<f64>| observations.camera.project(p).expect("in front");
-            let square = |s: &Sample| (pixel(&moved(&s.position)) - pixel(&s.position)).norm_squared();
+            let [here, moved] = [pose, se3::exp(&(motion * STEP))].map(|pose| level.at(&pose));
+            let pixel = |at: &Projection, s: &Sample| at.place(s).expect("in front").1;
+            let square = |s: &Sample| (pixel(&moved, s) - pixel(&here, s)).norm_squared();
             let mean = samples.iter().map(square).sum::<f64>() / samples.len() as f64;
             let blocks = mean.sqrt() / (STEP * level.factor as f64);
             // Less than one only where the longest translation limits it.

@@ -2,6 +2,8 @@
 
 use nalgebra::{Point2, Vector3};
 
+use crate::pyramid::Sampled;
+
 /// The labelled points of the image that count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Counted {
@@ -33,4 +35,23 @@ pub(super) struct ProjectedSample {
     pub weight: f32,
     pub p_camera: Vector3<f64>,
     pub pixel: Point2<f64>,
+}
+
+/// What points weigh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Weights {
+    /// A sample's weight at the anchor pose, wherever it projects.
+    AtAnchor,
+    /// The labelled share where a point lands, of its share of a class: its weight.
+    WhereItLands,
+}
+
+impl Weights {
+    #[inline]
+    pub fn of(self, sample: &Sample, sampled: &Sampled) -> f32 {
+        match self {
+            Self::AtAnchor => sample.weight,
+            Self::WhereItLands => (f64::from(sample.weight) * sampled.total()) as f32,
+        }
+    }
 }

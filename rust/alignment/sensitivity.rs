@@ -8,24 +8,21 @@ use std::collections::BTreeMap;
 use std::ops::AddAssign;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, Isometry3, Point2, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Point2};
 use rayon::prelude::*;
 
 use super::choice::Chosen;
+use super::joint::CONSTANT_RADIUS;
 use super::level::Level;
-use super::pose::to_camera;
-use super::sample::{Counted, ProjectedSample, Sample};
-use super::sloped::SlopedHistogram;
-use super::variables::{Estimate, Neighbourhood, Projection, Variables, with_width};
+use super::newton::HALF_WIDTH;
+use super::projection::{MOST, Neighbourhood, Projection};
+use super::sample::{Counted, Sample, Weights};
+use super::slopes::{Slopes, Split};
+use super::variables::{Estimate, Variables};
 use super::view::in_view;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
-
-/// Distance in blocks to either side at which gradients are taken, root mean square.
-const HALF_WIDTH: f64 = 0.5;
-/// Points at least this number of blocks inside one class do not change with the pose.
-const CONSTANT_RADIUS: usize = 2;
 
 /// Scores and curvature with respect to the variables: a twist on the left of the pose (metres and radians), and others.
 #[derive(Clone, Debug)]
@@ -70,18 +67,7 @@ pub fn sensitivity(
     let level =
         Level::new(in_view(observations, &[*pose]), config.factor, config.edge_band_px, config.max_points);
     let Chosen { moving: mut samples, constant } = level.chosen(pose, Counted::Visible, CONSTANT_RADIUS);
-    let to_anchor = to_camera(pose);
-    // What is left is a point's share of its class: the labelled share under it is put back where it lands. Segments are
-    // of one sweep: what they share with those of others is the class of the picture that they lie on.
-    samples.par_iter_mut().for_each(|sample| {
-        let sampled = level.sampled(sample, &to_anchor(&sample.position));
-        if observations.frames[sample.frame as usize].partitions.is_some() {
-            let under = sampled.as_ref().and_then(Sampled::largest);
-            let class = under.map(|class| observations.num_point_classes + usize::from(class));
-            sample.class = class.and_then(|class| u8::try_from(class).ok()).unwrap_or(sample.class);
-        }
-        sample.weight = (f64::from(sample.weight) / sampled.map_or(1.0, |sampled| sampled.total())) as f32;
-    });
+    level.as_shares_of_classes(&mut samples, pose);
     let anchor = Estimate { pose: *pose, camera: observations.camera.clone(), offset_s: 0.0 };
     let near = Neighbourhood::new(variables, &anchor).ok()?;
     let n = variables.count();
@@ -89,55 +75,47 @@ pub fn sensitivity(
     let here = near.projection(&DVector::zeros(n)).ok()?;
     let motions = here.mean_motions(&samples);
     let steps = problem.unit_steps(&motions, pose)?;
-    let (joint, chunks) = problem.projected(&here);
-    let total = level.total(&joint);
-    let values = level.values(&joint);
     let side = (observations.camera.width as f64 / config.regions_across as f64).max(1.0);
-    let mut parts: BTreeMap<[u32; 4], DVector<f64>> = BTreeMap::new();
-    for projected in chunks.iter().flatten() {
-        let cell = |x: f64| if config.regions_across > 1 { (x.max(0.0) / side) as u32 } else { 0 };
-        let (row, column) = (cell(projected.pixel.y), cell(projected.pixel.x));
-        let part = [projected.frame, row, column, u32::from(projected.class)];
-        let score = parts.entry(part).or_insert_with(|| DVector::zeros(n));
-        here.add_score(&level, projected, &values, score);
-    }
+    let cell = |x: f64| if config.regions_across > 1 { (x.max(0.0) / side) as u32 } else { 0 };
+    let scores = problem.scores(&here, |pixel| [cell(pixel.y), cell(pixel.x)]);
     let Shares { of_frames: frame_curvatures, of_classes: class_curvatures } = problem.curvatures(&steps)?;
     let curvature = frame_curvatures.iter().fold(DMatrix::zeros(n, n), |sum, frame| sum + frame);
     if !curvature.iter().all(|x| x.is_finite()) || curvature.amax() <= 0.0 {
         return None;
     }
-    let rows: Vec<_> = parts.values().map(|score| (score / total).transpose()).collect();
+    let rows: Vec<_> = scores.values().map(DVector::transpose).collect();
     Some(Sensitivity {
         curvature,
         motions,
         scores: DMatrix::from_rows(&rows),
-        parts: parts.into_keys().collect(),
+        parts: scores.into_keys().collect(),
         frame_curvatures,
         class_curvatures,
     })
 }
 
-/// The labelled share where a point lands, of its share of a class.
-fn weigh_there(sample: &Sample, sampled: &Sampled) -> f32 {
-    (f64::from(sample.weight) * sampled.total()) as f32
+impl Level {
+    /// Makes the weights of samples at a pose shares of a class: the labelled share under a point is put back where it
+    /// lands. Segments are of one sweep: what they share with those of others is the class of the picture that they lie on.
+    fn as_shares_of_classes(&self, samples: &mut [Sample], pose: &Isometry3<f64>) {
+        let (at, observations) = (self.at(pose), &self.observations);
+        samples.par_iter_mut().for_each(|sample| {
+            let sampled = at.place(sample).map(|(_, pixel)| self.under(sample, &pixel));
+            let total = sampled.map_or(1.0, |sampled| sampled.total());
+            if observations.frames[sample.frame as usize].partitions.is_some() {
+                let under = sampled.as_ref().and_then(Sampled::largest);
+                let class = under.map(|class| observations.num_point_classes + usize::from(class));
+                sample.class = class.and_then(|class| u8::try_from(class).ok()).unwrap_or(sample.class);
+            }
+            sample.weight = (f64::from(sample.weight) / total) as f32;
+        });
+    }
 }
 
 /// Shares of the frames, and of the classes of points, in a sum over all points.
 struct Shares<T> {
     of_frames: T,
     of_classes: T,
-}
-
-impl Shares<DMatrix<f64>> {
-    fn add(&mut self, frame: usize, class: usize, sum: &DVector<f64>) {
-        self.of_frames.column_mut(frame).add_assign(sum);
-        self.of_classes.column_mut(class).add_assign(sum);
-    }
-
-    fn per(self, total: f64) -> Self {
-        let total = total.max(1.0);
-        Self { of_frames: self.of_frames / total, of_classes: self.of_classes / total }
-    }
 }
 
 struct Problem<'a> {
@@ -152,20 +130,32 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// The points at some projection, with the weights there: chosen again, as at the end of the polish.
-    fn projected(&self, at: &Projection<'_>) -> (JointHistogram, Vec<Vec<ProjectedSample>>) {
-        let place = |sample: &Sample| at.place(sample);
-        let (mut joint, projected) =
-            self.level.joint_and_mixed(self.samples, place, weigh_there, |projected| projected);
+    /// The share in the gradient of each part: of a frame, a square of its picture, and a class. Points are chosen again, as
+    /// at the end of the polish.
+    fn scores(
+        &self,
+        here: &Projection<'_>,
+        square_of: impl Fn(&Point2<f64>) -> [u32; 2],
+    ) -> BTreeMap<[u32; 4], DVector<f64>> {
+        let (mut joint, chunks) = self.level.joint_and_mixed(self.samples, here, Weights::WhereItLands);
         joint.merge(self.constant);
-        (joint, projected)
+        let (total, values) = (self.level.total(&joint), self.level.values(&joint));
+        let mut sums: BTreeMap<[u32; 4], [f64; MOST]> = BTreeMap::new();
+        for projected in chunks.iter().flatten() {
+            let [row, column] = square_of(&projected.pixel);
+            let part = [projected.frame, row, column, u32::from(projected.class)];
+            self.level.add_score(projected, here, &values, sums.entry(part).or_insert([0.0; MOST]));
+        }
+        let score = |sum: [f64; MOST]| DVector::from_column_slice(&sum[1..=self.n]) / total;
+        sums.into_iter().map(|(part, sum)| (part, score(sum))).collect()
     }
 
     /// Shares in minus the second derivative: differences of gradients along the steps, and back to the variables by the
     /// steps' inverse from the right.
     fn curvatures(&self, steps: &DMatrix<f64>) -> Option<Shares<Vec<DMatrix<f64>>>> {
         let along = |axis: usize| {
-            let gradients = |by: f64| self.gradients(&self.near.projection(&(steps.column(axis) * by)).ok()?);
+            let gradients =
+                |by: f64| self.near.projection(&(steps.column(axis) * by)).ok().map(|at| self.gradients(&at));
             let (before, after) = (gradients(-HALF_WIDTH)?, gradients(HALF_WIDTH)?);
             let difference = |before, after: DMatrix<f64>| (before - after) / (2.0 * HALF_WIDTH);
             Some(Shares {
@@ -191,69 +181,20 @@ impl Problem<'_> {
     }
 
     /// Shares in the gradient at some projection, with the points and weights chosen at the pose.
-    fn gradients(&self, at: &Projection<'_>) -> Option<Shares<DMatrix<f64>>> {
-        if self.level.observations.has_partitions() {
-            return Some(self.gradients_by_point(at));
-        }
-        with_width!(self.n, WIDTH => Some(self.gradients_by_class::<WIDTH>(at)))
-    }
-
-    /// The same by the histogram of each frame with its slopes, for points without partitions. There is one slope for
-    /// each variable among the `WIDTH` entries of a cell.
-    fn gradients_by_class<const WIDTH: usize>(&self, at: &Projection<'_>) -> Shares<DMatrix<f64>> {
-        let place = |sample: &Sample| at.place(sample);
-        let of_frame = |samples: &&[Sample]| {
-            let motion = |sample: &Sample, p_camera: &Vector3<f64>, pixel: &Point2<f64>| {
-                at.motion::<WIDTH>(sample.frame, p_camera, pixel)
-            };
-            (samples[0].frame as usize, self.level.sloped(samples, place, weigh_there, motion))
-        };
-        let frames: Vec<&[Sample]> = self.samples.chunk_by(|a, b| a.frame == b.frame).collect();
-        let frames: Vec<(usize, SlopedHistogram<WIDTH>)> = frames.par_iter().map(of_frame).collect();
-        let joint = frames.iter().fold(self.constant.clone(), |joint, (_, frame)| frame.with(&joint));
-        let values = self.level.values(&joint);
-        let mut sums = self.no_gradients();
-        for (frame, sloped) in &frames {
-            for (class, gradient) in sloped.gradients(values.of_classes()).enumerate() {
-                sums.add(*frame, class, &gradient.rows(1, self.n).into_owned());
-            }
-        }
-        sums.per(self.level.total(&joint))
-    }
-
-    /// The same point by point.
-    fn gradients_by_point(&self, at: &Projection<'_>) -> Shares<DMatrix<f64>> {
-        let (joint, chunks) = self.projected(at);
-        let values = self.level.values(&joint);
-        let of_chunk = |chunk: &Vec<ProjectedSample>| {
-            let mut sums: Vec<((usize, usize), DVector<f64>)> = Vec::new();
-            for projected in chunk {
-                let place = (projected.frame as usize, usize::from(projected.class));
-                if sums.last().is_none_or(|(last, _)| *last != place) {
-                    sums.push((place, DVector::zeros(self.n)));
-                }
-                if let Some((_, sum)) = sums.last_mut() {
-                    at.add_score(self.level, projected, &values, sum);
-                }
-            }
-            sums
-        };
-        let chunks: Vec<_> = chunks.par_iter().flat_map_iter(of_chunk).collect();
-        let mut sums = self.no_gradients();
-        for ((frame, class), sum) in chunks {
-            sums.add(frame, class, &sum);
-        }
-        sums.per(self.level.total(&joint))
-    }
-
-    fn no_gradients(&self) -> Shares<DMatrix<f64>> {
+    fn gradients(&self, at: &Projection<'_>) -> Shares<DMatrix<f64>> {
         let observations = &self.level.observations;
         let of_images = if observations.has_partitions() { observations.num_image_classes } else { 0 };
         let num_classes = observations.num_point_classes + of_images;
-        Shares {
-            of_frames: DMatrix::zeros(self.n, self.level.maps.len()),
-            of_classes: DMatrix::zeros(self.n, num_classes),
+        let mut of_frames = DMatrix::zeros(self.n, self.level.maps.len());
+        let mut of_classes = DMatrix::zeros(self.n, num_classes);
+        let (weights, split) = (Weights::WhereItLands, Split::FramesAndClasses);
+        let Slopes { joint, parts } = self.level.slopes(self.samples, self.constant, at, weights, split);
+        for ((frame, class), gradient) in parts {
+            of_frames.column_mut(frame).add_assign(&gradient);
+            of_classes.column_mut(class).add_assign(&gradient);
         }
+        let total = self.level.total(&joint).max(1.0);
+        Shares { of_frames: of_frames / total, of_classes: of_classes / total }
     }
 
     /// Steps, as columns, that each move the points by one block, root mean square; those of the pose do so independently
@@ -300,10 +241,10 @@ mod tests {
         let found = sensitivity(&observations, &pose, &with_intrinsics(), &CONFIG).expect("points on labels");
         let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
         let samples = level.samples(&pose, Counted::Visible);
-        let (_, gradient) = level.joint_and_gradient(&samples, &level.empty_joint(), &pose);
+        let (_, gradient) = level.joint_and_gradient(&samples, &level.empty_joint(), &level.at(&pose));
         assert!(found.scores.nrows() > 4);
         let sum = found.scores.row_sum().transpose();
-        assert!((sum.fixed_rows::<6>(0) - gradient).norm() < 1e-9 * gradient.norm(), "{sum} {gradient}");
+        assert!((sum.fixed_rows::<6>(0) - &gradient).norm() < 1e-9 * gradient.norm(), "{sum} {gradient}");
         let of_pose =
             sensitivity(&observations, &pose, &Variables::default(), &CONFIG).expect("points on labels");
         assert!((of_pose.scores - found.scores.columns(0, 6)).norm() < 1e-12);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
-use super::pose::to_camera;
+use super::projection::Projection;
 use crate::observation::{Frame, Observations};
 use crate::point_cloud::to_f64;
 
@@ -21,7 +21,7 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
     }
     let camera = &observations.camera;
     let band = BAND * camera.width.max(camera.height) as f64;
-    let to_camera: Vec<_> = poses.iter().map(to_camera).collect();
+    let views: Vec<Projection> = poses.iter().map(|pose| Projection::of_pose(camera, pose)).collect();
     let is_near = |pixel: Point2<f64>| {
         let within = |x: f64, size: usize| x > -band && x < size as f64 + band;
         within(pixel.x, camera.width) && within(pixel.y, camera.height)
@@ -32,7 +32,7 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
         }
         let is_seen = |&point: &usize| {
             let position = to_f64(&frame.points[point]);
-            to_camera.iter().any(|to_camera| camera.project(&to_camera(&position)).is_some_and(is_near))
+            views.iter().any(|at| at.place_of(&position, 0).is_some_and(|(_, pixel)| is_near(pixel)))
         };
         let points: Vec<usize> = (0..frame.points.len()).filter(is_seen).collect();
         Frame {

@@ -56,6 +56,13 @@ impl Camera {
         }
     }
 
+    /// The derivative of a pixel with respect to [`Intrinsic::Radial`], pixels.
+    #[inline]
+    pub fn radial_slope(&self, pixel: &Point2<f64>) -> Vector2<f64> {
+        let place: Vector2<f64> = (pixel.coords - self.center).component_div(&self.focal);
+        self.focal.component_mul(&place) * place.norm_squared()
+    }
+
     /// The camera with some intrinsics changed; [`Intrinsic::Radial`] changes nothing.
     ///
     /// # Errors
@@ -132,7 +139,7 @@ impl IntrinsicSlopes {
                 Intrinsic::Fy => Vector2::new(0.0, place.y),
                 Intrinsic::Cx => Vector2::x(),
                 Intrinsic::Cy => Vector2::y(),
-                Intrinsic::Radial => camera.focal.component_mul(&place) * place.norm_squared(),
+                Intrinsic::Radial => camera.radial_slope(pixel),
                 Intrinsic::Coefficient(_) => sides
                     .as_ref()
                     .map_or_else(Vector2::zeros, |sides| difference(sides, p_camera, *intrinsic)),

@@ -56,6 +56,7 @@ impl Camera {
     ///
     /// # Errors
     /// The errors are those of [`Camera::with_parameters`].
+    #[cfg(test)]
     pub fn new(model: &str, size: (usize, usize), k: [[f64; 3]; 3], distortion: &[f64]) -> Result<Self> {
         Self::with_parameters(model, size, k, distortion, &[])
     }
@@ -104,12 +105,6 @@ impl Camera {
     pub fn project(&self, point: &Vector3<f64>) -> Option<Point2<f64>> {
         let distorted = self.lens.project(point)?;
         Some(Point2::from(self.focal.component_mul(&distorted) + self.center))
-    }
-
-    /// The same with the Jacobian of the pixel with respect to the point, pixels a metre.
-    pub fn project_with_jacobian(&self, point: &Vector3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
-        let pixel = self.project(point)?;
-        Some((pixel, self.jacobian(point)))
     }
 
     /// The Jacobian of the pixel of a point that the camera projects, pixels a metre.

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use crate::class_shares::ClassShares;
 use crate::label_image::LabelImage;
 
-pub use sampled::{Sampled, Shares};
+pub use sampled::Sampled;
 pub use share_map::ShareMap;
 
 /// A label image, and its levels, which the stages of a calibration look at again and again.

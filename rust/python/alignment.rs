@@ -1,6 +1,6 @@
 //! Mutual information over SE(3): ascent, polish and sensitivity.
 
-use nalgebra::{DMatrix, Matrix6, Vector6};
+use nalgebra::{DMatrix, Vector6};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
@@ -12,7 +12,7 @@ use super::poses::{isometry, matrix};
 use super::threads::detached;
 use crate::alignment::{
     self, Aligned, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, MAX_VARIABLES,
-    PolishConfig, Polished, Sensitivity, SensitivityConfig, Variables, Way,
+    PolishConfig, Sensitivity, SensitivityConfig, Variables, Way,
 };
 use crate::camera::{Camera, Intrinsic};
 use crate::observation::Observations;
@@ -53,19 +53,6 @@ pub(super) struct PyPolished {
     inverse_curvature: Option<Py<PyArray2<f64>>>,
 }
 
-impl PyPolished {
-    fn new(py: Python<'_>, found: &Polished) -> PyResult<Self> {
-        let array = |matrix: Matrix6<f64>| {
-            PyArray2::from_vec2(py, &<[[f64; 6]; 6]>::from(matrix).map(Vec::from)).map(Bound::unbind)
-        };
-        Ok(Self {
-            t_camera_lidar: matrix(py, &found.pose)?.unbind(),
-            moved_px: found.moved_px,
-            inverse_curvature: found.inverse_curvature.map(array).transpose()?,
-        })
-    }
-}
-
 #[pyclass(name = "Sensitivity", frozen, get_all)]
 pub(super) struct PySensitivity {
     curvature: Py<PyArray2<f64>>,
@@ -78,13 +65,10 @@ pub(super) struct PySensitivity {
 
 impl PySensitivity {
     fn new(py: Python<'_>, found: &Sensitivity) -> PyResult<Self> {
-        let rows = |matrix: &DMatrix<f64>| matrix.transpose().iter().copied().collect::<Vec<f64>>();
-        let array = |matrix: &DMatrix<f64>| {
-            rows(matrix).into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()]).map(Bound::unbind)
-        };
+        let array = |matrix| to_matrix(py, matrix);
         let n = found.curvature.nrows();
         let arrays = |matrices: &[DMatrix<f64>]| {
-            let entries: Vec<f64> = matrices.iter().flat_map(rows).collect();
+            let entries: Vec<f64> = matrices.iter().flat_map(rows_of).collect();
             entries.into_pyarray(py).reshape([matrices.len(), n, n]).map(Bound::unbind)
         };
         let parts = found.parts.as_flattened().to_vec().into_pyarray(py);
@@ -99,6 +83,15 @@ impl PySensitivity {
     }
 }
 
+/// The entries of a matrix, row by row.
+fn rows_of(matrix: &DMatrix<f64>) -> Vec<f64> {
+    matrix.transpose().iter().copied().collect()
+}
+
+fn to_matrix(py: Python<'_>, matrix: &DMatrix<f64>) -> PyResult<Py<PyArray2<f64>>> {
+    rows_of(matrix).into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()]).map(Bound::unbind)
+}
+
 #[pyfunction]
 #[pyo3(signature = (observations, t_camera_lidar, config, *, factor, visible_only, seed))]
 pub(super) fn ascend(
@@ -110,7 +103,7 @@ pub(super) fn ascend(
     visible_only: bool,
     seed: u64,
 ) -> PyResult<PyAscended> {
-    check_ascent(&config, factor, &observations.0.camera)?;
+    check_factor(factor, &observations.0.camera)?;
     let start = isometry(&t_camera_lidar)?;
     let counted = counted(visible_only);
     let Ascended { pose, drift, num_points } =
@@ -129,7 +122,7 @@ pub(super) fn align(
     visible_only: bool,
     seed: u64,
 ) -> PyResult<Vec<PyAligned>> {
-    check_ascent(&config, factor, &observations.0.camera)?;
+    check_factor(factor, &observations.0.camera)?;
     let starts = poses.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
     let counted = counted(visible_only);
     let found = detached(py, || alignment::align(&observations.0, &starts, factor, counted, &config, seed));
@@ -147,10 +140,11 @@ pub(super) fn polish(
 ) -> PyResult<PyPolished> {
     let start = isometry(&t_camera_lidar)?;
     let inverse_curvature = inverse_curvature.map(|matrix| matrix_6x6(&matrix)).transpose()?;
-    let found = detached(py, || {
-        alignment::polish(&observations.0, &start, inverse_curvature.as_ref(), Counted::Visible, &config)
-    });
-    PyPolished::new(py, &found)
+    let JointMaximum { estimate, moved_px, inverse_curvature } = detached(py, || {
+        alignment::polish(&observations.0, &start, inverse_curvature, Counted::Visible, &config)
+    })?;
+    let inverse_curvature = inverse_curvature.map(|found| to_matrix(py, &found)).transpose()?;
+    Ok(PyPolished { t_camera_lidar: matrix(py, &estimate.pose)?.unbind(), moved_px, inverse_curvature })
 }
 
 #[pyfunction]
@@ -193,11 +187,11 @@ pub(super) fn maximise(
     let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
     let camera = &observations.0.camera;
     config.factors.iter().try_for_each(|&factor| check_factor(factor, camera))?;
-    check_joint(&config, variables.count() - 6)?;
+    check_count(&config, variables.count() - 6)?;
     if variables.intrinsics.contains(&Intrinsic::Radial) {
         return Err(value_error("radial moves points as no lens does, needed intrinsics of the camera"));
     }
-    let JointMaximum { estimate, moved_px } =
+    let JointMaximum { estimate, moved_px, .. } =
         detached(py, || alignment::maximise(&observations.0, &start, &variables, &config))?;
     let value = |camera: &Camera, each: &Intrinsic| camera.intrinsic(*each).unwrap_or(0.0);
     let change = |each: &Intrinsic| value(&estimate.camera, each) - value(camera, each);
@@ -209,16 +203,11 @@ pub(super) fn maximise(
     })
 }
 
-fn check_joint(config: &JointConfig, count: usize) -> PyResult<()> {
-    let JointConfig { changes, sigmas, evidence, .. } = config;
-    let is_positive = |x: f64| x.is_finite() && x > 0.0;
-    if changes.len() != count || !changes.iter().all(|change| change.is_finite()) {
-        return Err(value_error(format!("found changes {changes:?}, needed {count} finite ones")));
-    }
-    if sigmas.len() != count || !sigmas.iter().all(|&sigma| is_positive(sigma)) || !is_positive(*evidence) {
-        return Err(value_error(format!(
-            "found sigmas {sigmas:?} and evidence {evidence}, needed {count} and one above 0"
-        )));
+/// The settings of as many variables after the pose as there are.
+fn check_count(config: &JointConfig, count: usize) -> PyResult<()> {
+    let found = [config.changes.len(), config.sigmas.len()];
+    if found != [count; 2] {
+        return Err(value_error(format!("found {found:?} changes and sigmas, needed {count} of each")));
     }
     Ok(())
 }
@@ -246,17 +235,6 @@ fn variables(
         )));
     }
     Ok(variables)
-}
-
-fn check_ascent(config: &AlignmentConfig, factor: usize, camera: &Camera) -> PyResult<()> {
-    check_factor(factor, camera)?;
-    let &AlignmentConfig { batch_size, max_points, .. } = config;
-    if batch_size == 0 || max_points == 0 {
-        return Err(value_error(format!(
-            "batch_size {batch_size} and max_points {max_points} need to be at least 1"
-        )));
-    }
-    Ok(())
 }
 
 pub(super) fn check_factor(factor: usize, camera: &Camera) -> PyResult<()> {

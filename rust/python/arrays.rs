@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use nalgebra::Matrix6;
+use nalgebra::DMatrix;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
@@ -13,7 +13,7 @@ use crate::label_image::LabelImage;
 pub(super) type Array2<'py> = Bound<'py, PyArray2<f64>>;
 
 /// A matrix from NumPy.
-pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix6<f64>> {
+pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<DMatrix<f64>> {
     let matrix = matrix.as_array();
     if matrix.shape() != [6, 6] {
         return Err(value_error(format!(
@@ -21,7 +21,7 @@ pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix6<f64
             matrix.shape()
         )));
     }
-    Ok(Matrix6::from_fn(|row, column| matrix[[row, column]]))
+    Ok(DMatrix::from_fn(6, 6, |row, column| matrix[[row, column]]))
 }
 
 /// Rows from NumPy, copied.

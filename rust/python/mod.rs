@@ -39,6 +39,8 @@ mod _core {
     #[pymodule_export]
     use super::camera::{PyCamera, PyProjected, project_points};
     #[pymodule_export]
+    use super::configs::config_attributes;
+    #[pymodule_export]
     use super::edges::{PySteps, edge_steps};
     #[pymodule_export]
     use super::label_borders::{steps_at_label_borders, steps_at_label_changes};

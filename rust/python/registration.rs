@@ -68,25 +68,12 @@ pub(super) fn register(
     config: RegistrationConfig,
     around: Option<(PyReadonlyArray2<f64>, f64)>,
 ) -> PyResult<Vec<PyHypothesis>> {
-    check_registration(&config)?;
     let around = match &around {
         Some((pose, angle)) => Some((isometry(pose)?.rotation.to_rotation_matrix(), *angle)),
         None => None,
     };
     let found = detached(py, || registration::register(&observations.0, &images.0, &config, around))?;
     Ok(found.into_iter().map(PyHypothesis).collect())
-}
-
-fn check_registration(config: &RegistrationConfig) -> PyResult<()> {
-    let &RegistrationConfig { coarse_cell, fine_cell, max_roll, roll_step, separation, .. } = config;
-    let steps = [coarse_cell, fine_cell, roll_step];
-    let are_positive = steps.iter().all(|step| step.is_finite() && *step > 0.0);
-    if !are_positive || ![max_roll, separation].iter().all(|angle| angle.is_finite() && *angle >= 0.0) {
-        return Err(value_error(format!(
-            "found {config:?}, needed angles that are finite, and steps above 0"
-        )));
-    }
-    Ok(())
 }
 
 #[pyfunction]

@@ -56,9 +56,6 @@ impl PySemanticDistance {
         t_camera_lidar: PyReadonlyArray2<f64>,
         config: DescentConfig,
     ) -> PyResult<PyDistanceMinimum> {
-        if config.max_points == 0 {
-            return Err(value_error("max_points needs to be at least 1"));
-        }
         let start = isometry(&t_camera_lidar)?;
         let found = detached(py, || self.0.minimize(&start, &config))?;
         Ok(PyDistanceMinimum {

@@ -1,25 +1,26 @@
 //! Quantiles of Student's t and of Fisher's F.
 
 use pyo3::prelude::*;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::errors::value_error;
-use crate::fisher;
+use crate::distributions;
 
 #[pyfunction]
 pub(super) fn student_quantile(probability: f64, degrees_of_freedom: f64) -> PyResult<f64> {
-    let student = StudentsT::new(0.0, 1.0, degrees_of_freedom).map_err(|e| value_error(e.to_string()))?;
-    if !(0.0..=1.0).contains(&probability) {
-        return Err(value_error(format!("a probability is from 0 to 1, found {probability}")));
-    }
-    Ok(student.inverse_cdf(probability))
+    distributions::student_quantile(probability, degrees_of_freedom).ok_or_else(|| {
+        let (rarest, fewest) = (distributions::RAREST, distributions::FEWEST_DEGREES);
+        value_error(format!(
+            "found {probability} and {degrees_of_freedom}, needed a probability from {rarest:e} to 1 - {rarest:e} and \
+             finite degrees of freedom from {fewest} on"
+        ))
+    })
 }
 
 #[pyfunction]
 pub(super) fn fisher_limit(alpha: f64, numerator: f64, denominator: f64) -> PyResult<f64> {
-    fisher::fisher_limit(alpha, numerator, denominator).ok_or_else(|| {
+    distributions::fisher_limit(alpha, numerator, denominator).ok_or_else(|| {
         let found = format!("{alpha}, {numerator} and {denominator}");
-        let most = fisher::MAX_TAIL;
+        let most = distributions::MAX_TAIL;
         value_error(format!(
             "found {found}, needed a probability up to {most} and degrees of freedom from 1 on"
         ))

@@ -21,8 +21,14 @@ pub(super) fn detached<T: Send>(py: Python<'_>, f: impl Send + FnOnce() -> T) ->
     })
 }
 
+/// More threads than any machine has cores: a pool of a thousand million is never done.
+const MAX_THREADS: usize = 4096;
+
 #[pyfunction]
 pub(super) fn set_num_threads(num_threads: usize) -> PyResult<()> {
+    if num_threads > MAX_THREADS {
+        return Err(value_error(format!("found {num_threads} threads, needed at most {MAX_THREADS}")));
+    }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(num_threads)
         .build()

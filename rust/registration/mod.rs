@@ -21,7 +21,6 @@ use exhaustive::Candidate;
 use local::Compared;
 
 pub use config::{Around, RegistrationConfig};
-pub use downsampled::majority;
 pub use hypothesis::Hypothesis;
 
 /// Number of cells across the image: in the exhaustive search, and in Powell's method.

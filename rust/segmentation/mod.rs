@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 pub use config::SegmentationConfig;
 pub use turned::turned;
-pub use up::{Up, estimate_up};
+pub use up::estimate_up;
 
 use crate::point_cloud::to_f64;
 

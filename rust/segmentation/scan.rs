@@ -4,21 +4,13 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::Vector3;
 
+use crate::spherical::rings::{BIN, Filled, MIN_RETURNS, Ring, rings};
 use crate::spherical::{azimuth, elevation};
 
-/// Size of the bins in the histogram of elevations that shows rings, radians.
-const BIN: f64 = 2e-4;
+/// Bins of elevation over the half-turn.
 const NUM_BINS: usize = (PI / BIN) as usize + 1;
-/// Bins with less than this share of the fullest bin's returns are empty.
-const EMPTY_BIN_SHARE: f64 = 0.02;
 /// Rings are parted by at least this many empty bins.
 const MIN_GAP_BINS: usize = 3;
-/// Largest share of the bins, from the lowest ring to the highest, that rings fill.
-const MAX_FILLED_SHARE: f64 = 0.5;
-/// Least number of rings.
-const MIN_RINGS: usize = 4;
-/// Least number of returns of a ring, on average.
-const MIN_RETURNS: usize = 90;
 /// Number of returns of each cell where there are no rings.
 const RETURNS_PER_CELL: f64 = 2.0;
 /// Limits of a cell, radians.
@@ -66,16 +58,14 @@ impl Scan {
     /// The cells that suit a sweep of these directions.
     pub(super) fn of(directions: &[Direction]) -> Self {
         let mut counts = vec![0u32; NUM_BINS];
-        let mut filled = vec![false; 90 * 180];
-        for direction in directions {
-            counts[bin(direction.elevation)] += 1;
-            filled[coarse_cell(direction)] = true;
-        }
-        let rings = rings(&counts);
-        if rings.len() >= MIN_RINGS && directions.len() >= MIN_RETURNS * rings.len() {
-            Self::of_rings(&rings, share_of_turn(&filled))
+        directions.iter().for_each(|direction| counts[bin(direction.elevation)] += 1);
+        let cells = directions.iter().map(|each| Filled::cell(COARSE, each.azimuth, each.elevation));
+        let filled = Filled::with(COARSE, cells);
+        let rings = rings(&counts, MIN_GAP_BINS);
+        if !rings.is_empty() && directions.len() >= MIN_RETURNS * rings.len() {
+            Self::of_rings(&rings, filled.share_in_any_row())
         } else {
-            let cell = (RETURNS_PER_CELL * solid_angle(&filled) / directions.len() as f64).sqrt();
+            let cell = (RETURNS_PER_CELL * filled.solid_angle() / directions.len() as f64).sqrt();
             Self::of_squares(cell.clamp(MIN_CELL, MAX_CELL))
         }
     }
@@ -122,28 +112,6 @@ impl Scan {
     }
 }
 
-/// Returns at about one elevation.
-#[derive(Clone, Copy, Debug)]
-struct Ring {
-    /// The middle bin.
-    bin: usize,
-    returns: u32,
-}
-
-/// The rings that a histogram of elevations shows; none if most of it is filled.
-fn rings(counts: &[u32]) -> Vec<Ring> {
-    let fullest = counts.iter().copied().max().unwrap_or(0);
-    let is_filled = |count: u32| f64::from(count) > EMPTY_BIN_SHARE * f64::from(fullest);
-    let filled: Vec<usize> = (0..counts.len()).filter(|&bin| is_filled(counts[bin])).collect();
-    let span = filled.last().zip(filled.first()).map_or(0, |(last, first)| last - first + 1);
-    if filled.len() as f64 > MAX_FILLED_SHARE * span as f64 {
-        return Vec::new();
-    }
-    let ring =
-        |run: &[usize]| Ring { bin: run[run.len() / 2], returns: run.iter().map(|&bin| counts[bin]).sum() };
-    filled.chunk_by(|a, b| b - a <= MIN_GAP_BINS).map(ring).collect()
-}
-
 fn numbered(rows: impl Iterator<Item = (f64, usize)>) -> Vec<Row> {
     let mut first = 0;
     let row = |(elevation, columns): (f64, usize)| {
@@ -157,24 +125,4 @@ fn numbered(rows: impl Iterator<Item = (f64, usize)>) -> Vec<Row> {
 
 fn bin(elevation: f64) -> usize {
     (((elevation + FRAC_PI_2) / BIN) as usize).min(NUM_BINS - 1)
-}
-
-fn coarse_cell(direction: &Direction) -> usize {
-    let row = (((direction.elevation + FRAC_PI_2) / COARSE) as usize).min(89);
-    row * 180 + (((direction.azimuth + PI) / COARSE) as usize).min(179)
-}
-
-/// Share of the azimuths that have returns.
-fn share_of_turn(filled: &[bool]) -> f64 {
-    let is_filled = |column: &usize| filled.iter().skip(*column).step_by(180).any(|&x| x);
-    (0..180).filter(is_filled).count().max(1) as f64 / 180.0
-}
-
-/// Part of the sphere that has returns, steradians.
-fn solid_angle(filled: &[bool]) -> f64 {
-    let elevation = |row: usize| (row as f64 + 0.5) * COARSE - FRAC_PI_2;
-    let of_row = |(row, cells): (usize, &[bool])| {
-        cells.iter().filter(|&&x| x).count() as f64 * elevation(row).cos() * COARSE * COARSE
-    };
-    filled.chunks(180).enumerate().map(of_row).sum()
 }

@@ -1,10 +1,10 @@
 //! The angular grid of a sensor without a description, estimated from its points.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{PI, TAU};
 
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use super::rings::{BIN, Filled, MIN_RETURNS, rings};
 use super::{MAX_PIXELS, SphericalGrid, azimuth, elevation};
 use crate::error::{Error, Result};
 use crate::point_cloud::to_f64;
@@ -16,16 +16,8 @@ const POINTS_PER_CELL: f64 = 2.0;
 /// Limits of an estimated cell, radians.
 const MIN_ESTIMATED_CELL: f64 = 1e-3;
 const MAX_ESTIMATED_CELL: f64 = 0.035;
-/// Size of the bins, radians, in the histogram of elevations that shows channels.
-const CHANNEL_BIN: f64 = 2e-4;
-/// Largest share of the bins that channels fill.
-const MAX_CHANNEL_SHARE: f64 = 0.5;
-/// Least number of channels.
-const MIN_CHANNELS: usize = 4;
-/// Least number of returns of a channel in each turn.
-const MIN_COLUMNS: usize = 90;
-/// Bins with less than this share of the fullest bin's returns are empty.
-const EMPTY_BIN_SHARE: f64 = 0.02;
+/// Angle of the cells that tell which part of the sphere the points fill, radians.
+const COARSE: f64 = PI / 180.0;
 /// Points that one task looks at.
 const CHUNK: usize = 4096;
 
@@ -37,7 +29,8 @@ const CHUNK: usize = 4096;
 pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     let of_point = |point: &[f32; 3]| {
         let point = to_f64(point);
-        (elevation(&point), Filled::cell(&point))
+        let elevation = elevation(&point);
+        (elevation, Filled::cell(COARSE, azimuth(&point), elevation))
     };
     let points = sweeps.par_iter().flat_map(|sweep| sweep.par_iter().with_min_len(CHUNK));
     let (mut elevations, cells): (Vec<f64>, Vec<usize>) = points.map(of_point).unzip();
@@ -53,12 +46,11 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
             (top - bottom).to_degrees()
         )));
     }
-    let filled = Filled::with(&cells);
+    let filled = Filled::with(COARSE, cells);
     let per_sweep = elevations.len() as f64 / sweeps.len() as f64;
     if let Some(channels) = count_channels(within, bottom, top) {
         let columns = (per_sweep / channels as f64 / filled.share_of_turn()) as usize;
-        // A sparse pattern leaves bins empty, too, but puts few points into each of its many "channels".
-        if columns >= MIN_COLUMNS {
+        if columns >= MIN_RETURNS {
             return SphericalGrid::from_scan(channels, columns.min(MAX_PIXELS / channels), top, bottom);
         }
     }
@@ -74,64 +66,19 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     })
 }
 
-/// The number of runs of filled bins in the histogram of (sorted) elevations, one for each channel, if most are empty.
+/// The number of rings in (sorted) elevations; none if there are no rings.
 fn count_channels(elevations: &[f64], bottom: f64, top: f64) -> Option<usize> {
-    let num_bins = ((top - bottom) / CHANNEL_BIN) as usize + 1;
-    let mut counts = vec![0u32; num_bins];
+    let mut counts = vec![0u32; ((top - bottom) / BIN) as usize + 1];
     for elevation in elevations {
-        counts[((elevation - bottom) / CHANNEL_BIN) as usize] += 1;
+        counts[((elevation - bottom) / BIN) as usize] += 1;
     }
-    let fullest = counts.iter().copied().max().unwrap_or(0);
-    let is_filled = |&count: &u32| f64::from(count) > EMPTY_BIN_SHARE * f64::from(fullest);
-    let filled = counts.iter().filter(|c| is_filled(c)).count();
-    let channels =
-        counts.chunk_by(|a, b| is_filled(a) == is_filled(b)).filter(|run| is_filled(&run[0])).count();
-    let sparse = (filled as f64) < MAX_CHANNEL_SHARE * num_bins as f64;
-    (sparse && channels >= MIN_CHANNELS).then_some(channels)
-}
-
-/// The cells of about a degree that contain a point of any sweep.
-struct Filled {
-    cells: Vec<bool>,
-}
-
-impl Filled {
-    const SIDE: f64 = PI / 180.0;
-    const ROWS: usize = 180;
-    const COLUMNS: usize = 360;
-
-    fn with(filled: &[usize]) -> Self {
-        let mut cells = vec![false; Self::ROWS * Self::COLUMNS];
-        filled.iter().for_each(|&cell| cells[cell] = true);
-        Self { cells }
-    }
-
-    /// The cell of a point.
-    fn cell(point: &Vector3<f64>) -> usize {
-        let row = ((FRAC_PI_2 - elevation(point)) / Self::SIDE) as usize;
-        let column = ((PI - azimuth(point)) / Self::SIDE) as usize;
-        row.min(Self::ROWS - 1) * Self::COLUMNS + column.min(Self::COLUMNS - 1)
-    }
-
-    /// Number of cells filled in each row.
-    fn rows(&self) -> impl Iterator<Item = usize> {
-        self.cells.chunks_exact(Self::COLUMNS).map(|row| row.iter().filter(|&&filled| filled).count())
-    }
-
-    /// Solid angle of the filled cells, steradian.
-    fn solid_angle(&self) -> f64 {
-        let of_cell = |row: usize| ((row as f64 + 0.5) * Self::SIDE).sin() * Self::SIDE * Self::SIDE;
-        self.rows().enumerate().map(|(row, count)| count as f64 * of_cell(row)).sum()
-    }
-
-    /// The filled share of the turn, in the row where it is largest.
-    fn share_of_turn(&self) -> f64 {
-        self.rows().max().unwrap_or(0) as f64 / Self::COLUMNS as f64
-    }
+    Some(rings(&counts, 1).len()).filter(|&channels| channels > 0)
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
     use crate::spherical::EMPTY;
     use crate::world::ScanPattern;

@@ -1,6 +1,7 @@
 //! Spherical range images: points of a sweep on a grid of azimuth and elevation about the LiDAR's z axis.
 
 mod estimate;
+pub mod rings;
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,8 +1,8 @@
 """The fit of the pose, intrinsics and the offset of the clock together, and the covariance of all of them.
 
-All are brought to the top of the exact mutual information together (`rust/alignment/joint/`), from what the drive says.
-Standard deviations of what was known before keep a variable where it was if the labels do not tell it; it is then left
-out, and told to be not determined.
+All are brought to the top of the exact mutual information together (`rust/alignment/joint.rs`), from what the drive
+says. Standard deviations of what was known before keep a variable where it was if the labels do not tell it; it is then
+left out, and told to be not determined.
 
 The covariance is that of the labels' measurement (`semcal_cli.assessment.measurement`) over all variables together;
 what was known before is one more independent measurement, and all frames share errors of their borders. Intrinsics that

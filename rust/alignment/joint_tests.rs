@@ -1,11 +1,21 @@
-use nalgebra::{Point3, Vector6};
+//! Newton's method on the pose, and on it with intrinsics and the clock.
 
-use super::*;
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, Vector6};
+
+use super::choice::Chosen;
+use super::joint::{JointConfig, PolishConfig, maximise, polish};
+use super::level::Level;
+use super::newton::Problem;
+use super::pose::within_baseline;
+use super::projection::Neighbourhood;
+use super::sample::Counted;
+use super::scene::{scene, segmented};
+use super::variables::{Estimate, Variables};
 use crate::agreement::measure;
-use crate::alignment::pose::within_baseline;
-use crate::alignment::scene::{scene, segmented};
 use crate::camera::{Camera, Intrinsic};
-use crate::observation::Frame;
+use crate::observation::{Frame, Observations};
 use crate::se3;
 
 fn variables(observations: &Observations) -> Variables {
@@ -54,13 +64,14 @@ fn the_gradient_is_that_of_finite_differences() {
             [pixel.x, pixel.y].iter().all(|&x| (1e-3..0.999).contains(&place(x)))
         });
         let gone = DVector::from_element(n, 0.1);
+        let precision = DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 0.01 });
         let problem = Problem {
             level: &level,
             samples: &samples,
             constant: &level.empty_joint(),
             near: &near,
             max_baseline_m: 1.0,
-            precision: DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 0.01 }),
+            precision: &precision,
             gone: &gone,
             steps: DMatrix::identity(n, n),
             blocks: DMatrix::identity(n, n),
@@ -164,4 +175,55 @@ fn at_the_longest_baseline_it_settles_higher_than_it_began() {
         assert!(pose.translation.vector.norm() < max_baseline_m + 1e-12, "{pose}");
         assert!(information(camera, pose) > information(&observations.camera, &start), "{max_baseline_m}");
     }
+}
+
+const POLISH: PolishConfig =
+    PolishConfig { edge_band_px: 0, max_rounds: 10, max_steps: 8, tolerance_px: 1e-3, max_baseline_m: 1.0 };
+
+#[test]
+fn a_polish_settles_at_the_truth_from_all_sides() {
+    let observations = scene(0.0);
+    for side in [-1.0, 1.0] {
+        let start = se3::exp(&(Vector6::new(0.06, -0.04, 0.04, 0.012, -0.016, 0.02) * side));
+        let polished = polish(&observations, &start, None, Counted::All, &POLISH).expect("a top");
+        let pose = polished.estimate.pose;
+        assert!(polished.moved_px < 10.0 * POLISH.tolerance_px, "{pose} {}", polished.moved_px);
+        // A third of a pixel of this small picture, from two.
+        assert!(pose.rotation.angle() < 5e-3 && pose.translation.vector.norm() < 0.04, "{pose}");
+    }
+}
+
+#[test]
+fn a_polish_comes_to_the_same_top_with_a_curvature_from_near_by() {
+    let observations = scene(0.0);
+    let start = se3::exp(&Vector6::new(0.03, -0.02, 0.02, 0.006, -0.008, 0.01));
+    let alone = polish(&observations, &start, None, Counted::All, &POLISH).expect("a top");
+    let again = polish(&observations, &start, alone.inverse_curvature, Counted::All, &POLISH).expect("a top");
+    let apart = again.estimate.pose * alone.estimate.pose.inverse();
+    // A third of a pixel of this small picture, as above: its top is rough.
+    assert!(apart.rotation.angle() < 5e-3 && apart.translation.vector.norm() < 0.04, "{apart}");
+}
+
+#[test]
+fn where_nothing_changes_a_polish_neither_settles_nor_has_a_curvature() {
+    let mut blank = (*scene(0.0)).clone();
+    Arc::make_mut(&mut blank.frames[0].point_classes).fill(0);
+    let polished =
+        polish(&Arc::new(blank), &Isometry3::identity(), None, Counted::All, &POLISH).expect("no change");
+    assert_eq!((polished.moved_px, polished.inverse_curvature), (f64::INFINITY, None));
+}
+
+#[test]
+fn points_amid_one_class_are_summed_up_once() {
+    let level = Level::new(scene(0.0), 1, 0, usize::MAX);
+    let pose = Isometry3::identity();
+    let all = level.samples(&pose, Counted::All);
+    let Chosen { moving: left, constant } = level.chosen(&pose, Counted::All, 2);
+    assert!(left.len() < all.len() && constant.total() > 0.0);
+    // A third of a pixel away, nothing of what was taken out has changed.
+    let nearby = level.at(&se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)));
+    let (whole, whole_gradient) = level.joint_and_gradient(&all, &level.empty_joint(), &nearby);
+    let (split, split_gradient) = level.joint_and_gradient(&left, &constant, &nearby);
+    assert!((whole.mutual_information() - split.mutual_information()).abs() < 1e-12);
+    assert!((whole_gradient - split_gradient).norm() < 1e-9);
 }

@@ -1,6 +1,31 @@
-//! The upper tail of Fisher's F distribution, for the limits of tests.
+//! Quantiles of Student's t, and the upper tail of Fisher's F, for intervals and the limits of tests.
 
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use statrs::function::beta::{beta_reg, ln_beta};
+
+/// The smallest probability of a tail of Student's t, and its fewest degrees of freedom: beyond them the inverse of the
+/// incomplete beta function is far off.
+pub const RAREST: f64 = 1e-9;
+pub const FEWEST_DEGREES: f64 = 0.3;
+/// From so many degrees of freedom on, that inverse loses its digits, and an expansion has all of them.
+const MANY_DEGREES: f64 = 1e5;
+
+/// The value below which Student's t lies with a probability; none unless `RAREST <= probability <= 1 - RAREST` and the
+/// degrees of freedom are finite and at least [`FEWEST_DEGREES`].
+#[must_use]
+pub fn student_quantile(probability: f64, degrees_of_freedom: f64) -> Option<f64> {
+    let is_known = (RAREST..=1.0 - RAREST).contains(&probability) && degrees_of_freedom >= FEWEST_DEGREES;
+    if !(is_known && degrees_of_freedom.is_finite()) {
+        return None;
+    }
+    if degrees_of_freedom < MANY_DEGREES {
+        return Some(StudentsT::new(0.0, 1.0, degrees_of_freedom).ok()?.inverse_cdf(probability));
+    }
+    // Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.5.
+    let z = Normal::standard().inverse_cdf(probability);
+    let (first, second) = ((z.powi(3) + z) / 4.0, (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0);
+    Some(z + (first + second / degrees_of_freedom) / degrees_of_freedom)
+}
 
 /// Largest probability of a tail; Newton's method is sure to converge in it.
 pub const MAX_TAIL: f64 = 0.1;
@@ -42,6 +67,26 @@ mod tests {
                 // statrs subtracts logarithms of gamma functions, which are up to 1e7.
                 assert!((found / expected - 1.0).abs() < 1e-9, "{denominator} {alpha}: {found} {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn students_quantile_goes_over_into_the_normal_one() {
+        // Of SciPy's `t.ppf`.
+        for (dof, expected) in [
+            (1.3, 7.500_529_325_6),
+            (99_999.0, 1.959_987_707_8),
+            (1e5, 1.959_987_707_5),
+            (1e7, 1.959_964_221_8),
+            (1e300, 1.959_963_984_5),
+        ] {
+            let found = student_quantile(0.975, dof).expect("known");
+            assert!((found / expected - 1.0).abs() < 5e-6, "{dof}: {found} {expected}");
+        }
+        for (probability, dof) in
+            [(1e-300, 4.0), (0.0, 4.0), (f64::NAN, 4.0), (0.9, 0.0), (0.9, f64::INFINITY)]
+        {
+            assert_eq!(student_quantile(probability, dof), None);
         }
     }
 

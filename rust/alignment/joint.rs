@@ -1,0 +1,252 @@
+//! The deterministic ascent to the top: Newton's method on the pose alone, or on it with intrinsics of the camera and the
+//! offset of its clock, from coarse blocks to pixels.
+//!
+//! The points are chosen anew where a round of steps ends, and curvature is kept as long as it holds. What was known before
+//! keeps the variables where the labels tell nothing: it is a penalty, `sum ((x - x_0) / sigma)^2 / (2 N)`, in which N says
+//! how many nats of a likelihood a nat of mutual information is worth.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector, Isometry3};
+
+use super::choice::Chosen;
+use super::level::Level;
+use super::newton::{Problem, Way, unit_steps};
+use super::projection::Neighbourhood;
+use super::sample::Counted;
+use super::variables::{Estimate, Variables};
+use super::view::in_view;
+use crate::error::Result;
+use crate::observation::Observations;
+
+/// Points at least this number of blocks inside one class are summed up once. A round that moves them farther is
+/// followed by another one, which chooses them again.
+pub(super) const CONSTANT_RADIUS: usize = 2;
+/// Curvature is taken again if the last round moved the points by more blocks than this.
+const CURVATURE_HOLDS: f64 = 0.3;
+/// Levels but the last end when a round moved the points by less blocks than this.
+const COARSE_TOLERANCE: f64 = 0.1;
+/// Blocks up to this side, pixels, are fine: all points are used.
+const FINE: usize = 2;
+
+/// Settings of [`maximise`].
+#[derive(Clone, Debug)]
+pub struct JointConfig {
+    /// Sides of the blocks of the levels, coarsest first, pixels.
+    pub factors: Vec<usize>,
+    /// Pixels less than this from one of another class count little.
+    pub edge_band_px: usize,
+    /// Largest number of points that are used on coarse blocks, over all frames and directions.
+    pub max_coarse_points: usize,
+    /// Largest number of times that the points are chosen at each level.
+    pub max_rounds: usize,
+    /// Largest number of Newton steps for each choice of points.
+    pub max_steps: usize,
+    /// The last level ends when a round moved the points by less than this share of a block, root mean square.
+    pub tolerance: f64,
+    /// The camera stays within this distance of the LiDAR, metres.
+    pub max_baseline_m: f64,
+    /// Changes of the variables after the pose at the start.
+    pub changes: Vec<f64>,
+    /// Standard deviations of these variables, by what was known before.
+    pub sigmas: Vec<f64>,
+    /// Nats of a likelihood that a nat of mutual information is worth.
+    pub evidence: f64,
+}
+
+/// Settings of [`polish`].
+#[derive(Clone, Copy, Debug)]
+pub struct PolishConfig {
+    /// Pixels less than this from one of another class count little.
+    pub edge_band_px: usize,
+    /// Largest number of times that the points are chosen.
+    pub max_rounds: usize,
+    /// Largest number of Newton steps for each choice of points.
+    pub max_steps: usize,
+    /// The polish has converged when a round moves the points by less than this, root mean square.
+    pub tolerance_px: f64,
+    /// The camera stays within this distance of the LiDAR, metres.
+    pub max_baseline_m: f64,
+}
+
+/// The top at which [`maximise`] or [`polish`] ends.
+#[derive(Clone, Debug)]
+pub struct JointMaximum {
+    /// Values of the variables.
+    pub estimate: Estimate,
+    /// Distance by which the last round moved the points, or still tried to move them, root mean square.
+    pub moved_px: f64,
+    /// Last computed inverse of minus the second derivative by the variables; `None` where nothing changes the information.
+    pub inverse_curvature: Option<DMatrix<f64>>,
+}
+
+/// Ascends to the maximum of the mutual information, less what the variables are off what was known before.
+///
+/// # Errors
+/// The lens has not one of the variables.
+pub fn maximise(
+    observations: &Arc<Observations>,
+    start: &Isometry3<f64>,
+    variables: &Variables,
+    config: &JointConfig,
+) -> Result<JointMaximum> {
+    let mut climb = Climb::new(observations, start, variables, config)?;
+    let mut moved_px = f64::INFINITY;
+    for (number, &factor) in (1..).zip(&config.factors) {
+        // Curvature in other blocks is another one.
+        climb.inverse_curvature = None;
+        let tolerance = if number == config.factors.len() { config.tolerance } else { COARSE_TOLERANCE };
+        moved_px = climb.level(factor, tolerance)?;
+    }
+    Ok(JointMaximum { estimate: climb.estimate, moved_px, inverse_curvature: climb.inverse_curvature })
+}
+
+/// Ascends to the maximum of the mutual information of all points in full resolution, over the pose alone.
+/// `inverse_curvature` is that of a nearby polish on part of the data; with it the curvature need not be computed at the
+/// start.
+///
+/// # Errors
+/// As [`maximise`].
+pub fn polish(
+    observations: &Arc<Observations>,
+    start: &Isometry3<f64>,
+    inverse_curvature: Option<DMatrix<f64>>,
+    counted: Counted,
+    config: &PolishConfig,
+) -> Result<JointMaximum> {
+    let &PolishConfig { edge_band_px, max_rounds, max_steps, tolerance_px: tolerance, max_baseline_m } =
+        config;
+    let config = JointConfig {
+        factors: vec![1],
+        edge_band_px,
+        max_coarse_points: usize::MAX,
+        max_rounds,
+        max_steps,
+        tolerance,
+        max_baseline_m,
+        changes: Vec::new(),
+        sigmas: Vec::new(),
+        evidence: 1.0,
+    };
+    let variables = Variables::default();
+    let mut climb =
+        Climb { counted, inverse_curvature, ..Climb::new(observations, start, &variables, &config)? };
+    let moved_px = climb.level(1, tolerance)?;
+    Ok(JointMaximum { estimate: climb.estimate, moved_px, inverse_curvature: climb.inverse_curvature })
+}
+
+/// What became of one choice of points.
+struct Round {
+    /// By how many blocks it moved the points.
+    moved: f64,
+    /// By how many blocks it still tried to move them.
+    wanted: f64,
+    /// Whether the curvature is that of these points.
+    is_fresh: bool,
+}
+
+/// A climb on its way.
+struct Climb<'a> {
+    observations: &'a Arc<Observations>,
+    variables: &'a Variables,
+    config: &'a JointConfig,
+    counted: Counted,
+    /// Weight of the penalty on each variable, nats.
+    precision: DVector<f64>,
+    estimate: Estimate,
+    /// Change of the variables from what was known before; that of the pose means nothing.
+    gone: DVector<f64>,
+    /// Inverse of minus the second derivative by the variables, as it was computed last.
+    inverse_curvature: Option<DMatrix<f64>>,
+}
+
+impl<'a> Climb<'a> {
+    fn new(
+        observations: &'a Arc<Observations>,
+        start: &Isometry3<f64>,
+        variables: &'a Variables,
+        config: &'a JointConfig,
+    ) -> Result<Self> {
+        let given = Estimate { pose: *start, camera: observations.camera.clone(), offset_s: 0.0 };
+        let mut gone = DVector::zeros(variables.count());
+        gone.rows_mut(6, config.changes.len()).copy_from_slice(&config.changes);
+        let mut precision = DVector::zeros(variables.count());
+        for (i, sigma) in config.sigmas.iter().enumerate() {
+            precision[6 + i] = sigma.powi(-2) / config.evidence;
+        }
+        let estimate = given.changed(variables, &gone, config.max_baseline_m)?;
+        let (counted, inverse_curvature) = (Counted::Visible, None);
+        Ok(Self { observations, variables, config, counted, precision, estimate, gone, inverse_curvature })
+    }
+
+    /// Rounds on blocks of one size, until one moves the points by less blocks than `tolerance`; by how many pixels the
+    /// last one moved them, infinite where the information does not change.
+    fn level(&mut self, factor: usize, tolerance: f64) -> Result<f64> {
+        let mut moved_px = f64::INFINITY;
+        let mut is_stale = self.inverse_curvature.is_none();
+        // Blocks are averaged once for all rounds as long as somebody holds them. Where only the pose changes, so does
+        // nothing that is observed.
+        let held = self.observed(factor);
+        let only_pose = self.variables.count() == 6;
+        for _ in 0..self.config.max_rounds {
+            let anew = (!only_pose).then(|| self.observed(factor));
+            let level = anew.as_ref().unwrap_or(&held);
+            let Some(Round { moved, wanted, is_fresh }) = self.round(level, is_stale, tolerance)? else {
+                break;
+            };
+            moved_px = moved.max(wanted) * factor as f64;
+            // A step that gained nothing may be that of an old curvature, or a cusp is the top.
+            if moved < tolerance && (wanted < tolerance || is_fresh) {
+                break;
+            }
+            is_stale = moved > CURVATURE_HOLDS || wanted >= tolerance;
+        }
+        Ok(moved_px)
+    }
+
+    /// What the camera of the estimate observes, in blocks of some pixels.
+    fn observed(&self, factor: usize) -> Level {
+        let seen = self.estimate.observed(self.observations, self.variables);
+        let max_points = if factor > FINE { self.config.max_coarse_points } else { usize::MAX };
+        Level::new(in_view(&seen, &[self.estimate.pose]), factor, self.config.edge_band_px, max_points)
+    }
+
+    /// One choice of points and the steps with it; nothing where the information does not change.
+    fn round(&mut self, level: &Level, is_stale: bool, tolerance: f64) -> Result<Option<Round>> {
+        let Self { variables, config, .. } = *self;
+        let anchor = self.estimate.clone();
+        let Chosen { moving, constant } = level.chosen(&anchor.pose, self.counted, CONSTANT_RADIUS);
+        let near = Neighbourhood::new(variables, &anchor)?;
+        // The pose alone has motions of its own, those of the ascents that led here.
+        let steps = if variables.count() == 6 {
+            level
+                .preconditioner(&moving, &anchor.pose)
+                .map(|steps| DMatrix::from_fn(6, 6, |i, j| steps[(i, j)]))
+        } else {
+            let motions = near.projection(&DVector::zeros(variables.count()))?.mean_motions(&moving);
+            unit_steps(&(motions / (level.factor as f64).powi(2)), &config.sigmas)
+        };
+        let Some(steps) = steps else { return Ok(None) };
+        let Some(blocks) = steps.clone().try_inverse() else { return Ok(None) };
+        let problem = Problem {
+            level,
+            samples: &moving,
+            constant: &constant,
+            near: &near,
+            max_baseline_m: config.max_baseline_m,
+            precision: &self.precision,
+            gone: &self.gone,
+            steps,
+            blocks,
+        };
+        if is_stale {
+            self.inverse_curvature = problem.inverse_curvature();
+        }
+        let Some(inverse) = &self.inverse_curvature else { return Ok(None) };
+        let Some(way) = problem.newton(inverse, config.max_steps, tolerance) else { return Ok(None) };
+        let Way { change, moved, wanted } = way;
+        self.estimate = anchor.changed(variables, &change, config.max_baseline_m)?;
+        self.gone += change;
+        Ok(Some(Round { moved, wanted, is_fresh: is_stale }))
+    }
+}

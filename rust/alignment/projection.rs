@@ -1,0 +1,215 @@
+//! The one way in which points become pixels: at a pose, or near an estimate whose intrinsics and clock change too; and how
+//! pixels move there.
+
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point2, Vector3, Vector6};
+
+use super::pose::within_baseline;
+use super::sample::Sample;
+use super::variables::{Estimate, MAX_VARIABLES, Variables, later, moved};
+use crate::camera::{Camera, Intrinsic, IntrinsicSlopes};
+use crate::error::Result;
+use crate::se3;
+
+/// Number of points that suffice to measure how the variables move the image.
+const MAX_MOTION_POINTS: usize = 5000;
+/// Entries of the widest cell.
+pub(super) const MOST: usize = MAX_VARIABLES + 1;
+
+/// Calls what follows with the number of entries of a cell that holds a weight and a slope for each of `n` variables.
+macro_rules! with_width {
+    ($n:expr, $width:ident => $call:expr) => {
+        match $n + 1 {
+            0..=8 => {
+                const $width: usize = 8;
+                $call
+            }
+            9..=12 => {
+                const $width: usize = 12;
+                $call
+            }
+            13..=16 => {
+                const $width: usize = 16;
+                $call
+            }
+            _ => {
+                const $width: usize = crate::alignment::projection::MOST;
+                $call
+            }
+        }
+    };
+}
+pub(super) use with_width;
+
+/// How the pixel of a point moves with the variables: a row for each of its coordinates, with nothing first.
+pub(super) type Motion<const WIDTH: usize> = [[f64; WIDTH]; 2];
+
+/// Rotation and translation from the LiDAR frame to the camera frame.
+type ToCamera = (Matrix3<f64>, Vector3<f64>);
+
+fn to_camera(pose: &Isometry3<f64>) -> ToCamera {
+    (*pose.rotation.to_rotation_matrix().matrix(), pose.translation.vector)
+}
+
+/// Projections of points near an anchor estimate.
+pub(super) struct Neighbourhood<'a> {
+    variables: &'a Variables,
+    anchor: &'a Estimate,
+    slopes: IntrinsicSlopes,
+}
+
+/// Projection of points (LiDAR frame) with some values of the variables.
+#[derive(Clone, Debug)]
+pub(super) struct Projection<'a> {
+    camera: Camera,
+    /// Number of the variables.
+    num_variables: usize,
+    /// How pixels move with the intrinsics that are variables.
+    slopes: Option<&'a IntrinsicSlopes>,
+    /// Change of [`Intrinsic::Radial`].
+    radial: f64,
+    /// To the camera: of each frame, or of all.
+    to_camera: Vec<ToCamera>,
+    /// Velocity and angular velocity of the points of each frame in the camera's frame, a second of the offset.
+    drifts: Vec<(Vector3<f64>, Vector3<f64>)>,
+}
+
+impl<'a> Neighbourhood<'a> {
+    /// # Errors
+    /// The lens has not one of the variables.
+    pub fn new(variables: &'a Variables, anchor: &'a Estimate) -> Result<Self> {
+        let slopes = IntrinsicSlopes::new(&anchor.camera, &variables.intrinsics)?;
+        Ok(Self { variables, anchor, slopes })
+    }
+
+    /// A change of the variables and a step from there: a twist on the left of the pose, shortened where the camera would
+    /// leave the longest baseline, and changes of the others.
+    pub fn stepped(&self, change: &DVector<f64>, step: &DVector<f64>, max_baseline_m: f64) -> DVector<f64> {
+        let pose = within_baseline(&moved(&moved(&self.anchor.pose, change), step), max_baseline_m);
+        let mut next = change + step;
+        next.rows_mut(0, 6).copy_from(&se3::log(&(pose * self.anchor.pose.inverse())));
+        next
+    }
+
+    /// The projection at a change of the variables. Points are those that the anchor observes.
+    ///
+    /// # Errors
+    /// The changed camera is impossible.
+    pub fn projection(&'a self, change: &DVector<f64>) -> Result<Projection<'a>> {
+        let variables = self.variables;
+        let at = self.anchor.changed(variables, change, f64::INFINITY)?;
+        let radial = variables.intrinsics_in(change).filter(|(each, _)| *each == Intrinsic::Radial);
+        let twists = variables.twists.as_deref().unwrap_or_default();
+        let by_s = variables.offset().map_or(0.0, |index| change[index]);
+        let of_frame = |twist: &Vector6<f64>| to_camera(&(at.pose * later(twist, by_s)));
+        let (rotation, translation) = to_camera(&at.pose);
+        let drift = |twist: &Vector6<f64>| {
+            let [v, w] = [0, 3].map(|row| -(rotation * twist.fixed_rows::<3>(row)));
+            (v - w.cross(&translation), w)
+        };
+        Ok(Projection {
+            num_variables: variables.count(),
+            slopes: Some(&self.slopes),
+            radial: radial.map(|(_, by)| by).sum(),
+            to_camera: match twists {
+                [] => vec![(rotation, translation)],
+                twists => twists.iter().map(of_frame).collect(),
+            },
+            drifts: twists.iter().map(drift).collect(),
+            camera: at.camera,
+        })
+    }
+}
+
+impl Projection<'static> {
+    /// The projection of a camera at a pose, which alone is variable.
+    pub fn of_pose(camera: &Camera, pose: &Isometry3<f64>) -> Self {
+        let (to_camera, drifts) = (vec![to_camera(pose)], Vec::new());
+        Self { camera: camera.clone(), num_variables: 6, slopes: None, radial: 0.0, to_camera, drifts }
+    }
+}
+
+impl Projection<'_> {
+    /// Number of the variables by which [`Projection::motion`] tells how pixels move.
+    pub fn num_variables(&self) -> usize {
+        self.num_variables
+    }
+
+    /// A sample in the camera frame, and its pixel.
+    #[inline(always)]
+    pub fn place(&self, sample: &Sample) -> Option<(Vector3<f64>, Point2<f64>)> {
+        self.place_of(&sample.position, sample.frame)
+    }
+
+    /// The same for a point of a frame, metres, LiDAR frame.
+    #[inline(always)]
+    pub fn place_of(&self, position: &Vector3<f64>, frame: u32) -> Option<(Vector3<f64>, Point2<f64>)> {
+        let frame = if self.drifts.is_empty() { 0 } else { frame as usize };
+        let (rotation, translation) = &self.to_camera[frame];
+        let p_camera = rotation * position + translation;
+        let pixel = self.camera.project(&p_camera)?;
+        if self.radial == 0.0 {
+            return Some((p_camera, pixel));
+        }
+        Some((p_camera, pixel + self.camera.radial_slope(&pixel) * self.radial))
+    }
+
+    /// How the pixel of a point of a frame moves: with a twist on the left of the pose, intrinsics, and the clock.
+    #[inline]
+    pub fn motion<const WIDTH: usize>(
+        &self,
+        frame: u32,
+        p_camera: &Vector3<f64>,
+        pixel: &Point2<f64>,
+    ) -> Motion<WIDTH> {
+        let jacobian = self.camera.jacobian(p_camera);
+        let mut motion = [[0.0; WIDTH]; 2];
+        for (row, of_pixel) in motion.iter_mut().enumerate() {
+            let force = jacobian.row(row).transpose();
+            of_pixel[1..4].copy_from_slice(force.as_slice());
+            of_pixel[4..7].copy_from_slice(p_camera.cross(&force).as_slice());
+        }
+        if let Some(slopes) = self.slopes {
+            slopes.for_each(&self.camera, p_camera, pixel, |index, slope| {
+                motion[0][7 + index] = slope.x;
+                motion[1][7 + index] = slope.y;
+            });
+        }
+        if let Some((v, w)) = self.drifts.get(frame as usize) {
+            let moved = jacobian * (v + w.cross(p_camera));
+            motion[0][self.num_variables] = moved.x;
+            motion[1][self.num_variables] = moved.y;
+        }
+        motion
+    }
+
+    /// Mean products of the displacements of points by the variables, pixels.
+    pub fn mean_motions(&self, samples: &[Sample]) -> DMatrix<f64> {
+        with_width!(self.num_variables, WIDTH => self.mean_motions_of::<WIDTH>(samples))
+    }
+
+    fn mean_motions_of<const WIDTH: usize>(&self, samples: &[Sample]) -> DMatrix<f64> {
+        let (mut sums, mut count) = ([[0.0; WIDTH]; WIDTH], 0.0);
+        for sample in some(samples) {
+            let Some((p_camera, pixel)) = self.place(sample) else { continue };
+            let [of_u, of_v] = self.motion::<WIDTH>(sample.frame, &p_camera, &pixel);
+            for (i, sums) in sums.iter_mut().enumerate() {
+                sums.iter_mut()
+                    .enumerate()
+                    .for_each(|(j, sum)| *sum += of_u[i] * of_u[j] + of_v[i] * of_v[j]);
+            }
+            count += 1.0;
+        }
+        let n = self.num_variables;
+        DMatrix::from_fn(n, n, |i, j| sums[1 + i][1 + j]) / f64::max(count, 1.0)
+    }
+
+    /// Distances of points from the camera, metres: of as many as tell how the image moves.
+    pub fn ranges(&self, samples: &[Sample]) -> Vec<f64> {
+        some(samples).filter_map(|sample| self.place(sample)).map(|(p_camera, _)| p_camera.norm()).collect()
+    }
+}
+
+/// As many of the samples as tell how the image moves.
+fn some(samples: &[Sample]) -> impl Iterator<Item = &Sample> {
+    samples.iter().step_by(samples.len().div_ceil(MAX_MOTION_POINTS).max(1))
+}
