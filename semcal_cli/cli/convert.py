@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.options import INPUT_FILE, PATH, Command, file_or_stdout
+from semcal_cli.cli.rules import CheckedCommand, given, one_of
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
@@ -138,7 +139,13 @@ def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
     return [f"the transform belongs to another {label} than the drive has, {line}" for label, line in changes]
 
 
-@click.command()
+@click.command(
+    cls=CheckedCommand,
+    rules=[
+        one_of("--to", "--into"),
+        given("--into").excludes("--to", "-o", because="it changes its own file"),
+    ],
+)
 @click.argument("source", metavar="IN", type=INPUT_FILE)
 @click.option("--to", type=FormatName(), metavar="FORMAT", help="Format to write; see --formats.")
 @click.option(
@@ -185,10 +192,6 @@ def convert(
     from semcal_cli.formats import convert_file
     from semcal_cli.formats.format import FormatOptions
 
-    if (to is None) == (into is None):
-        raise click.UsageError("give --to FORMAT, or --into FILE")
-    if into is not None and output is not None:
-        raise click.UsageError("-o: --into changes its own file: leave -o out")
     if into is not None and descriptor(into) is not None:
         raise InputError(f"{into}: found a descriptor, needed a file to change")
     if into is None:

@@ -21,11 +21,11 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     OUTPUT_FILE,
     PATH,
-    given_parameters,
     limit_options,
     output_option,
     quiet_option,
 )
+from semcal_cli.cli.rules import CheckedCommand
 
 if TYPE_CHECKING:
     from semcal_cli.files.dialect import Format
@@ -35,6 +35,7 @@ PLOTS = (".png", ".svg")
 
 
 @click.command(
+    cls=CheckedCommand,
     help=f"""Put the drives of one rig together: what they agree on, which do not, whether the rig moved.
 
     RESULTS are folders that semcal batch wrote, and single calibrations of semcal. Drives are ordered by the stamps
@@ -44,7 +45,7 @@ PLOTS = (".png", ".svg")
     result is the one that holds at the last drive: other commands read it.
 
     FILE of --reference is {KNOWN_TRANSFORMS}.
-    """
+    """,
 )
 @click.argument("results", nargs=-1, required=True, type=PATH)
 @output_option
@@ -95,8 +96,6 @@ def fleet(
     read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []
     outputs = [path for path in (output, page, plot, junit) if path is not None]
-    if as_json:
-        _check_stdout_is_free()
     subject = ", ".join(map(str, results))
     with errors_reported("fleet", subject, junit, read):
         check_outputs(read, outputs)
@@ -140,26 +139,6 @@ def _check_suffixes(page: Path | None, plot: Path | None) -> None:
         check_page(page)
     if plot is not None and plot.suffix.lower() not in PLOTS:
         raise InputError(f"{plot}: found suffix {plot.suffix!r}, needed {' or '.join(PLOTS)}")
-
-
-def _check_stdout_is_free() -> None:
-    """Check that no file goes to standard output, where the JSON goes.
-
-    Raises:
-        click.UsageError: one does.
-    """
-    from semcal_cli.files.streams import descriptor
-
-    context = click.get_current_context()
-    for parameter in given_parameters(context):
-        path = context.params[str(parameter.name)]
-        is_file = parameter.name in ("output", "page", "plot", "junit")
-        # An output that is given and goes to standard output has become None.
-        if is_file and (path is None or descriptor(path) == 1):
-            option = parameter.opts[0]
-            raise click.UsageError(
-                f"--json, {option}: would both write to standard output: give {option} a file"
-            )
 
 
 def _result_text(document: Mapping[str, Any], form: Format, output: Path | None) -> str:

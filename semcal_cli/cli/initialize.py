@@ -11,16 +11,15 @@ import click
 from semcal_cli.cli.options import (
     PATH,
     ResultOptions,
-    check_json,
     drive_argument,
-    given_parameters,
     result_options,
 )
-from semcal_cli.cli.search import make_search, search_options
+from semcal_cli.cli.rules import CheckedCommand
+from semcal_cli.cli.search import SEARCH_RULES, make_search, search_options
 from semcal_cli.config import CalibrationConfig
 
 
-@click.command()
+@click.command(cls=CheckedCommand, rules=SEARCH_RULES)
 @drive_argument
 @search_options
 @click.option(
@@ -45,7 +44,6 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
     from semcal_cli.report.registration import RegistrationPictures
     from semcal_cli.stages import Stages
 
-    check_json(options, given_parameters(click.get_current_context()))
     search_config, initial_pose = make_search(options)
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)

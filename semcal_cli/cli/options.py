@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,26 +24,23 @@ from semcal_cli.config import (
 from semcal_cli.files.streams import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
 
 
-class FiniteNumber(click.types.FloatParamType):
+class _Finite(click.ParamType[float]):
+    """A number that is neither NaN nor infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parse the number, and check that it is finite."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+class FiniteNumber(_Finite, click.types.FloatParamType):
     """A finite number: NaN and infinity are refused."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Parse the number, and check that it is finite."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
 
-
-class FiniteRange(click.FloatRange):
+class FiniteRange(_Finite, click.FloatRange):
     """A range of finite numbers: NaN and infinity are refused."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Parse the number, and check that it is finite."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -199,26 +196,6 @@ max_baseline_option = click.option(
 )
 
 
-def given_parameters(context: click.Context) -> list[click.Parameter]:
-    """List the parameters of a command that are given on the command line."""
-    return [
-        parameter
-        for parameter in context.command.params
-        if context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
-    ]
-
-
-def refuse_for_rig(path: Path, names: Collection[str]) -> None:
-    """Refuse parameters, by their names, that concern a single camera, where the input is a rig.
-
-    Raises:
-        click.UsageError: one is given on the command line.
-    """
-    for parameter in given_parameters(click.get_current_context()):
-        if parameter.name in names:
-            raise click.UsageError(f"{parameter.opts[0]}: is of one camera, and {path} is a rig")
-
-
 class CueList(click.ParamType[tuple[str, ...]]):
     """Names of cues, separated by commas."""
 
@@ -284,28 +261,6 @@ class ResultOptions(RunOptions):
     cues: tuple[Cue, ...]
     as_json: bool = False
     """Whether the result is printed as JSON, whatever else it is written to."""
-
-
-def check_json(options: Mapping[str, Any], given: Sequence[click.Parameter]) -> None:
-    """Check that nothing else goes to standard output where --json prints the result.
-
-    Args:
-        options: Values of the command's parameters, by their names.
-        given: The parameters that are given on the command line.
-
-    Raises:
-        click.UsageError: another output goes there.
-    """
-    if not options["as_json"]:
-        return
-    for parameter in given:
-        # Standard output is None as the file of the result, and of the transform that --to writes there instead.
-        is_result = parameter.name in ("output", "to") and options["output"] is None
-        is_other = parameter.name in ("log", "page") and descriptor(options[str(parameter.name)]) == 1
-        if is_result or is_other:
-            name = parameter.opts[0]
-            needed = "give -o a file" if is_result else f"give {name} a file"
-            raise click.UsageError(f"--json, {name}: would both write to standard output: {needed}")
 
 
 def result_options(command: Command) -> Command:

@@ -9,6 +9,7 @@ import click
 
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.cli.options import Command, FiniteRange, number_option, with_options
+from semcal_cli.cli.rules import given
 from semcal_cli.config import LABELS, InitializationConfig, PyramidConfig
 from semcal_cli.refinement.mine_config import MINE_WITH_VECTORS, MineConfig, Optimizer
 
@@ -22,7 +23,11 @@ FIELDS = {
     "mine_pose_rate": "learning_rate_pose",
 }
 """Fields of `MineConfig` by the parameters that set them."""
-PAPER_PARAMETERS = (*FIELDS, "mine_settled_px")
+PAPER_RULES = (
+    given(*(f"--{name.replace('_', '-')}" for name in (*FIELDS, "mine_settled_px"))).requires(
+        "--method paper"
+    ),
+)
 MAX_UNITS, MAX_STEPS, MAX_BATCH = 4096, 100_000, 1 << 20
 
 
@@ -84,22 +89,19 @@ def paper_options(command: Command) -> Command:
     return with_options(command, PAPER_OPTIONS)
 
 
-def make_paper(options: dict[str, Any], search: InitializationConfig, is_started: bool) -> PaperConfig:
+def make_paper(options: dict[str, Any], search: InitializationConfig) -> PaperConfig:
     """Make settings of the paper's options.
 
     Args:
         options: Options of the command.
         search: Settings of the search, of which the paper's method takes in-plane rotations and the largest distance.
-        is_started: Whether a start is given.
 
     Raises:
-        click.UsageError: intensities are compared without a start, or together with labels.
+        click.UsageError: several cues are given.
     """
     has_vectors = options["cues"] != LABELS
     if len(options["cues"]) > 1:
-        raise click.UsageError("--cue: takes one cue with --method paper")
-    if has_vectors and not is_started:
-        raise click.UsageError("--cue: with --method paper, Alg. 2 is by labels: give --init")
+        raise click.UsageError(f"--cue: found {','.join(options['cues'])}, --method paper takes one cue.")
     given = {field: options[name] for name, field in FIELDS.items() if options[name] is not None}
     usual, settled_px = PaperConfig(), options["mine_settled_px"]
     mine = replace(

@@ -12,13 +12,17 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
     ResultOptions,
-    check_json,
     drive_argument,
-    given_parameters,
     max_baseline_option,
     result_options,
 )
-from semcal_cli.cli.refinement import check_estimator, make_refinement, refinement_options
+from semcal_cli.cli.refinement import (
+    REFINEMENT_RULES,
+    check_estimator,
+    make_refinement,
+    refinement_options,
+)
+from semcal_cli.cli.rules import CheckedCommand
 from semcal_cli.cli.search import INIT_DIRECTION, init_direction_option, read_initial_pose
 from semcal_cli.config import CalibrationConfig
 
@@ -26,7 +30,7 @@ if TYPE_CHECKING:
     from semcal_cli.formats.format import Direction
 
 
-@click.command()
+@click.command(cls=CheckedCommand, rules=REFINEMENT_RULES)
 @drive_argument
 @click.option(
     "--init",
@@ -48,7 +52,6 @@ def refine(
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
 
     check_estimator(options)
-    check_json(options, given_parameters(click.get_current_context()))
     initial_pose = read_initial_pose(init, init_direction, direction_option=INIT_DIRECTION)
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
     initial_pose.check_distance(max_baseline_m)

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import ResultOptions, refuse_for_rig
+from semcal_cli.cli.options import ResultOptions
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page
+from semcal_cli.cli.rules import Options, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.loading import load
@@ -34,10 +35,10 @@ if TYPE_CHECKING:
     from semcal_cli.rig.pairs import Pair
 
 OF_ONE_CAMERA = (
-    *("init", "init_rpy_xyz", "search_deg", "fix", "prior_translation_m", "prior_rotation_deg"),
-    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "images", "split"),
+    *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
+    *("--to", "--overlay", "--split", "--json", "--image-model"),
 )
-"""Parameters of `calibrate` that would have another meaning for each camera."""
+"""Options of `calibrate` that would have another meaning for each camera."""
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
@@ -60,8 +61,9 @@ def calibrate_rig(
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    refuse_for_rig(path, OF_ONE_CAMERA)
-    page: Path | None = click.get_current_context().params["page"]
+    given = Options(click.get_current_context())
+    refuse(given, OF_ONE_CAMERA, f"is of one camera, and {path} is a rig")
+    page: Path | None = given.value("--report")
     folder = options.output
     if folder is None:
         raise click.UsageError(

@@ -17,6 +17,7 @@ from semcal_cli.cli.options import (
     max_baseline_option,
     with_options,
 )
+from semcal_cli.cli.rules import given
 from semcal_cli.config import AlignmentConfig, InitializationConfig, Zoom
 from semcal_cli.errors import InputError
 from semcal_cli.files.streams import descriptor
@@ -84,6 +85,17 @@ SEARCH_OPTIONS = (
     ),
 )
 
+STARTS = ("--init", "--init-rpy-xyz")
+SEARCH_RULES = (
+    given(INIT_DIRECTION).requires("--init"),
+    given("--init").excludes("--init-rpy-xyz"),
+    given("--search-deg").requires(*STARTS),
+    given("--roll").excludes(*STARTS, because="around a transform, --search-deg covers it"),
+    given("--zoom").requires(
+        "--search-deg", where=STARTS, because="nothing else is searched around a transform"
+    ),
+)
+
 
 def search_options(command: Command) -> Command:
     """Add the options for the search of the initial calibration."""
@@ -94,16 +106,10 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialP
     """Take the search options out of a command's options, and make a configuration and a start of them.
 
     Raises:
-        click.UsageError: two options exclude one another.
         InputError: the file of `--init` is not a transform, or its camera is too far from the LiDAR.
     """
     names = ("init", "init_direction", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
     init, init_direction, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = map(options.pop, names)
-    if init_direction is not None and init is None:
-        raise click.UsageError(f"{INIT_DIRECTION}: is of the file of --init: give it, too")
-    _check_usage(
-        init is not None, init_rpy_xyz is not None, search_deg is not None, roll is not None, bool(zoom)
-    )
     config = InitializationConfig(
         zoom=InitializationConfig.zoom if zoom is None else zoom,
         max_roll_deg=InitializationConfig.max_roll_deg if roll is None else roll,
@@ -114,23 +120,6 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialP
     if initial_pose is not None:
         initial_pose.check_distance(max_baseline_m)
     return config, initial_pose
-
-
-def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, zoom: bool) -> None:
-    """Check that the given options can be combined."""
-    if init and init_rpy_xyz:
-        raise click.UsageError("--init and --init-rpy-xyz: give one of them")
-    is_given = init or init_rpy_xyz
-    if search_deg and not is_given:
-        raise click.UsageError("--search-deg: is around --init or --init-rpy-xyz: give one of them")
-    if roll and is_given:
-        raise click.UsageError(
-            "--roll: is for a search from nothing; around a transform, --search-deg covers it"
-        )
-    if zoom and is_given and not search_deg:
-        raise click.UsageError(
-            "--zoom: is for a search; around a transform there is one only with --search-deg"
-        )
 
 
 def _initial_pose(

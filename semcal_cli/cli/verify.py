@@ -35,6 +35,7 @@ from semcal_cli.cli.options import (
     seed_option,
     threads_option,
 )
+from semcal_cli.cli.rules import CheckedCommand, none_of
 from semcal_cli.cli.search import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 
@@ -48,13 +49,15 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=CheckedCommand,
+    rules=[none_of("--cue features", because="vectors have no exact histogram")],
     help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
 
     The pose is estimated again, starting at the transform. Limits are along and about each
     axis of the camera, and in all; --max-delay-ms is that of its clock. Exit code 0: each passes.
     3: an offset lies beyond its limit with its whole 95 % interval. 4: the data cannot decide;
     --inconclusive makes it another one.
-    """
+    """,
 )
 @drive_argument
 @click.argument("calibration", type=PATH)
@@ -106,15 +109,9 @@ def verify(
     """Verify a transform on a drive."""
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
-    from semcal_cli.files.streams import descriptor
     from semcal_cli.files.writing import write_text
     from semcal_cli.verification import verify as check
 
-    for option, path in (("--junit", junit), ("--report", page)):
-        if as_json and path is not None and descriptor(path) == 1:
-            raise click.UsageError(
-                f"--json, {option}: would both write to standard output: give {option} a file"
-            )
     start, subject = perf_counter(), f"{drive}, {options['calibration']}"
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit, page=page, images=images)
@@ -167,13 +164,8 @@ def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationCon
     """Check all that can be said about the options without the drive, and make settings of them.
 
     Raises:
-        click.UsageError: features are to be compared.
         InputError: the calibration is not a transform.
     """
-    if "features" in options["cues"]:
-        raise click.UsageError(
-            "--cue features: verify compares by the exact histogram, which vectors have none of"
-        )
     refinement = RefinementConfig(max_baseline_m=options["max_baseline_m"])
     config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"], refinement=refinement)
     delay_ms = options["max_delay_ms"]

@@ -20,6 +20,7 @@ from semcal_cli.cli.options import (
     seed_option,
     threads_option,
 )
+from semcal_cli.cli.rules import CheckedCommand, none_of
 from semcal_cli.config import CalibrationConfig
 
 if TYPE_CHECKING:
@@ -35,13 +36,15 @@ MAX_PORT = 65_535
 
 
 @click.command(
+    cls=CheckedCommand,
+    rules=[none_of("--cue features", because="vectors have no classes to show")],
     help=f"""Move the points of DRIVE on its pictures by hand, as a page in a browser shows them.
 
     CALIBRATION is where it begins: {KNOWN_TRANSFORMS}. Without one, the page offers mountings to begin with.
     Sliders and the mouse move the camera, the page tells how well labels agree, refines from the pose, and saves it
     for `semcal calibrate DRIVE --init FILE`. The page is served to this machine alone, at an address that holds
     a random word. It ends with Ctrl-C (exit code 130) or, with -o, with its button "Save and end" (0).
-    """
+    """,
 )
 @drive_argument
 @click.argument("calibration", type=PATH, required=False)
@@ -85,8 +88,6 @@ def view(
     from semcal_cli.threads import set_num_threads
     from semcal_cli.view.server import ViewServer
 
-    if "features" in cues:
-        raise click.UsageError("--cue features: points of features have no classes to show")
     start = None if calibration is None else read_initial_pose(calibration)
     applied = apply_result(
         None if start is None else start.record, read_drive(drive, max_points), str(calibration)
