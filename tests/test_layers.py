@@ -13,6 +13,8 @@ PACKAGE = Path(semcal_cli.__file__).parent
 MAY_IMPORT = {
     "errors": "",
     "extras": "",
+    "setting": "",
+    "synth_config": "",
     "config": "",
     "_core": "",
     "documentation": "",
@@ -49,8 +51,8 @@ MAY_IMPORT = {
     "cli": "library labelling bags view experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
-import the first six. The two stages, `initialization` and `refinement`, never meet but in a pose."""
-EVERYWHERE = {"errors", "extras", "config", "_core", "documentation", "threads"}
+import the first eight. The two stages, `initialization` and `refinement`, never meet but in a pose."""
+EVERYWHERE = {"errors", "extras", "setting", "synth_config", "config", "_core", "documentation", "threads"}
 WITH_TORCH = {
     f"refinement/{name}"
     for name in (

@@ -13,15 +13,14 @@ import click
 
 from semcal_cli.config import (
     AUTO,
-    MAX_BASELINE_M,
-    MAX_FRAMES,
     MAX_POINTS,
-    MAX_SEED,
     CalibrationConfig,
     Cue,
     Limits,
+    RefinementConfig,
 )
 from semcal_cli.files.streams import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
+from semcal_cli.setting import settings_of
 
 
 class _Finite(click.ParamType[float]):
@@ -111,6 +110,38 @@ def choice_option(
     return click.option(name, type=click.Choice(choices), default=default, show_default=True, help=help)
 
 
+def setting_option(
+    config: type, name: str, *, help: str = "{}", is_open: bool = False
+) -> Callable[[Command], Command]:
+    """Make the option of a setting: its name, type, limits, default and help stand in the configuration.
+
+    Args:
+        config: Class of the configuration.
+        name: Field of the setting, and name of the parameter.
+        help: Sentence of the help, around that of the setting.
+        is_open: Whether the value is None if the option is not given, as something else may be its default.
+    """
+    found = settings_of(config)[name]
+    kind: click.ParamType[Any] = click.Choice(found.choices)
+    if not found.choices and found.kind is int:
+        kind = click.IntRange(found.least, found.most)  # type: ignore[arg-type]
+    elif not found.choices:
+        least, most = (
+            x if y is None else y for x, y in ((found.least, found.above), (found.most, found.below))
+        )
+        kind = FiniteRange(least, most, min_open=found.above is not None, max_open=found.below is not None)
+    told = f"  [default: {found.default}]" if is_open else ""
+    return click.option(
+        found.option or f"--{name.replace('_', '-')}",
+        name,
+        type=kind,
+        default=None if is_open else found.default,
+        show_default=not is_open and found.default is not None,
+        metavar=None if found.choices else found.metavar,
+        help=help.format(found.help) + told,
+    )
+
+
 def with_options(command: Command, options: Sequence[Callable[[Command], Command]]) -> Command:
     """Add options to a command, whose help shows them in this order."""
     for option in reversed(options):
@@ -141,23 +172,13 @@ verbose_option = click.option(
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, also with -o.")
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but the result and errors.")
-seed_option = click.option(
-    "--seed",
-    type=click.IntRange(0, MAX_SEED),
-    default=CalibrationConfig.seed,
-    show_default=True,
-    help="Seed of every random choice: the same seed gives the same bytes.",
-)
+seed_option = setting_option(CalibrationConfig, "seed")
 threads_option = number_option(
     "--threads",
     most=MAX_THREADS,
     help="Threads to work on; all cores if not given. The result does not depend on it.",
 )
-max_frames_option = number_option(
-    "--max-frames",
-    default=MAX_FRAMES,
-    help="Use at most N frames of a longer drive, those whose label images differ most.",
-)
+max_frames_option = setting_option(CalibrationConfig, "max_frames")
 max_points_option = number_option(
     "--max-points",
     most=MAX_MAX_POINTS,
@@ -186,14 +207,7 @@ def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
     return lambda command: rotation(translation(command))
 
 
-max_baseline_option = click.option(
-    "--max-baseline-m",
-    type=FiniteRange(0.0, min_open=True),
-    metavar="M",
-    default=MAX_BASELINE_M,
-    show_default=True,
-    help="Largest distance between camera and LiDAR.",
-)
+max_baseline_option = setting_option(RefinementConfig, "max_baseline_m")
 
 
 class CueList(click.ParamType[tuple[str, ...]]):

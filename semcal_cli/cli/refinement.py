@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import Command, FiniteRange, choice_option, with_options
+from semcal_cli.cli.options import Command, FiniteRange, setting_option, with_options
 from semcal_cli.cli.priors import PRIOR_RULES, PRIORS, make_priors, prior_options
 from semcal_cli.cli.rules import given
-from semcal_cli.config import AUTO, LABELS, Device, Estimator, JointlyConfig, RefinementConfig
+from semcal_cli.config import AUTO, LABELS, JointlyConfig, RefinementConfig
 from semcal_cli.extras import check_torch
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
     from semcal_cli.initialization.initial_pose import InitialPose
 
-MAX_EDGE_BAND_PX = 100
 LEAST_SIGMA = 1e-9
 """Least standard deviation of intrinsics that are estimated: less would be exact."""
 
@@ -42,27 +41,7 @@ class IntrinsicNames(click.ParamType[tuple[str, ...]]):
 
 
 REFINEMENT_OPTIONS = (
-    choice_option(
-        "--estimator",
-        get_args(Estimator),
-        default=RefinementConfig.estimator,
-        help="Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound "
-        "on it (needs PyTorch: the extra mine).",
-    ),
-    choice_option(
-        "--device",
-        get_args(Device),
-        default=RefinementConfig.device,
-        help="Device of the network of MINE.",
-    ),
-    click.option(
-        "--edge-band",
-        type=click.IntRange(0, MAX_EDGE_BAND_PX),
-        default=RefinementConfig.edge_band_px,
-        show_default=True,
-        metavar="PX",
-        help="Pixels nearer than this to another class count a tenth; use more for labels with ragged borders.",
-    ),
+    *(setting_option(RefinementConfig, name) for name in ("estimator", "device", "edge_band_px")),
     click.option("--no-polish", is_flag=True, help="Leave the pose where the estimator ended."),
     click.option(
         "--refine-intrinsics",
@@ -139,7 +118,7 @@ def make_refinement(
         click.UsageError: no axis is left to estimate, or intrinsics that are estimated are stated to be exact.
     """
     jointly = _make_jointly(options)
-    names = ("estimator", "device", "no_polish", "edge_band")
+    names = ("estimator", "device", "no_polish", "edge_band_px")
     estimator, device, no_polish, edge_band_px = (options.pop(name) for name in names)
     if estimator == "mine" and options["cues"] == AUTO:
         options["cues"] = LABELS

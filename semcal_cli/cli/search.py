@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,10 +15,11 @@ from semcal_cli.cli.options import (
     FiniteNumber,
     FiniteRange,
     max_baseline_option,
+    setting_option,
     with_options,
 )
 from semcal_cli.cli.rules import given
-from semcal_cli.config import AlignmentConfig, InitializationConfig, Zoom
+from semcal_cli.config import AlignmentConfig, InitializationConfig
 from semcal_cli.errors import InputError
 from semcal_cli.files.streams import descriptor
 
@@ -63,26 +64,18 @@ SEARCH_OPTIONS = (
         "left, pitch looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR "
         "frame.",
     ),
-    click.option(
-        "--search-deg",
-        type=FiniteRange(0.0, 180.0, min_open=True),
-        metavar="DEG",
-        help="With --init or --init-rpy-xyz: search all rotations within this angle of it.",
-    ),
+    setting_option(InitializationConfig, "search_deg"),
     click.option(
         "--roll",
+        "max_roll_deg",
         type=Roll(0.0, ALL_ROLLS_DEG),
+        default=InitializationConfig.max_roll_deg,
         metavar="DEG|any",
         help="Search in-plane rotations up to this angle from upright, in degrees; `any` for portrait and upside-down "
         f"cameras.  [default: {InitializationConfig.max_roll_deg:g}]",
     ),
     max_baseline_option,
-    click.option(
-        "--zoom",
-        type=click.Choice(get_args(Zoom)),
-        help="Mapping of label images to the LiDAR's angular grid: through K and the lens, or as in the paper.  "
-        f"[default: {InitializationConfig.zoom}]",
-    ),
+    setting_option(InitializationConfig, "zoom"),
 )
 
 STARTS = ("--init", "--init-rpy-xyz")
@@ -108,14 +101,10 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialP
     Raises:
         InputError: the file of `--init` is not a transform, or its camera is too far from the LiDAR.
     """
-    names = ("init", "init_direction", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
-    init, init_direction, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = map(options.pop, names)
-    config = InitializationConfig(
-        zoom=InitializationConfig.zoom if zoom is None else zoom,
-        max_roll_deg=InitializationConfig.max_roll_deg if roll is None else roll,
-        search_deg=search_deg,
-        alignment=AlignmentConfig(max_baseline_m=max_baseline_m),
-    )
+    init, init_direction, init_rpy_xyz = map(options.pop, ("init", "init_direction", "init_rpy_xyz"))
+    chosen = {name: options.pop(name) for name in ("zoom", "max_roll_deg", "search_deg")}
+    max_baseline_m = options.pop("max_baseline_m")
+    config = InitializationConfig(**chosen, alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
     initial_pose = _initial_pose(init, init_direction, init_rpy_xyz)
     if initial_pose is not None:
         initial_pose.check_distance(max_baseline_m)
