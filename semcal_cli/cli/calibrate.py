@@ -20,12 +20,12 @@ from semcal_cli.cli.label import (
     take_image_labels,
 )
 from semcal_cli.cli.options import (
-    OUTPUT_FILE,
-    PATH,
     ResultOptions,
     choice_option,
     drive_argument,
     number_option,
+    overlay_option,
+    report_option,
     result_options,
 )
 from semcal_cli.cli.paper import PAPER_RULES, make_paper, paper_options
@@ -107,16 +107,8 @@ METHODS = ("mi", "paper", "soic")
     help="Write only the transform, in a format that `convert --formats` lists.",
 )
 @open_options("to-", "what is written with --to")
-@click.option(
-    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the result: .html."
-)
-@click.option(
-    "--overlay",
-    "images",
-    type=PATH,
-    metavar="DIR",
-    help="Also write overlays of the points, before and after, for at most 20 frames.",
-)
+@report_option("the result")
+@overlay_option("Also write overlays of the points, before and after, for at most 20 frames.")
 @result_options
 def calibrate(
     drive: Path,

@@ -8,12 +8,7 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import (
-    PATH,
-    ResultOptions,
-    drive_argument,
-    result_options,
-)
+from semcal_cli.cli.options import ResultOptions, drive_argument, overlay_option, result_options
 from semcal_cli.cli.rules import CheckedCommand
 from semcal_cli.cli.search import SEARCH_RULES, make_search, search_options
 from semcal_cli.config import CalibrationConfig
@@ -22,13 +17,9 @@ from semcal_cli.config import CalibrationConfig
 @click.command(cls=CheckedCommand, rules=SEARCH_RULES)
 @drive_argument
 @search_options
-@click.option(
-    "--overlay",
-    "images",
-    type=PATH,
-    metavar="DIR",
-    help="Also write pictures of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
-    "camera, and correspondences.",
+@overlay_option(
+    "Also write pictures of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
+    "camera, and correspondences."
 )
 @result_options
 def initialize(drive: Path, images: Path | None, **options: Any) -> None:

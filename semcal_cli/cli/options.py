@@ -170,6 +170,8 @@ log_option = click.option(
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Also print the figures of each stage for experts."
 )
+json_only_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+junit_option = click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, also with -o.")
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but the result and errors.")
 seed_option = setting_option(CalibrationConfig, "seed")
@@ -185,6 +187,22 @@ max_points_option = number_option(
     default=MAX_POINTS,
     help="Refuse sweeps of more than N points, and their files if they have more than 64 bytes a point.",
 )
+
+
+def report_option(about: str) -> Callable[[Command], Command]:
+    """Make the option for a page about something."""
+    return click.option(
+        "--report",
+        "page",
+        type=OUTPUT_FILE,
+        metavar="FILE",
+        help=f"Also write a page about {about}: .html.",
+    )
+
+
+def overlay_option(help: str) -> Callable[[Command], Command]:
+    """Make the option for a folder of pictures."""
+    return click.option("--overlay", "images", type=PATH, metavar="DIR", help=help)
 
 
 def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:

@@ -61,14 +61,7 @@ def calibrate_rig(
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    given = Options(click.get_current_context())
-    refuse(given, OF_ONE_CAMERA, f"is of one camera, and {path} is a rig")
-    page: Path | None = given.value("--report")
-    folder = options.output
-    if folder is None:
-        raise click.UsageError(
-            f"-o: {path} is a rig, whose results are several files: give a folder for them"
-        )
+    folder, page = _places(path, options.output)
     rig = read_rig(path)
     drives = rig.read_drives(options.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
@@ -99,6 +92,21 @@ def calibrate_rig(
     if failures:
         raise CalibrationError(_sentence(failures, len(drives)))
     return EXIT_NOT_TRUSTED if rig_calibration.status == "not_trusted" else 0
+
+
+def _places(path: Path, output: Path | None) -> tuple[Path, Path | None]:
+    """Check that no option is of a single camera, and give the folder of the results and the file of the page.
+
+    Raises:
+        click.UsageError: an option is of a single camera, or there is no folder.
+    """
+    given = Options(click.get_current_context())
+    refuse(given, OF_ONE_CAMERA, f"is of one camera, and {path} is a rig")
+    if output is None:
+        raise click.UsageError(
+            f"-o: {path} is a rig, whose results are several files: give a folder for them"
+        )
+    return output, given.value("--report")
 
 
 def _calibrate_each(

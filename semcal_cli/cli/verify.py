@@ -21,17 +21,20 @@ from semcal_cli.cli.convert import DIRECTIONS
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     MAX_LIMIT,
-    OUTPUT_FILE,
     PATH,
     FiniteRange,
     RunOptions,
     cue_option,
     drive_argument,
+    json_only_option,
+    junit_option,
     limit_options,
     max_baseline_option,
     max_frames_option,
     max_points_option,
+    overlay_option,
     quiet_option,
+    report_option,
     seed_option,
     threads_option,
 )
@@ -74,17 +77,11 @@ if TYPE_CHECKING:
     help="Largest allowed offset of the camera's clock, which is estimated as well then. Needs `motion:` with poses "
     "or a twist, different speeds, and turns.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
-@click.option(
-    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the verdict: .html."
-)
-@click.option(
-    "--overlay",
-    "images",
-    type=PATH,
-    metavar="DIR",
-    help="Also draw the points on at most 20 pictures, as the transform and as the one that was found put them.",
+@json_only_option
+@junit_option
+@report_option("the verdict")
+@overlay_option(
+    "Also draw the points on at most 20 pictures, as the transform and as the one that was found put them."
 )
 @inconclusive_option
 @max_baseline_option
