@@ -8,7 +8,7 @@ recorded in the result under `settings.options`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 from semcal_cli.setting import MAX_SEED as MAX_SEED
 from semcal_cli.setting import setting
@@ -309,7 +309,7 @@ CENTER_SIGMA_PX = 10.0
 """The same of the principal point, in pixels."""
 
 
-SIGMA = {"least": 1e-11, "most": 1e3}
+SIGMA: dict[str, Any] = {"least": 1e-11, "most": 1e3}
 """Limits of standard deviations of what is known before; squares of others overflow or vanish."""
 
 
@@ -319,22 +319,16 @@ class JointlyConfig:
 
     intrinsics: tuple[str, ...] = ()
     """Names of the intrinsics, as fx, cy or k1."""
-    focal_sigma: float | None = setting(None, "How well focal lengths are known.", least=0.0, most=1e3)
+    focal_sigma: float | None = setting(None, least=0.0, most=1e3)
     """Standard deviation of focal lengths, as a share of them, whether they are estimated or not; 0 says that they are
     exact. None is what the drive states, else `FOCAL_SIGMA` if they are estimated, and `DEFAULT_FOCAL_SIGMA` if not."""
-    center_sigma_px: float | None = setting(
-        None, "How well the principal point is known.", least=0.0, most=1e3
-    )
+    center_sigma_px: float | None = setting(None, least=0.0, most=1e3)
     """The same of the principal point, pixels; None is what the drive states, else `CENTER_SIGMA_PX` or
     `DEFAULT_CENTER_SIGMA_PX`."""
-    lens_sigma: float = setting(
-        0.1, "Standard deviation of the numbers of the lens, such as k1, xi or w.", **SIGMA
-    )
-    tangential_sigma: float = setting(
-        0.005,
-        "The same of p1, p2, s1 to s4, tau_x and tau_y, which tell how well a lens is centred.",
-        **SIGMA,
-    )
+    lens_sigma: float = setting(0.1, **SIGMA)
+    """Standard deviation of the numbers of the lens, such as k1, xi or w."""
+    tangential_sigma: float = setting(0.005, **SIGMA)
+    """The same of p1, p2, s1 to s4, tau_x and tau_y, which tell how well a lens is centred."""
     with_delay: bool = False
     """Whether the offset of the camera's clock is estimated."""
     delay_sigma_s: float = setting(0.1, "Standard deviation of this offset, in seconds.", **SIGMA)
@@ -388,9 +382,8 @@ class CalibrationConfig:
     """Settings of the initial calibration."""
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     """Settings of the refinement."""
-    num_seeds: int = setting(
-        1, "With more than one, the seeds that follow are tried as well, to see where they lead.", least=1
-    )
+    num_seeds: int = setting(1, least=1)
+    """With more than one, the seeds that follow are tried as well, to see where they lead."""
     is_raw: bool = False
     """Whether labels and intensities are taken as they are: isolated pixels of label images are not mended, and
     intensities and grey values are numbers instead of levels."""
@@ -402,8 +395,5 @@ class Limits:
 
     rotation_deg: float = setting(0.3, "About each axis of the camera, and in all.", least=0.0)
     translation_m: float = setting(0.05, "Along each axis of the camera, and in all.", least=0.0)
-    delay_s: float | None = setting(
-        None,
-        "Of the camera's clock, seconds, which is then estimated together with the pose; None leaves it unchecked.",
-        least=0.0,
-    )
+    delay_s: float | None = setting(None, least=0.0)
+    """Of the camera's clock, seconds, which is then estimated together with the pose; None leaves it unchecked."""

@@ -24,13 +24,10 @@ class Setting:
     help: str
     """Sentence about it."""
     least: float | None = None
-    """Smallest number."""
     most: float | None = None
-    """Largest number."""
     above: float | None = None
-    """Number that it has to exceed."""
     below: float | None = None
-    """Number that it has to stay below."""
+    """Limits of a number, of which it may not reach the last two; None for no limit."""
     option: str = ""
     """Its option; empty if that has the name of the field."""
     metavar: str = "N"
@@ -38,9 +35,8 @@ class Setting:
     section: str = ""
     """Heading in the help of a command that has many."""
     kind: Any = None
-    """Its type, which the annotation of the field tells."""
     default: Any = None
-    """The default of the field."""
+    """Type and default, which the field tells."""
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -72,12 +68,12 @@ class Setting:
         return " ".join(["a number", *told, *(["on"] if self.most is self.below is None else [])])
 
 
-def setting(default: Any, help: str, **about: Any) -> Any:
+def setting(default: Any, help: str = "", **about: Any) -> Any:
     """Make the field of a dataclass that is a setting.
 
     Args:
         default: Its default; None where something else decides.
-        help: Sentence about it.
+        help: Sentence about it; empty if it is no option as it stands.
         about: Other attributes of `Setting`.
     """
     return field(default=default, metadata={KEY: Setting(help, default=default, **about)})
@@ -86,16 +82,11 @@ def setting(default: Any, help: str, **about: Any) -> Any:
 @cache
 def settings_of(config: type) -> dict[str, Setting]:
     """List the settings of a configuration by the names of its fields."""
-    kinds = get_type_hints(config)
-    return {
-        each.name: replace(each.metadata[KEY], kind=_kind(kinds[each.name]))
-        for each in fields(config)
-        if KEY in each.metadata
-    }
+    hints = get_type_hints(config)
+    found = {each.name: each.metadata[KEY] for each in fields(config) if KEY in each.metadata}
+    return {name: replace(about, kind=_without_none(hints[name])) for name, about in found.items()}
 
 
-def _kind(hint: Any) -> Any:
-    """Take None out of a type."""
-    if get_origin(hint) is Literal:
-        return hint
-    return next((each for each in get_args(hint) if each is not NoneType), hint)
+def _without_none(hint: Any) -> Any:
+    is_union = get_origin(hint) is not Literal and NoneType in get_args(hint)
+    return get_args(hint)[0] if is_union else hint

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.convert import FormatName, open_options, take_format_options
+from semcal_cli.cli.convert import FormatName, format_options, open_options
 from semcal_cli.cli.label import (
     IMAGE_RULES,
     ImageLabels,
+    image_labels_of,
     image_options,
     label_on_the_way,
-    take_image_labels,
 )
 from semcal_cli.cli.options import (
     ResultOptions,
+    asked,
     choice_option,
     drive_argument,
     number_option,
@@ -176,14 +177,14 @@ def settings_of(values: Mapping[str, Any]) -> Settings:
     is_paper = options["method"] == "paper"
     if options["method"] != "mi" and options["cues"] == AUTO:
         options["cues"] = LABELS
-    image_labels = take_image_labels(options)
+    image_labels = image_labels_of(options)
     search_config, initial_pose = make_search(options)
-    to, format_options = options["to"], take_format_options(options, "to_")
+    to, opened = options["to"], format_options(options, "to_")
     max_baseline_m = search_config.alignment.max_baseline_m
     paper = make_paper(options, search_config) if is_paper else None
     options["estimator"] = "mine" if is_paper else options["estimator"]
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
-    common = ResultOptions(**{field.name: options[field.name] for field in fields(ResultOptions)})
+    common = asked(ResultOptions, options)
     config = CalibrationConfig(
         common.seed,
         common.cues,
@@ -193,7 +194,7 @@ def settings_of(values: Mapping[str, Any]) -> Settings:
         options["repeat"] or 1,
         is_raw=is_paper,
     )
-    formatted = None if to is None else _formatted(to, format_options)
+    formatted = None if to is None else _formatted(to, opened)
     page, images = options["page"], options["images"]
     outputs = Outputs(common.output, common.log, formatted, page, images, common.as_json)
     if options["split"] and outputs.output is not None and takes_several(outputs.output):

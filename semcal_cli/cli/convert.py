@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,9 +63,9 @@ def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
     return add
 
 
-def take_format_options(options: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Take these options out of a command's options, by their names in `FormatOptions`."""
-    return {name: options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")}
+def format_options(options: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """List these options of a command by their names in `FormatOptions`."""
+    return {name: options[prefix + name] for name in ("direction", "frame", "camera", "lidar")}
 
 
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
@@ -197,9 +197,9 @@ def convert(
     if into is None:
         check_descriptor(output or STANDARD_OUTPUT)
     tell = partial(click.echo, err=True)
-    written = FormatOptions(**take_format_options(options, "to_"), on_note=tell)
+    written = FormatOptions(**format_options(options, "to_"), on_note=tell)
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
-    read = FormatOptions(**take_format_options(options), on_repair=on_repair)
+    read = FormatOptions(**format_options(options), on_repair=on_repair)
     if into is not None:
         _put_into(into, source, from_, read, written)
         return

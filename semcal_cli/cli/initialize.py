@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import ResultOptions, drive_argument, overlay_option, result_options
+from semcal_cli.cli.options import ResultOptions, asked, drive_argument, overlay_option, result_options
 from semcal_cli.cli.rules import CheckedCommand
 from semcal_cli.cli.search import SEARCH_RULES, make_search, search_options
 from semcal_cli.config import CalibrationConfig
@@ -36,15 +36,15 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
     from semcal_cli.stages import Stages
 
     search_config, initial_pose = make_search(options)
-    asked = ResultOptions(**options)
-    config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)
-    outputs = Outputs(asked.output, asked.log, as_json=asked.as_json)
-    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
+    common = asked(ResultOptions, options)
+    config = CalibrationConfig(common.seed, common.cues, common.max_frames, search_config)
+    outputs = Outputs(common.output, common.log, as_json=common.as_json)
+    with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
         if images is not None:
             read = [data.drive.path, *map(data.drive.resolve, data.drive.files())]
             check_image_folder(images, MAX_IMAGES, read)
         found = search(data, config.initialization, config.seed, initial_pose, on_event=terminal.on_event)
-        terminal.print(*hypothesis_lines(found.hypotheses, verbose=asked.verbose))
+        terminal.print(*hypothesis_lines(found.hypotheses, verbose=common.verbose))
         calibration = make_calibration(
             data,
             Stages(found),
@@ -56,4 +56,4 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
             pictures = RegistrationPictures.near(data.observations, found.T_camera_lidar, search_config)
             for path in pictures.write_all(images, MAX_IMAGES):
                 terminal.print(labelled("picture", str(path)))
-    sys.exit(outputs.write(calibration, terminal, asked.threads))
+    sys.exit(outputs.write(calibration, terminal, common.threads))

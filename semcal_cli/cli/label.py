@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -80,9 +81,9 @@ def image_options(command: Command) -> Command:
     )
 
 
-def take_image_labels(options: dict[str, Any]) -> ImageLabels | None:
-    """Take the options about the network that labels pictures out of those of a command."""
-    model, card, is_rectified = (options.pop(name) for name in ("image_model", "image_card", "rectify"))
+def image_labels_of(options: Mapping[str, Any]) -> ImageLabels | None:
+    """Tell by a command's options which network labels pictures; None if none does."""
+    model, card, is_rectified = (options[name] for name in ("image_model", "image_card", "rectify"))
     return None if model is None else ImageLabels(model, card, is_rectified)
 
 
@@ -197,7 +198,7 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
     from semcal_cli.errors import InputError
     from semcal_cli.labelling.drives import label_drive
 
-    images = take_image_labels(options)
+    images = image_labels_of(options)
     drive = read_drive(path, options["max_points"])
     num_frames = len(drive.frames)
     indices = evenly_spaced(range(num_frames), options["max_frames"] or num_frames)

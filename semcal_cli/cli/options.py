@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -43,6 +43,7 @@ class FiniteRange(_Finite, click.FloatRange):
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+AnyOptions = TypeVar("AnyOptions", bound="RunOptions")
 
 
 class InputFile(click.Path):
@@ -293,6 +294,11 @@ class ResultOptions(RunOptions):
     cues: tuple[Cue, ...]
     as_json: bool = False
     """Whether the result is printed as JSON, whatever else it is written to."""
+
+
+def asked(kind: type[AnyOptions], values: Mapping[str, Any]) -> AnyOptions:
+    """Make an object of those options of a command that have the names of its fields."""
+    return kind(**{each.name: values[each.name] for each in fields(kind) if each.name in values})
 
 
 def result_options(command: Command) -> Command:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -75,9 +76,9 @@ def prior_options(command: Command) -> Command:
 
 
 def make_priors(
-    options: dict[str, Any], initial_pose: InitialPose | None, max_baseline_m: float
+    options: Mapping[str, Any], initial_pose: InitialPose | None, max_baseline_m: float
 ) -> tuple[Prior, ...]:
-    """Take the prior options out of a command's options, and make priors of them; exact ones come last.
+    """Make priors of a command's options; exact ones come last.
 
     Raises:
         click.UsageError: no axis is left to estimate.
@@ -88,7 +89,7 @@ def make_priors(
     from semcal_cli.geometry.poses import pose_from_mounting
 
     names = ("fix", "prior_translation_m", "prior_rotation_deg")
-    fix, place, rotation = (options.pop(name) for name in names)
+    fix, place, rotation = (options[name] for name in names)
     found = []
     if place is not None:
         *center_m, sigma_m = place

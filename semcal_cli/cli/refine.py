@@ -12,6 +12,7 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
     ResultOptions,
+    asked,
     drive_argument,
     max_baseline_option,
     result_options,
@@ -55,10 +56,10 @@ def refine(
     initial_pose = read_initial_pose(init, init_direction, direction_option=INIT_DIRECTION)
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
     initial_pose.check_distance(max_baseline_m)
-    asked = ResultOptions(**options)
-    config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, refinement=refinement)
-    outputs = Outputs(asked.output, asked.log, as_json=asked.as_json)
-    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
+    common = asked(ResultOptions, options)
+    config = CalibrationConfig(common.seed, common.cues, common.max_frames, refinement=refinement)
+    outputs = Outputs(common.output, common.log, as_json=common.as_json)
+    with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
         on_event = terminal.on_event
         initial = start_at(data, initial_pose, on_event)
         stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
@@ -66,4 +67,4 @@ def refine(
         calibration = make_calibration(
             data, stages, config, initial_pose=initial_pose, priors=priors, relative_to=outputs.folder
         )
-    sys.exit(outputs.write(calibration, terminal, asked.threads))
+    sys.exit(outputs.write(calibration, terminal, common.threads))

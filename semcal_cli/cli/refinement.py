@@ -107,7 +107,7 @@ def check_estimator(options: Mapping[str, Any]) -> None:
 def make_refinement(
     options: dict[str, Any], max_baseline_m: float, initial_pose: InitialPose | None
 ) -> tuple[RefinementConfig, tuple[Prior, ...]]:
-    """Take the refinement options out of a command's options, and make a configuration and priors of them.
+    """Make a configuration and priors of a command's refinement options.
 
     Args:
         options: Options of the command.
@@ -119,21 +119,21 @@ def make_refinement(
     """
     jointly = _make_jointly(options)
     names = ("estimator", "device", "no_polish", "edge_band_px")
-    estimator, device, no_polish, edge_band_px = (options.pop(name) for name in names)
+    estimator, device, no_polish, edge_band_px = (options[name] for name in names)
     if estimator == "mine" and options["cues"] == AUTO:
         options["cues"] = LABELS
     priors = make_priors(options, initial_pose, max_baseline_m)
     return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band_px, jointly), priors
 
 
-def _make_jointly(options: dict[str, Any]) -> JointlyConfig:
-    """Take what is estimated beside the pose out of a command's options.
+def _make_jointly(options: Mapping[str, Any]) -> JointlyConfig:
+    """Tell by a command's options what is estimated beside the pose.
 
     Raises:
         click.UsageError: intrinsics that are estimated are stated to be exact.
     """
     names = ("intrinsics", "intrinsics_sigma", "estimate_delay")
-    intrinsics, sigma, with_delay = (options.pop(name) for name in names)
+    intrinsics, sigma, with_delay = (options[name] for name in names)
     if sigma is None:
         return JointlyConfig(intrinsics, with_delay=with_delay)
     focal_percent, center_px = sigma

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -95,17 +96,16 @@ def search_options(command: Command) -> Command:
     return with_options(command, SEARCH_OPTIONS)
 
 
-def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialPose | None]:
-    """Take the search options out of a command's options, and make a configuration and a start of them.
+def make_search(options: Mapping[str, Any]) -> tuple[InitializationConfig, InitialPose | None]:
+    """Make a configuration and a start of a command's search options.
 
     Raises:
         InputError: the file of `--init` is not a transform, or its camera is too far from the LiDAR.
     """
-    init, init_direction, init_rpy_xyz = map(options.pop, ("init", "init_direction", "init_rpy_xyz"))
-    chosen = {name: options.pop(name) for name in ("zoom", "max_roll_deg", "search_deg")}
-    max_baseline_m = options.pop("max_baseline_m")
+    chosen = {name: options[name] for name in ("zoom", "max_roll_deg", "search_deg")}
+    max_baseline_m = options["max_baseline_m"]
     config = InitializationConfig(**chosen, alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
-    initial_pose = _initial_pose(init, init_direction, init_rpy_xyz)
+    initial_pose = _initial_pose(*(options[name] for name in ("init", "init_direction", "init_rpy_xyz")))
     if initial_pose is not None:
         initial_pose.check_distance(max_baseline_m)
     return config, initial_pose

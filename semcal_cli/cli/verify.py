@@ -24,6 +24,7 @@ from semcal_cli.cli.options import (
     PATH,
     FiniteRange,
     RunOptions,
+    asked,
     cue_option,
     drive_argument,
     json_only_option,
@@ -93,14 +94,11 @@ if TYPE_CHECKING:
 @quiet_option
 def verify(
     drive: Path,
-    threads: int | None,
     as_json: bool,
     junit: Path | None,
     page: Path | None,
     images: Path | None,
     inconclusive: Inconclusive,
-    max_points: int,
-    quiet: bool,
     **options: Any,
 ) -> None:
     """Verify a transform on a drive."""
@@ -114,8 +112,8 @@ def verify(
     outputs = Outputs(log=junit, page=page, images=images)
     with errors_reported("verify", subject, junit, [drive, options["calibration"]]):
         initial_pose, config, limits = settings_of(options)
-        asked = RunOptions(threads, quiet, max_points)
-        with loaded_drive(drive, config, outputs, asked, initial_pose, as_result_sees=True) as (
+        run = asked(RunOptions, options)
+        with loaded_drive(drive, config, outputs, run, initial_pose, as_result_sees=True) as (
             data,
             terminal,
         ):
