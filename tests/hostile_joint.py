@@ -21,9 +21,9 @@ NO_RESULT = absent("out.yaml", "x")
 OF_LENS = "fx, fy, cx, cy, k1, k2, p1, p2, k3$"
 
 
-def refused(line: str, *options: str, exit_code: int = 2) -> Hostile:
+def refused(line: str, *options: str) -> Hostile:
     """Gives options to `calibrate`, which end in a line and write nothing."""
-    return Hostile(nothing, (*CALIBRATE, *options), line, exit_code, check=NO_RESULT)
+    return Hostile(nothing, (*CALIBRATE, *options), line, check=NO_RESULT)
 
 
 def all_round(folder: Path) -> None:
@@ -71,15 +71,11 @@ def read_back(line: str, *keys: str | int, value: object) -> Hostile:
 OPTIONS: dict[str, Hostile] = {
     "an intrinsic that the lens has not": refused(
         rf"drive\.yaml: --refine-intrinsics: found 'k9', needed names of plumb_bob: {OF_LENS}",
-        "--refine-intrinsics",
-        "fx,k9",
-        exit_code=1,
+        *("--refine-intrinsics", "fx,k9"),
     ),
     "an intrinsic in capitals": refused(
         rf"--refine-intrinsics: found 'FX', needed names of plumb_bob: {OF_LENS}",
-        "--refine-intrinsics",
-        "FX",
-        exit_code=1,
+        *("--refine-intrinsics", "FX"),
     ),
     "k1 of a picture all round": Hostile(
         all_round,
@@ -90,7 +86,6 @@ OPTIONS: dict[str, Hostile] = {
     "no motion for the clock": refused(
         r"drive\.yaml: motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
         "--estimate-delay",
-        exit_code=1,
     ),
     "a speed alone for the clock": Hostile(
         drive_with("motion", value={"speed_m_s": 12.0}),

@@ -102,11 +102,6 @@ def junit(name: str, line: str = NOTHING, exit_code: int = INCONCLUSIVE) -> Host
     return Hostile(link_to_stdout, (*VERIFY, name), line, exit_code, said_before=SAID, check=check)
 
 
-def wrong_option(line: str, *options: str, exit_code: int = 2) -> Hostile:
-    """Gives options to the command of a batch, which are wrong whatever the drive."""
-    return Hostile(nothing, (*BATCH, *options), line, exit_code, check=NO_RESULTS)
-
-
 STREAMS: dict[str, Hostile] = {
     **{f"junit {name}": junit(name) for name in ("/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-", "out")},
     "several outputs into one stream": Hostile(
@@ -255,10 +250,10 @@ NUMBERS: dict[str, Hostile] = {
 }
 
 OPTIONS: dict[str, Hostile] = {
-    "a start that is not there": wrong_option(
-        r"^semcal: error: none.yaml: no such", "--init", "none.yaml", exit_code=1
+    "a start that is not there": Hostile(
+        nothing, (*BATCH, "--init", "none.yaml"), r"^semcal: error: none.yaml: no such", check=NO_RESULTS
     ),
-    "the help of the command": wrong_option(NOTHING, "--help", exit_code=0),
+    "the help of the command": Hostile(nothing, (*BATCH, "--help"), NOTHING, 0, check=NO_RESULTS),
     "options that one drive does not take": Hostile(
         rig,
         ("batch", "rig/rig.yaml", "-o", "results", "--", "--init", "drive"),
