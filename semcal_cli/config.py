@@ -1,4 +1,4 @@
-"""Every default, once; those of MINE stand in `semcal_cli.refinement.mine_config`.
+"""Every default, once; those of MINE stand in `refinement.mine_config`, those of synthetic drives in `synth_config`.
 
 Nothing heavy is imported here, so that `semcal --help` can show them at once. A stage takes its settings as one of
 these classes, and the Rust core reads the attributes of the same objects. The settings that change an answer are
@@ -8,7 +8,12 @@ recorded in the result under `settings.options`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
+
+from semcal_cli.setting import MAX_SEED as MAX_SEED
+from semcal_cli.setting import setting
+from semcal_cli.synth_config import ReadoutDirection as ReadoutDirection
+from semcal_cli.synth_config import SynthConfig as SynthConfig
 
 Cue: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
 """What points and pixels are compared by; auto takes the best of what the files of a drive allow."""
@@ -18,17 +23,9 @@ Device: TypeAlias = Literal["cpu", "cuda"]
 """Where the network of MINE computes."""
 Zoom: TypeAlias = Literal["exact", "paper"]
 """How a label image is brought to the LiDAR's angular grid: through K and the lens, or as the paper does."""
-Pattern: TypeAlias = Literal["spinning", "rosette"]
-Lens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectional", "equirectangular"]
-Ontology: TypeAlias = Literal["shared", "disjoint"]
-RigMotion: TypeAlias = Literal["none", "steady", "mixed"]
-ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
-"""Way in which the lines of a picture are read, one after another."""
 
 LABELS: tuple[Cue, ...] = ("labels",)
 AUTO: tuple[Cue, ...] = ("auto",)
-MAX_SEED = 2**63 - 1
-"""Largest seed of random choices."""
 MAX_FRAMES = 70
 """Frames of a longer drive that are used. More of them make an answer hardly better: its error is then that of the
 labels' borders."""
@@ -102,8 +99,10 @@ class AlignmentConfig:
 class InitializationConfig:
     """How the mounting direction is searched for (Alg. 2)."""
 
-    zoom: Zoom = "exact"
-    """How a label image is brought to the LiDAR's angular grid."""
+    zoom: Zoom = setting(
+        "exact",
+        "Mapping of label images to the LiDAR's angular grid: through K and the lens, or as in the paper.",
+    )
     coarse_cell_deg: float = 3.0
     """Cell of the exhaustive search. It is smaller for narrow lenses."""
     fine_cell_deg: float = 1.5
@@ -111,8 +110,13 @@ class InitializationConfig:
     max_roll_deg: float = 15.0
     """In-plane rotations from minus this to plus this are searched; 180 are all."""
     roll_step_deg: float = 5.0
-    search_deg: float | None = None
-    """The search is narrowed to rotations within this angle of a given pose."""
+    search_deg: float | None = setting(
+        None,
+        "With --init or --init-rpy-xyz: search all rotations within this angle of it.",
+        above=0.0,
+        most=180.0,
+        metavar="DEG",
+    )
     around_given_deg: float = 5.0
     """The search is narrowed to this angle of a given pose where ascents from it end apart."""
     meeting_deg: float = 0.5
@@ -150,9 +154,14 @@ class PyramidConfig:
     known well enough which are hidden."""
     min_points: int = 100
     """A level needs at least this many labelled points on labelled pixels."""
-    max_final_drift: float = 0.5
-    """A pose has settled if its mean over the last quarter of the finest level lies within this many blocks of that
-    over the quarter before."""
+    max_final_drift: float = setting(
+        0.5,
+        "Largest drift of the pose over the last steps that counts as settled.",
+        above=0.0,
+        option="--mine-settled-px",
+        metavar="PX",
+    )
+    """In blocks: that of the mean over the last quarter of the finest level from the mean over the quarter before."""
 
 
 @dataclass(frozen=True)
@@ -300,26 +309,29 @@ CENTER_SIGMA_PX = 10.0
 """The same of the principal point, in pixels."""
 
 
+SIGMA: dict[str, Any] = {"least": 1e-11, "most": 1e3}
+"""Limits of standard deviations of what is known before; squares of others overflow or vanish."""
+
+
 @dataclass(frozen=True)
 class JointlyConfig:
     """What is estimated beside the pose, and what is known of it before."""
 
     intrinsics: tuple[str, ...] = ()
     """Names of the intrinsics, as fx, cy or k1."""
-    focal_sigma: float | None = None
+    focal_sigma: float | None = setting(None, least=0.0, most=1e3)
     """Standard deviation of focal lengths, as a share of them, whether they are estimated or not; 0 says that they are
     exact. None is what the drive states, else `FOCAL_SIGMA` if they are estimated, and `DEFAULT_FOCAL_SIGMA` if not."""
-    center_sigma_px: float | None = None
+    center_sigma_px: float | None = setting(None, least=0.0, most=1e3)
     """The same of the principal point, pixels; None is what the drive states, else `CENTER_SIGMA_PX` or
     `DEFAULT_CENTER_SIGMA_PX`."""
-    lens_sigma: float = 0.1
+    lens_sigma: float = setting(0.1, **SIGMA)
     """Standard deviation of the numbers of the lens, such as k1, xi or w."""
-    tangential_sigma: float = 0.005
+    tangential_sigma: float = setting(0.005, **SIGMA)
     """The same of p1, p2, s1 to s4, tau_x and tau_y, which tell how well a lens is centred."""
     with_delay: bool = False
     """Whether the offset of the camera's clock is estimated."""
-    delay_sigma_s: float = 0.1
-    """Standard deviation of this offset, in seconds."""
+    delay_sigma_s: float = setting(0.1, "Standard deviation of this offset, in seconds.", **SIGMA)
 
     @property
     def is_asked(self) -> bool:
@@ -331,15 +343,25 @@ class JointlyConfig:
 class RefinementConfig:
     """Which estimator refines a pose, and whether the result is polished."""
 
-    estimator: Estimator = "exact"
-    """How mutual information is estimated."""
-    device: Device = "cpu"
+    estimator: Estimator = setting(
+        "exact",
+        "Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it (needs "
+        "PyTorch: the extra mine).",
+    )
+    device: Device = setting("cpu", "Device of the network of MINE.")
     is_polished: bool = True
     """Whether Newton's method finishes the pose."""
-    max_baseline_m: float = MAX_BASELINE_M
-    """Largest distance between camera and LiDAR."""
-    edge_band_px: int = EDGE_BAND_PX
-    """Pixels less than this from one of another class count a tenth."""
+    max_baseline_m: float = setting(
+        MAX_BASELINE_M, "Largest distance between camera and LiDAR.", above=0.0, metavar="M"
+    )
+    edge_band_px: int = setting(
+        EDGE_BAND_PX,
+        "Pixels nearer than this to another class count a tenth; use more for labels with ragged borders.",
+        least=0,
+        most=100,
+        option="--edge-band",
+        metavar="PX",
+    )
     jointly: JointlyConfig = field(default_factory=JointlyConfig)
     """What is estimated beside the pose."""
 
@@ -353,17 +375,19 @@ class RefinementConfig:
 class CalibrationConfig:
     """What a user sets of a calibration. Settings of the other classes keep their defaults."""
 
-    seed: int = 0
-    """Seed of every random choice: the same seed gives the same bytes."""
+    seed: int = setting(
+        0, "Seed of every random choice: the same seed gives the same bytes.", least=0, most=MAX_SEED
+    )
     cues: tuple[Cue, ...] = AUTO
     """What points and pixels are compared by."""
-    max_frames: int = MAX_FRAMES
-    """Largest number of frames that are used of a longer drive."""
+    max_frames: int = setting(
+        MAX_FRAMES, "Use at most N frames of a longer drive, those whose label images differ most.", least=1
+    )
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     """Settings of the initial calibration."""
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     """Settings of the refinement."""
-    num_seeds: int = 1
+    num_seeds: int = setting(1, least=1)
     """With more than one, the seeds that follow are tried as well, to see where they lead."""
     is_raw: bool = False
     """Whether labels and intensities are taken as they are: isolated pixels of label images are not mended, and
@@ -374,81 +398,7 @@ class CalibrationConfig:
 class Limits:
     """How far a transform may be off."""
 
-    rotation_deg: float = 0.3
-    """About each axis of the camera, and in all."""
-    translation_m: float = 0.05
-    """Along each axis of the camera, and in all."""
-    delay_s: float | None = None
+    rotation_deg: float = setting(0.3, "About each axis of the camera, and in all.", least=0.0)
+    translation_m: float = setting(0.05, "Along each axis of the camera, and in all.", least=0.0)
+    delay_s: float | None = setting(None, least=0.0)
     """Of the camera's clock, seconds, which is then estimated together with the pose; None leaves it unchecked."""
-
-
-SYNTH_MIN_BASELINE_M = 0.1
-"""Smallest distance of a randomly mounted camera from the LiDAR; without parallax a drive tests too little."""
-SYNTH_MAX_BASELINE_M = 1.5
-"""Largest distance between camera and LiDAR; the synthetic street leaves this much room around the LiDAR."""
-SYNTH_MAX_DELAY_MS = 200.0
-"""Largest time by which pictures are earlier or later than their stamps."""
-SYNTH_MAX_READOUT_MS = 100.0
-"""Longest readout of a rolling shutter; with the longest delay, it ends 0.3 s after the middle of the sweep."""
-
-
-@dataclass(frozen=True)
-class SynthConfig:
-    """Settings that determine a synthetic drive to the last byte. Mounting angles that are None are drawn at random."""
-
-    num_frames: int = 20
-    """Number of frames."""
-    seed: int = 0
-    """Seed of every random choice."""
-    pattern: Pattern = "spinning"
-    """Scan pattern of the LiDAR."""
-    channels: int = 64
-    """Number of beams."""
-    columns: int = 800
-    """Number of firings a turn. A rosette has channels * columns rays a frame."""
-    fov_up_deg: float = 10.0
-    """Elevation of the highest beam."""
-    fov_down_deg: float = -30.0
-    """Elevation of the lowest beam, negative below the horizon."""
-    range_noise_m: float = 0.02
-    """Standard deviation of the ranges."""
-    dropout: float = 0.05
-    """Share of the returns that are lost."""
-    max_range_m: float = 120.0
-    """Largest range of a return."""
-    lidar_tilt_deg: float = 0.0
-    """Angle of the LiDAR's x axis below the horizon. The camera is mounted on the LiDAR and tilts with it."""
-    width: int = 1280
-    """Columns of the image."""
-    height: int = 720
-    """Rows of the image."""
-    lens: Lens = "standard"
-    """Lens of the camera."""
-    hfov_deg: float | None = None
-    """Angle between the left and the right edge of the image; that of the lens if None."""
-    rig_seed: int | None = None
-    """Seed of the random mounting, which drives of one rig share; the seed of the drive if None."""
-    camera_azimuth_deg: float | None = None
-    """Viewing direction of the camera in the LiDAR's x-y plane, 0 along x, positive to the left; random if None."""
-    camera_pitch_deg: float | None = None
-    """Angle of the camera's viewing direction above the LiDAR's x-y plane; random if None."""
-    camera_roll_deg: float | None = None
-    """Angle by which the camera leans to its right; random if None."""
-    baseline_m: float | None = None
-    """Distance between the centres of camera and LiDAR; random if None."""
-    max_baseline_m: float = 1.0
-    """Largest random distance between camera and LiDAR."""
-    label_noise: float = 0.0
-    """Share of the labels of points and of pixels that are replaced by those of another class."""
-    ontology: Ontology = "shared"
-    """Whether points and images are labelled with the same ids, or with ids that have nothing in common."""
-    motion: RigMotion = "none"
-    """How the rig moves: it stands still, drives straight on at 12 m/s, or has another speed and turn in each frame."""
-    delay_ms: float = 0.0
-    """Time by which pictures are taken later than their stamps say, in milliseconds; negative if they are earlier."""
-    readout_ms: float = 0.0
-    """Time from the first line of a picture to the last, in milliseconds; 0 is a global shutter."""
-    readout_direction: ReadoutDirection = "down"
-    """Way in which a rolling shutter reads the lines."""
-    sweep_s: ClassVar[float] = 0.1
-    """Time that the LiDAR takes for a sweep."""

@@ -1,18 +1,18 @@
-"""Checks of settings that a program gives; the command line checks its own options."""
+"""Checks of settings that a program gives, by their limits; the command line checks its own options."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection
-from typing import get_args
+from dataclasses import fields, is_dataclass
+from typing import Any, get_args
 
-from semcal_cli.config import MAX_SEED, CalibrationConfig, Cue, Device, Estimator, Limits, Zoom
+from semcal_cli.config import CalibrationConfig, Cue, JointlyConfig, Limits
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_torch
 from semcal_cli.files.messages import one_of
+from semcal_cli.setting import settings_of
 
-LEAST_SIGMA, MOST_SIGMA = 1e-11, 1e3
-"""Standard deviations of what is known before; squares of others overflow."""
+LEAST_SIGMA = 1e-11
+"""Smallest standard deviation of intrinsics that are estimated: squares of smaller ones vanish."""
 
 
 def check_config(config: CalibrationConfig) -> None:
@@ -21,28 +21,17 @@ def check_config(config: CalibrationConfig) -> None:
     Raises:
         InputError: a setting is out of its range, or MINE is asked for without torch.
     """
-    refinement = config.refinement
     if not isinstance(config.cues, tuple) or not config.cues or len(set(config.cues)) < len(config.cues):
         raise InputError(f"cues: found {config.cues!r}, needed a tuple of different cues")
     if "auto" in config.cues and len(config.cues) > 1:
         raise InputError(f"cues: found {config.cues!r}, needed auto alone")
     for cue in config.cues:
-        _check_choice("cues", cue, get_args(Cue))
-    _check_choice("estimator", refinement.estimator, get_args(Estimator))
-    if refinement.estimator == "mine":
+        if cue not in get_args(Cue):
+            raise InputError(f"cues: found {cue!r}, needed {one_of(str(cue), get_args(Cue))}")
+    check_settings(config)
+    if config.refinement.estimator == "mine":
         check_torch("estimator 'mine'")
-    _check_choice("device", refinement.device, get_args(Device))
-    _check_choice("zoom", config.initialization.zoom, get_args(Zoom))
-    _check_range("seed", config.seed, 0, MAX_SEED)
-    _check_range("max_frames", config.max_frames, 1)
-    _check_range("num_seeds", config.num_seeds, 1)
-    _check_range("max_baseline_m", refinement.max_baseline_m, 0.0)
-    _check_range("edge_band_px", refinement.edge_band_px, 0)
-    jointly = refinement.jointly
-    for name in ("focal_sigma", "center_sigma_px", "lens_sigma", "tangential_sigma", "delay_sigma_s"):
-        if (sigma := getattr(jointly, name)) is not None:
-            may_be_exact = name in ("focal_sigma", "center_sigma_px") and not jointly.intrinsics
-            _check_range(name, sigma, 0.0 if may_be_exact else LEAST_SIGMA, MOST_SIGMA)
+    _check_sigmas(config.refinement.jointly)
 
 
 def check_limits(limits: Limits) -> None:
@@ -51,18 +40,30 @@ def check_limits(limits: Limits) -> None:
     Raises:
         InputError: a limit is no number from 0 on.
     """
-    _check_range("rotation_deg", limits.rotation_deg, 0.0)
-    _check_range("translation_m", limits.translation_m, 0.0)
-    if limits.delay_s is not None:
-        _check_range("delay_s", limits.delay_s, 0.0)
+    check_settings(limits)
 
 
-def _check_choice(name: str, value: object, known: Collection[str]) -> None:
-    if value not in known:
-        raise InputError(f"{name}: found {value!r}, needed {one_of(str(value), known)}")
+def check_settings(config: Any) -> None:
+    """Check the settings of a configuration, and of those within it.
+
+    Raises:
+        InputError: one is none of its words, or no number within its limits.
+    """
+    kind: type = type(config)
+    for name, found in settings_of(kind).items():
+        value = getattr(config, name)
+        is_open = value is None and found.default is None
+        if not is_open and not found.allows(value):
+            needed = one_of(str(value), found.choices) if found.choices else found.needed()
+            raise InputError(f"{name}: found {value!r}, needed {needed}")
+    for each in fields(config):
+        if is_dataclass(value := getattr(config, each.name)):
+            check_settings(value)
 
 
-def _check_range(name: str, value: float, least: float, most: float = math.inf) -> None:
-    if not (isinstance(value, int | float) and math.isfinite(value) and least <= value <= most):
-        up_to = "on" if most == math.inf else f"to {most}"
-        raise InputError(f"{name}: found {value!r}, needed a number from {least:g} {up_to}")
+def _check_sigmas(jointly: JointlyConfig) -> None:
+    """Check that no intrinsics are estimated that are stated to be exact."""
+    for name in ("focal_sigma", "center_sigma_px"):
+        sigma = getattr(jointly, name)
+        if jointly.intrinsics and sigma is not None and sigma < LEAST_SIGMA:
+            raise InputError(f"{name}: found {sigma!r}, needed a number from {LEAST_SIGMA:g} to 1000.0")

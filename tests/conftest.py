@@ -31,6 +31,7 @@ from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
 settings.load_profile("semcal")
 
+semcal.load_all()  # tests look through the commands, which are else imported when they are called
 TEST_DATA = Path(os.environ.get("SEMCAL_TEST_DATA", Path(__file__).parents[1] / "../shared/data"))
 
 DRIVE = """

@@ -102,21 +102,7 @@ def junit(name: str, line: str = NOTHING, exit_code: int = INCONCLUSIVE) -> Host
     return Hostile(link_to_stdout, (*VERIFY, name), line, exit_code, said_before=SAID, check=check)
 
 
-def wrong_option(line: str, *options: str, exit_code: int = 2) -> Hostile:
-    """Gives options to the command of a batch, which are wrong whatever the drive."""
-    return Hostile(nothing, (*BATCH, *options), line, exit_code, check=NO_RESULTS)
-
-
 STREAMS: dict[str, Hostile] = {
-    **{
-        f"json and junit {name}": Hostile(
-            lambda folder: None,
-            (*VERIFY, name, "--json"),
-            r"^Error: --json, --junit: would both write to standard output: give --junit a file$",
-            exit_code=2,
-        )
-        for name in ("-", "/dev/stdout", "/proc/self/fd/1")
-    },
     **{f"junit {name}": junit(name) for name in ("/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-", "out")},
     "several outputs into one stream": Hostile(
         nothing,
@@ -146,9 +132,6 @@ STREAMS: dict[str, Hostile] = {
         calibration_with("status", value="trusted"),
         ("fleet", "c.json", "--plot", "-"),
         r"^semcal: error: /dev/stdout: found suffix '', needed \.png or \.svg$",
-    ),
-    "parts in one stream": Hostile(
-        nothing, ("calibrate", "drive", "--split", "-o", "-"), r"--split: writes several files: give -o", 2
     ),
     "the file of standard output by its name": Hostile(
         nothing,
@@ -267,47 +250,10 @@ NUMBERS: dict[str, Hostile] = {
 }
 
 OPTIONS: dict[str, Hostile] = {
-    "axes of no start": wrong_option(
-        r"--fix: keeps axes of --init or --init-rpy-xyz: give one of", "--fix", "tx"
+    "a start that is not there": Hostile(
+        nothing, (*BATCH, "--init", "none.yaml"), r"^semcal: error: none.yaml: no such", check=NO_RESULTS
     ),
-    "cues of another method": wrong_option(
-        r"--cue: is of --method mi", "--method", "soic", "--cue", "intensity"
-    ),
-    "a second --": wrong_option(r"-- --: found -- once more, needed options of the command", "--"),
-    "parts without the polish": wrong_option(r"--split: frames are compared after", "--split", "--no-polish"),
-    "no start to search around": wrong_option(r"--search-deg: is around --init or", "--search-deg", "5"),
-    "a device of another estimator": wrong_option(r"--device: is where MINE's network", "--device", "cuda"),
-    "features and the histogram": wrong_option(
-        r"--cue features: vectors have no histogram", "--cue", "features"
-    ),
-    "an output of one drive": wrong_option(r"-- -o: is not for many drives", "-o", "x"),
-    "pictures of one drive": wrong_option(r"-- --overlay: is not for many drives", "--overlay", "x"),
-    "a number out of its range": wrong_option(r"'--seed': -1 is not in the range", "--seed", "-1"),
-    "an argument too many": wrong_option(r"unexpected extra argument \(extra\)", "extra"),
-    "an unknown option": wrong_option(r"No such option '--version'", "--version"),
-    "a start that is not there": wrong_option(
-        r"^semcal: error: none.yaml: no such", "--init", "none.yaml", exit_code=1
-    ),
-    "the help of the command": wrong_option(NOTHING, "--help", exit_code=0),
-    "features to verify": Hostile(
-        nothing,
-        (
-            "batch",
-            "drive",
-            "-o",
-            "results",
-            "--command",
-            "verify",
-            "--calibration",
-            "other",
-            "--",
-            "--cue",
-            "features",
-        ),
-        r"--cue features: verify compares by the exact histogram",
-        2,
-        check=NO_RESULTS,
-    ),
+    "the help of the command": Hostile(nothing, (*BATCH, "--help"), NOTHING, 0, check=NO_RESULTS),
     "options that one drive does not take": Hostile(
         rig,
         ("batch", "rig/rig.yaml", "-o", "results", "--", "--init", "drive"),

@@ -355,19 +355,6 @@ def test_sweeps_of_another_frame_are_left_out(tmp_path: Path) -> None:
     assert found.left_out["sweeps: found frame 'rear', needed 'front'"] == 3
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        (("--every", "1e300"), "not in the range"),
-        (("--max-gap-s", "1e300"), "not in the range"),
-        (("--camera-info", "/a", "--intrinsics", "b"), "exclude one another"),
-        (("--motion", "none", "--motion-frame", "c"), "is of a topic of --motion"),
-    ],
-)
-def test_options_that_cannot_be(options: tuple[str, ...], complaint: str, tmp_path: Path) -> None:
-    assert complaint in run_cli("import", "bag", tmp_path, "-o", tmp_path / "drive", *options, code=2).stderr
-
-
 def test_the_longest_ascending_part() -> None:
     assert longest_ascending([]) == []
     assert longest_ascending([9, 1, 2, 2, 3, 0, 4]) == [1, 3, 4, 6]

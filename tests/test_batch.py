@@ -244,23 +244,6 @@ def test_verify_many(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert told.count("###") == 1  # and none of each drive
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        (("--command", "verify"), "--calibration: goes with --command verify"),
-        (("--dask", "tcp://127.0.0.1:1", "--jobs", "2"), "--jobs: is of this machine"),
-        (("--", "-o", "x.yaml"), "-- -o: is not for many drives"),
-        (("--", "--estimater", "mine"), "No such option"),
-        (("--", "--threads", "2"), "-- --threads: is not for many drives"),
-    ],
-)
-def test_wrong_usage(drives: Path, tmp_path: Path, options: tuple[str, ...], complaint: str) -> None:
-    found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), *options])
-    assert found.exit_code == 2
-    assert complaint in found.stderr
-    assert not (tmp_path / "out").exists()
-
-
 def test_where_drives_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("b/2", "b/10", "a"):

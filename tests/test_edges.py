@@ -206,15 +206,6 @@ def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth:
     assert "5.2 degrees and 42 cm away" in finding.sentence
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"), [("edges,auto", "auto goes alone"), ("edge", "needed some of")]
-)
-def test_wrong_cues_are_named(bare: Path, value: str, expected: str) -> None:
-    result = invoke("calibrate", bare, "--cue", value)
-    assert result.exit_code == 2
-    assert expected in result.output
-
-
 def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> None:
     data = load(bare)
     found = initialize(data, CalibrationConfig().initialization)

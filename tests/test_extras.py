@@ -51,7 +51,9 @@ def run(arguments):
             return [stop.code, out.getvalue(), err.getvalue()]
 
 if __name__ == "__main__":
-    sys.modules["semcal_cli.cli.demo"].NUM_FRAMES = 2
+    import semcal_cli.cli.demo
+
+    semcal_cli.cli.demo.NUM_FRAMES = 2
     endings = [run(arguments) for arguments in json.loads(sys.argv[1])]
     assert "torch" not in sys.modules
     import semcal_cli.view.server, semcal_cli.view.session, semcal_cli.experiments.trust  # noqa

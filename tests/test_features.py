@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from commands import invoke
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
@@ -112,16 +111,6 @@ def test_the_exact_histogram_is_refused(drive: Drive, observations: Observations
     data = LoadedDrive(drive, observations, ("features",))
     with pytest.raises(InputError, match="--estimator exact: features are vectors, which have no histogram"):
         refine(data, street_truth, RefinementConfig())
-    command = ["calibrate", str(drive.path), "--cue", "features"]
-    found = invoke(*command)
-    assert found.exit_code == 2
-    assert "--cue features: vectors have no histogram: give --estimator mine" in found.output
-    for more in (
-        ["--cue", "labels,features"],
-        ["--cue", "features", "--prior-translation-m", "0", "0", "0", "1"],
-    ):
-        assert invoke(*command, "--estimator", "mine", *more).exit_code == 2
-    assert invoke("verify", drive.path, drive.path, "--cue", "features").exit_code == 2
 
 
 def test_features_of_returns_that_were_left_out_are_left_out(drive: Drive, tmp_path: Path) -> None:

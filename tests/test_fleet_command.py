@@ -128,10 +128,6 @@ def test_the_result_as_json(tmp_path: Path) -> None:
     alone, beside = run(batch, "--json"), run(batch, "--json", "-o", out)
     assert json.loads(alone.stdout)["status"] == "pass"
     assert json.loads(beside.stdout) == json.loads(json.dumps(read_document(out)))
-    for option in ("-o", "--report", "--plot", "--junit"):
-        found = run(batch, "--json", option, "-")
-        assert found.exit_code == 2
-        assert f"--json, {option}: would both write to standard output" in found.output
 
 
 def test_what_is_worst_stands_first(tmp_path: Path) -> None:

@@ -339,25 +339,6 @@ def test_a_broken_model_or_card_is_one_line(
     assert not (tmp_path / "out/drive.yaml").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "found nothing to label with: give --image-model, --point-model or --points"),
-        (["--image-card", "x", "-o", "o"], "--image-card: is of a network: give --image-model, too"),
-        (["--points", "segments"], "found no place for the labels: give -o, or --preview"),
-        (
-            ["--points", "segments", "--probabilities", "-o", "o"],
-            "--preview, --probabilities: are of pictures",
-        ),
-        (["--points", "segments", "--point-model", "x", "-o", "o"], "--points: excludes --point-model"),
-    ],
-)
-def test_wrong_usage(plain: Path, arguments: list[str], message: str) -> None:
-    found = run("label", plain, *arguments)
-    assert found.exit_code == 2
-    assert message in found.output
-
-
 def test_labels_never_replace_what_they_have_not_made(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     found = run("label", plain, "--image-model", net, "-o", plain)

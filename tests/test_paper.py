@@ -145,26 +145,6 @@ def test_the_command_writes_the_bound_and_its_settings(street: Path, tmp_path: P
     assert (mine["steps_per_level"], mine["num_hidden"], mine["edge_band_px"]) == (4, 8, 0)  # type: ignore[index, call-overload]
 
 
-@pytest.mark.parametrize(
-    ("options", "line"),
-    [
-        (("--method", "paper", "--estimator", "mine"), "--estimator: is of --method mi"),
-        (("--method", "paper", "--no-polish"), "--no-polish: is of --method mi"),
-        (("--method", "paper", "--zoom", "exact"), "--zoom: is of --method mi"),
-        (("--method", "paper", "--edge-band", "2"), "--edge-band: is of --method mi"),
-        (("--method", "paper", "--cue", "intensity"), "Alg. 2 is by labels: give --init"),
-        (("--method", "paper", "--cue", "labels,intensity"), "takes one cue"),
-        (("--method", "soic", "--mine-steps", "3"), "--mine-steps: is of --method paper"),
-        (("--mine-optimizer", "sgd"), "--mine-optimizer: is of --method paper"),
-        (("--method", "paper", "--mine-pose-rate", "0"), "not in the range x>0"),
-    ],
-)
-def test_options_that_do_not_go_together(street: Path, options: tuple[str, ...], line: str) -> None:
-    found = invoke("calibrate", street, *options)
-    assert found.exit_code == 2
-    assert line in found.output
-
-
 def test_raw_intensity_is_refined_from_a_start(street: Path, tmp_path: Path) -> None:
     out = tmp_path / "pmi.yaml"
     found = invoke(

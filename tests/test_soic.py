@@ -124,20 +124,3 @@ def test_the_command_writes_a_result_that_nobody_vouches_for(
     assert code == 0
     assert "started at semantic centroids" in output
     assert compare_poses(read_transform(tmp_path / "nothing.yaml"), street_truth).rotation_deg < 0.5
-
-
-@pytest.mark.parametrize(
-    "option",
-    [
-        ("--estimator", "mine"),
-        ("--cue", "intensity"),
-        ("--no-polish",),
-        ("--repeat", "2"),
-        ("--roll", "any"),
-        ("--seed", "1"),
-    ],
-)
-def test_options_of_mutual_information_are_refused(street: Path, option: tuple[str, ...]) -> None:
-    code, output = calibrate(street, *option)
-    assert code == 2
-    assert f"{option[0]}: is of --method mi" in output

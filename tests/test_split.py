@@ -103,20 +103,6 @@ def test_the_worst_part_decides(
     assert sorted(path.name for path in tmp_path.glob("b*")) == ["b.yaml", "b_part_2.yaml"]
 
 
-def test_usage(street: Path, tmp_path: Path) -> None:
-    output = ["-o", tmp_path / "c.yaml"]
-    for options, complaint in (
-        ([], "--split: writes several files: give -o"),
-        ([*output, "--to", "tum"], "--split: writes whole results: leave --to out"),
-        ([*output, "--no-polish"], "--split: frames are compared after the polish"),
-        ([*output, "--method", "soic"], "--split: is of --method mi"),
-    ):
-        found = invoke("calibrate", street, "--split", *options)
-        assert found.exit_code == 2
-        assert complaint in " ".join(found.output.split())
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_part_replaces_no_input(street: Path, tmp_path: Path) -> None:
     start = tmp_path / "c_part_2.yaml"
     start.write_bytes((street / "drive.yaml").read_bytes())

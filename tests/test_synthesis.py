@@ -241,22 +241,6 @@ def test_command(tiny: Path, tmp_path: Path) -> None:
     assert filecmp.cmpfiles(tiny, out, names, shallow=False) == (names, [], [])
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["--frames", "0"],
-        ["--lens", "telescope"],
-        ["--label-noise", "1"],
-        ["--baseline-m", "2"],
-        ["--fov-up-deg", "-30"],
-    ],
-)
-def test_wrong_usage(tmp_path: Path, options: list[str]) -> None:
-    result = CliRunner().invoke(synth, [str(tmp_path / "drive"), *options])
-    assert result.exit_code == 2
-    assert not (tmp_path / "drive").exists()
-
-
 def test_drives_of_one_rig(tmp_path: Path) -> None:
     """Other streets, the same mounting; each is the drive that its own seed makes with the rig's."""
     small = ("--frames", "1", "--width", "64", "--height", "48", "--columns", "50", "-q")

@@ -196,13 +196,6 @@ def test_a_drive_without_a_direction_of_motion(
         )
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "x"])
-def test_limits_that_are_none(street: Path, capfd: pytest.CaptureFixture[str], value: str) -> None:
-    code, _, err = run(capfd, "verify", street, street, "--max-delay-ms", value)
-    assert code == 2
-    assert err.splitlines()[-1].startswith("Error: Invalid value for '--max-delay-ms': ")
-
-
 def test_in_python(moving: Path) -> None:
     found = semcal_package.verify(moving / "late", moving / "late", Limits(delay_s=0.005))
     assert found.verdict == "fail"

@@ -1,6 +1,6 @@
 """The `semcal` command: one file a subcommand, and the one place that turns errors into exit codes.
 
-Nothing heavy is imported here or at the top of a subcommand's file, so that `semcal --help` answers at once.
+A subcommand is imported when it is called, and nothing heavy at the top of its file, so that help answers at once.
 """
 
 from __future__ import annotations
@@ -15,28 +15,8 @@ from typing import NamedTuple
 
 import click
 
-from semcal_cli.cli.batch import batch
-from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.ci import annotate
-from semcal_cli.cli.compare import compare
-from semcal_cli.cli.completion import completion
-from semcal_cli.cli.convert import convert
-from semcal_cli.cli.demo import demo
-from semcal_cli.cli.evaluate import evaluate
-from semcal_cli.cli.experiment import experiment
-from semcal_cli.cli.export import export
-from semcal_cli.cli.fleet import fleet
-from semcal_cli.cli.import_ import import_
-from semcal_cli.cli.initialize import initialize
-from semcal_cli.cli.inspect import inspect
-from semcal_cli.cli.label import label
-from semcal_cli.cli.overlay import overlay
-from semcal_cli.cli.refine import refine
-from semcal_cli.cli.report import report
 from semcal_cli.cli.sections import Sections
-from semcal_cli.cli.synth import synth
-from semcal_cli.cli.verify import verify
-from semcal_cli.cli.view import view
 from semcal_cli.errors import InputError, MisplacedError, SemcalError
 from semcal_cli.files.picture_sizes import MAX_PIXELS
 
@@ -51,14 +31,6 @@ ARENA_MAX = -8
 @click.version_option(package_name="semcal")
 def semcal() -> None:
     """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
-
-
-COMMANDS = (
-    *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch, fleet),
-    *(view, overlay, report, inspect, import_, export, label, synth, experiment, demo, completion),
-)
-for command in COMMANDS:
-    semcal.add_command(command)
 
 
 class Ending(NamedTuple):
@@ -133,7 +105,7 @@ def _limit_arenas() -> None:
 def _invoke(arguments: Sequence[str]) -> Ending:
     """Invoke the command, and show a wrong usage as click does."""
     try:
-        return Ending(int(semcal.main(arguments, standalone_mode=False) or 0))
+        return Ending(int(semcal.main(arguments, prog_name="semcal", standalone_mode=False) or 0))
     except SystemExit as end:
         return Ending(int(end.code or 0))
     except click.ClickException as error:
@@ -151,9 +123,12 @@ def _order(arguments: Sequence[str]) -> str:
     command: click.Command = semcal
     words = ["semcal"]
     for name in arguments:
-        if not isinstance(command, click.Group) or name not in command.commands:
+        found = (
+            command.get_command(click.Context(command), name) if isinstance(command, click.Group) else None
+        )
+        if found is None:
             break
-        command = command.commands[name]
+        command = found
         words.append(name)
     needed = [each for each in command.params if each.required or isinstance(each, click.Argument)]
     if not any(each.name == "drive" for each in needed):

@@ -19,11 +19,11 @@ from semcal_cli.cli.options import (
     PATH,
     FiniteRange,
     choice_option,
-    given_parameters,
     number_option,
     quiet_option,
 )
 from semcal_cli.cli.refinement import check_estimator
+from semcal_cli.cli.rules import CheckedCommand, Options, given, refuse
 from semcal_cli.cli.verify import settings_of as settings_of_verify
 from semcal_cli.cli.verify import verify
 from semcal_cli.extras import torch_import
@@ -33,33 +33,22 @@ if TYPE_CHECKING:
     from semcal_cli.batch.tasks import Outcome, Task
 
 EXIT_STOPPED = 130
-Check: TypeAlias = Callable[[Mapping[str, Any], Sequence[click.Parameter]], object]
-"""Checks the values of a command's parameters without a drive, and which parameters are given on the command line."""
+Check: TypeAlias = Callable[[Mapping[str, Any]], object]
+"""Checks the values of a command's parameters without a drive."""
 COMMANDS: dict[str, tuple[click.Command, Check]] = {
     "calibrate": (calibrate, settings_of_calibrate),
-    "verify": (verify, lambda values, given: settings_of_verify(values)),
+    "verify": (verify, settings_of_verify),
 }
 """The commands, each with the function that checks its options without a drive."""
-OURS = {
-    *(
-        "output",
-        "log",
-        "threads",
-        "quiet",
-        "page",
-        "images",
-        "as_json",
-        "junit",
-        "calibration",
-        "inconclusive",
-    ),
-    *("to", "to_direction", "to_frame", "to_camera", "to_lidar"),
-}
+OURS = (
+    *("-o", "--log", "--threads", "--quiet", "--report", "--overlay", "--json", "--junit", "--inconclusive"),
+    *("--to", "--to-direction", "--to-frame", "--to-camera", "--to-lidar"),
+)
 """Options of these commands that a batch sets itself, or that name one file although there are many drives."""
 REST = "semcal.rest"
 
 
-class WithRest(click.Command):
+class WithRest(CheckedCommand):
     """A command that passes the arguments after -- on."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -77,6 +66,11 @@ class WithRest(click.Command):
 
 @click.command(
     cls=WithRest,
+    rules=[
+        given("--command verify").requires("--calibration"),
+        given("--calibration").requires("--command verify"),
+        given("--dask").excludes("--jobs", because="the cluster has as many as its workers' threads"),
+    ],
     help=f"""Calibrate many DRIVES, or verify one transform on them.
 
     DRIVES are folders, drive files, patterns in quotes, text files (.txt) with one of these a line, or - for standard
@@ -136,12 +130,6 @@ def batch(
     from semcal_cli.cli.worker import run_task
     from semcal_cli.threads import num_cores
 
-    if (calibration is not None) != (command == "verify"):
-        raise click.UsageError("--calibration: goes with --command verify, which needs it")
-    if address is not None and jobs is not None:
-        raise click.UsageError(
-            "--jobs: is of this machine; with --dask, the cluster has as many as its workers' threads"
-        )
     num_jobs = jobs or 1
     num_threads = threads or (1 if address is not None else max(num_cores() // num_jobs, 1))
     tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s, address is None)
@@ -199,9 +187,9 @@ def _make_tasks(
     from semcal_cli.batch.tasks import Task
 
     rest, also, max_points = _take_rest(command, calibration, is_here)
-    given = find_drives(drives, sys.stdin)
-    check_distinct_folders(given)
-    check_apart(given, output)
+    found = find_drives(drives, sys.stdin)
+    check_distinct_folders(found)
+    check_apart(found, output)
     folder = output.absolute()
     tasks = [
         Task(
@@ -215,7 +203,7 @@ def _make_tasks(
             max_points=max_points,
             timeout_s=timeout_s,
         )
-        for drive in given
+        for drive in found
     ]
     check_made_by_batch(tasks, folder, output)
     return tasks
@@ -235,28 +223,28 @@ def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[l
     from semcal_cli.drive.document import drive_file
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
-    given = _checked_parameters(command, calibration, rest)
+    values = _checked_parameters(command, calibration, rest)
     if is_here:
-        check_estimator(given)
-    if is_here and given.get("device") == "cuda":
+        check_estimator(values)
+    if is_here and values.get("device") == "cuda":
         with torch_import():
             from semcal_cli.refinement.mine import check_device
 
         check_device("cuda")
-    init: Path | None = given.get("init")
+    init: Path | None = values.get("init")
     named = [path for path in (calibration, init) if path is not None]
     if init is not None:
         # Other machines have other working folders; the last value of a repeated option counts.
         rest = [*rest, "--init", str(init.absolute())]
-    if (model := given.get("image_model")) is not None:
+    if (model := values.get("image_model")) is not None:
         named.append(model)
         rest = [*rest, "--image-model", str(model.absolute())]
-        if (card := given["image_card"]) is not None and Path(card).exists():
+        if (card := values["image_card"]) is not None and Path(card).exists():
             named.append(Path(card))
             rest = [*rest, "--image-card", str(Path(card).absolute())]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
-    return rest, [str(drive_file(path).absolute()) for path in named], given["max_points"]
+    return rest, [str(drive_file(path).absolute()) for path in named], values["max_points"]
 
 
 def _checked_parameters(command: str, calibration: Path | None, rest: list[str]) -> dict[str, Any]:
@@ -273,13 +261,11 @@ def _checked_parameters(command: str, calibration: Path | None, rest: list[str])
     arguments = ["DRIVE"] if calibration is None else ["DRIVE", str(calibration)]
     run, check = COMMANDS[command]
     root = click.get_current_context().parent
-    with run.make_context(command, [*arguments, *rest], root) as context:
-        given = given_parameters(context)
-        for parameter in given:
-            if isinstance(parameter, click.Option) and parameter.name in OURS:
-                raise click.UsageError(f"-- {parameter.opts[0]}: is not for many drives")
+    result = {"output": RESULTS[command]}
+    with run.make_context(command, [*arguments, *rest], root, default_map=result) as context:
+        refuse(Options(context), OURS, "is not for many drives")
         try:
-            check(context.params | {"output": Path(RESULTS[command])}, given)
+            check(context.params)
         except click.UsageError as error:
             error.ctx = context
             raise

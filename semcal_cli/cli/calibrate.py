@@ -3,31 +3,43 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.convert import FormatName, open_options, take_format_options
-from semcal_cli.cli.label import ImageLabels, image_options, label_on_the_way, take_image_labels
+from semcal_cli.cli.convert import FormatName, format_options, open_options
+from semcal_cli.cli.label import (
+    IMAGE_RULES,
+    ImageLabels,
+    image_labels_of,
+    image_options,
+    label_on_the_way,
+)
 from semcal_cli.cli.options import (
-    OUTPUT_FILE,
-    PATH,
     ResultOptions,
-    check_json,
+    asked,
     choice_option,
     drive_argument,
-    given_parameters,
     number_option,
+    overlay_option,
+    report_option,
     result_options,
 )
-from semcal_cli.cli.paper import PAPER_PARAMETERS, make_paper, paper_options
-from semcal_cli.cli.refinement import check_estimator, make_refinement, refinement_options
-from semcal_cli.cli.search import make_search, search_options
-from semcal_cli.config import AUTO, LABELS, CalibrationConfig, Cue
+from semcal_cli.cli.paper import PAPER_RULES, make_paper, paper_options
+from semcal_cli.cli.priors import PRIORS
+from semcal_cli.cli.refinement import (
+    REFINEMENT_RULES,
+    check_estimator,
+    make_refinement,
+    refinement_options,
+)
+from semcal_cli.cli.rules import CheckedCommand, given
+from semcal_cli.cli.search import SEARCH_RULES, STARTS, make_search, search_options
+from semcal_cli.config import AUTO, LABELS, CalibrationConfig
 from semcal_cli.files.streams import takes_several
 
 if TYPE_CHECKING:
@@ -38,43 +50,32 @@ if TYPE_CHECKING:
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
 
-WITH_SOIC = (
-    *(
-        "drive",
-        "method",
-        "init",
-        "init_direction",
-        "init_rpy_xyz",
-        "to",
-        "to_direction",
-        "to_frame",
-        "to_camera",
-        "to_lidar",
-    ),
-    *(
-        "image_model",
-        "image_card",
-        "rectify",
-        "max_baseline_m",
-        "page",
-        "images",
-        "output",
-        "threads",
-        "quiet",
-        "verbose",
-        "as_json",
-        "log",
-        "max_frames",
-        "max_points",
+BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
+METHOD_RULES = (
+    given(
+        *("--search-deg", "--zoom", "--estimator", "--edge-band", "--no-polish", "--repeat", "--split"),
+        *("--refine-intrinsics", "--intrinsics-sigma", "--estimate-delay", *PRIORS),
+    ).requires("--method mi"),
+    given("--seed", "--roll", "--device", *BEYOND_LABELS).requires("--method mi", "--method paper"),
+    *PAPER_RULES,
+    given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 is by labels"),
+)
+OUTPUT_RULES = (
+    given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
+    given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
+    given("--split").requires("-o", because="it writes several files, which are named after that one"),
+    given("--split").excludes("--to", because="it writes whole results"),
+    given("--split").excludes(
+        "--no-polish", "--cue features", because="frames are compared after the polish"
     ),
 )
-"""Parameters of `calibrate` that do not concern mutual information."""
-WITH_PAPER = (*WITH_SOIC, "seed", "roll", "device", "cues", *PAPER_PARAMETERS)
-"""Parameters of `calibrate` that the paper's method as published has, too."""
 METHODS = ("mi", "paper", "soic")
 
 
-@click.command()
+@click.command(
+    cls=CheckedCommand,
+    rules=(*METHOD_RULES, *IMAGE_RULES, *SEARCH_RULES, *REFINEMENT_RULES, *OUTPUT_RULES),
+)
 @drive_argument
 @image_options
 @choice_option(
@@ -107,16 +108,8 @@ METHODS = ("mi", "paper", "soic")
     help="Write only the transform, in a format that `convert --formats` lists.",
 )
 @open_options("to-", "what is written with --to")
-@click.option(
-    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the result: .html."
-)
-@click.option(
-    "--overlay",
-    "images",
-    type=PATH,
-    metavar="DIR",
-    help="Also write overlays of the points, before and after, for at most 20 frames.",
-)
+@report_option("the result")
+@overlay_option("Also write overlays of the points, before and after, for at most 20 frames.")
 @result_options
 def calibrate(
     drive: Path,
@@ -133,18 +126,12 @@ def calibrate(
     from semcal_cli.rig.document import find_rig
 
     check_estimator(options)
-    settings = settings_of(options, given_parameters(click.get_current_context()))
+    settings = settings_of(options)
     common, config, initial_pose = settings.common, settings.config, settings.initial_pose
     run = partial(_by_method(settings), config=config, initial_pose=initial_pose)
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
-        if common.as_json:
-            raise click.UsageError("--json: is for one drive: -o takes a folder for the results of a rig")
-        if settings.image_labels is not None:
-            raise click.UsageError(
-                "--image-model: is for one drive: label those of a rig with `semcal label`"
-            )
         sys.exit(calibrate_rig(rig, run, common, config))
     if settings.image_labels is not None:
         drive = _labelled(drive, settings.image_labels, common)
@@ -174,15 +161,14 @@ class Settings:
     """The network that labels pictures on the way; None if the drive has labels."""
 
 
-def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> Settings:
+def settings_of(values: Mapping[str, Any]) -> Settings:
     """Check all that can be said about the options without the drive, and make settings of them.
 
     Args:
         values: Values of the command's parameters, by their names.
-        given: The parameters that are given on the command line.
 
     Raises:
-        click.UsageError: two options exclude one another, or one needs another.
+        click.UsageError: options do not go together that no rule is about.
         InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
     """
     from semcal_cli.cli.outputs import Outputs
@@ -191,20 +177,14 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
     is_paper = options["method"] == "paper"
     if options["method"] != "mi" and options["cues"] == AUTO:
         options["cues"] = LABELS
-    _check_method(options["method"], options["cues"], given)
-    check_json(options, given)
-    image_labels = take_image_labels(options)
+    image_labels = image_labels_of(options)
     search_config, initial_pose = make_search(options)
-    to, format_options = options["to"], take_format_options(options, "to_")
-    if to is None and any(format_options.values()):
-        raise click.UsageError(
-            "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
-        )
+    to, opened = options["to"], format_options(options, "to_")
     max_baseline_m = search_config.alignment.max_baseline_m
-    paper = make_paper(options, search_config, initial_pose is not None) if is_paper else None
+    paper = make_paper(options, search_config) if is_paper else None
     options["estimator"] = "mine" if is_paper else options["estimator"]
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
-    common = ResultOptions(**{field.name: options[field.name] for field in fields(ResultOptions)})
+    common = asked(ResultOptions, options)
     config = CalibrationConfig(
         common.seed,
         common.cues,
@@ -214,11 +194,11 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
         options["repeat"] or 1,
         is_raw=is_paper,
     )
-    formatted = None if to is None else _formatted(to, format_options)
+    formatted = None if to is None else _formatted(to, opened)
     page, images = options["page"], options["images"]
     outputs = Outputs(common.output, common.log, formatted, page, images, common.as_json)
-    if options["split"]:
-        _check_split(outputs, config)
+    if options["split"] and outputs.output is not None and takes_several(outputs.output):
+        raise click.UsageError(f"--split: found {outputs.output}, needed -o with a file: it writes several.")
     return Settings(
         options["method"],
         common,
@@ -275,35 +255,3 @@ def _calibrate_drive(
     with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
         calibration = run(data, relative_to=outputs.folder, on_event=terminal.on_event)
     return outputs.write(calibration, terminal, common.threads, data.drive)
-
-
-def _check_method(method: str, cues: tuple[Cue, ...], given: Sequence[click.Parameter]) -> None:
-    """Check that no option is given that the method does not have.
-
-    Raises:
-        click.UsageError: such an option is given.
-    """
-    for parameter in given:
-        name = str(parameter.name)
-        by_labels = name == "cues" and cues == LABELS
-        if name in PAPER_PARAMETERS and method != "paper":
-            raise click.UsageError(f"{parameter.opts[0]}: is of --method paper")
-        allowed = {"soic": WITH_SOIC, "paper": WITH_PAPER}.get(method, (name,))
-        if name not in allowed and not by_labels:
-            raise click.UsageError(f"{parameter.opts[0]}: is of --method mi")
-
-
-def _check_split(outputs: Outputs, config: CalibrationConfig) -> None:
-    """Check that no option is given that excludes parts.
-
-    Raises:
-        click.UsageError: such an option is given.
-    """
-    if outputs.output is None or takes_several(outputs.output):
-        raise click.UsageError("--split: writes several files: give -o, after which they are named")
-    if outputs.to is not None:
-        raise click.UsageError("--split: writes whole results: leave --to out")
-    if not config.refinement.is_polished or "features" in config.cues:
-        raise click.UsageError(
-            "--split: frames are compared after the polish, which --no-polish and --cue features leave out"
-        )

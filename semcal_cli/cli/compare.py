@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, json_only_option, limit_options
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.comparison import Axis, Comparison
@@ -26,7 +26,7 @@ EXIT_DIFFERENT = 3
 @click.argument("a", type=PATH)
 @click.argument("b", type=PATH)
 @limit_options(may_be_zero=True)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_only_option
 def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float, as_json: bool) -> None:
     """Compare two transforms."""
     from dataclasses import asdict

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.options import INPUT_FILE, PATH, Command, file_or_stdout
+from semcal_cli.cli.rules import CheckedCommand, given, one_of
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
@@ -62,9 +63,9 @@ def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
     return add
 
 
-def take_format_options(options: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Take these options out of a command's options, by their names in `FormatOptions`."""
-    return {name: options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")}
+def format_options(options: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """List these options of a command by their names in `FormatOptions`."""
+    return {name: options[prefix + name] for name in ("direction", "frame", "camera", "lidar")}
 
 
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
@@ -138,7 +139,13 @@ def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
     return [f"the transform belongs to another {label} than the drive has, {line}" for label, line in changes]
 
 
-@click.command()
+@click.command(
+    cls=CheckedCommand,
+    rules=[
+        one_of("--to", "--into"),
+        given("--into").excludes("--to", "-o", because="it changes its own file"),
+    ],
+)
 @click.argument("source", metavar="IN", type=INPUT_FILE)
 @click.option("--to", type=FormatName(), metavar="FORMAT", help="Format to write; see --formats.")
 @click.option(
@@ -185,18 +192,14 @@ def convert(
     from semcal_cli.formats import convert_file
     from semcal_cli.formats.format import FormatOptions
 
-    if (to is None) == (into is None):
-        raise click.UsageError("give --to FORMAT, or --into FILE")
-    if into is not None and output is not None:
-        raise click.UsageError("-o: --into changes its own file: leave -o out")
     if into is not None and descriptor(into) is not None:
         raise InputError(f"{into}: found a descriptor, needed a file to change")
     if into is None:
         check_descriptor(output or STANDARD_OUTPUT)
     tell = partial(click.echo, err=True)
-    written = FormatOptions(**take_format_options(options, "to_"), on_note=tell)
+    written = FormatOptions(**format_options(options, "to_"), on_note=tell)
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
-    read = FormatOptions(**take_format_options(options), on_repair=on_repair)
+    read = FormatOptions(**format_options(options), on_repair=on_repair)
     if into is not None:
         _put_into(into, source, from_, read, written)
         return

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import PATH
+from semcal_cli.cli.options import PATH, json_only_option
 
 
 @click.command(hidden=True)
@@ -20,7 +20,7 @@ from semcal_cli.cli.options import PATH
     metavar="FILE|DRIVE",
     help="Reference: a calibration, a drive with T_camera_lidar, or a RELLIS-3D transforms.yaml.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_only_option
 def evaluate(calibration: Path, reference: Path, as_json: bool) -> None:
     """Print how far CALIBRATION is from a reference. `semcal compare` tells more.
 

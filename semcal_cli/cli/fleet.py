@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,11 +21,13 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     OUTPUT_FILE,
     PATH,
-    given_parameters,
+    junit_option,
     limit_options,
     output_option,
     quiet_option,
+    report_option,
 )
+from semcal_cli.cli.rules import CheckedCommand
 
 if TYPE_CHECKING:
     from semcal_cli.files.dialect import Format
@@ -35,6 +37,7 @@ PLOTS = (".png", ".svg")
 
 
 @click.command(
+    cls=CheckedCommand,
     help=f"""Put the drives of one rig together: what they agree on, which do not, whether the rig moved.
 
     RESULTS are folders that semcal batch wrote, and single calibrations of semcal. Drives are ordered by the stamps
@@ -44,7 +47,7 @@ PLOTS = (".png", ".svg")
     result is the one that holds at the last drive: other commands read it.
 
     FILE of --reference is {KNOWN_TRANSFORMS}.
-    """
+    """,
 )
 @click.argument("results", nargs=-1, required=True, type=PATH)
 @output_option
@@ -52,65 +55,50 @@ PLOTS = (".png", ".svg")
     "--reference", type=PATH, metavar="FILE", help="Also judge the offset of the rig from this transform."
 )
 @limit_options(may_be_zero=False)
-@click.option(
-    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the result: .html."
-)
+@report_option("the result")
 @click.option(
     "--plot", type=OUTPUT_FILE, metavar="FILE", help="Also write the page's plot on its own: .png or .svg."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
+@junit_option
 @inconclusive_option
 @quiet_option
 def fleet(
     results: tuple[Path, ...],
     output: Path | None,
     reference: Path | None,
-    max_rotation_deg: float,
-    max_translation_m: float,
     page: Path | None,
     plot: Path | None,
     as_json: bool,
     junit: Path | None,
     inconclusive: Inconclusive,
     quiet: bool,
+    **limits: float,
 ) -> None:
     """Combine the drives of a rig."""
     from semcal_cli.batch.summary import JSONL
     from semcal_cli.cli.fleet_summary import print_fleet
-    from semcal_cli.cli.outputs import check_outputs, folder_of
+    from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.terminal import make_console
-    from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.dialect import document_text
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.reading import is_folder
     from semcal_cli.files.writing import write_bytes
-    from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.members import read_members
-    from semcal_cli.fleet.record import describe_fleet
-    from semcal_cli.formats import read_transform
-    from semcal_cli.result.provenance import hash_files
 
     read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []
     outputs = [path for path in (output, page, plot, junit) if path is not None]
-    if as_json:
-        _check_stdout_is_free()
     subject = ", ".join(map(str, results))
     with errors_reported("fleet", subject, junit, read):
         check_outputs(read, outputs)
         form = ("json" if as_json else "yaml") if output is None else output_format(output)
         _check_suffixes(page, plot)
-        T_reference = None if reference is None else read_transform(reference)
-        limits = Limits(max_rotation_deg, max_translation_m)
-        found = combine_drives(read_members(results), limits, T_reference)
+        found = _combine(results, reference, **limits)
     report = CiReport(
         "fleet", subject, found.verdict, _cases(found), found.reasons, inconclusive=inconclusive
     )
-    place = folder_of(output)
-    reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
-    document = describe_fleet(found, hash_files(read, place), reference_name)
+    document = _document(found, read, output, reference)
     text = _result_text(document, form, output)
     # All content is made before anything is written, and the result is written last.
     contents = _pictured(found, subject, page, plot)
@@ -142,24 +130,31 @@ def _check_suffixes(page: Path | None, plot: Path | None) -> None:
         raise InputError(f"{plot}: found suffix {plot.suffix!r}, needed {' or '.join(PLOTS)}")
 
 
-def _check_stdout_is_free() -> None:
-    """Check that no file goes to standard output, where the JSON goes.
+def _combine(
+    results: Sequence[Path], reference: Path | None, max_rotation_deg: float, max_translation_m: float
+) -> Fleet:
+    from semcal_cli.config import Limits
+    from semcal_cli.fleet.combination import combine_drives
+    from semcal_cli.fleet.members import read_members
+    from semcal_cli.formats import read_transform
 
-    Raises:
-        click.UsageError: one does.
-    """
-    from semcal_cli.files.streams import descriptor
+    T_reference = None if reference is None else read_transform(reference)
+    limits = Limits(max_rotation_deg, max_translation_m)
+    return combine_drives(read_members(results), limits, T_reference)
 
-    context = click.get_current_context()
-    for parameter in given_parameters(context):
-        path = context.params[str(parameter.name)]
-        is_file = parameter.name in ("output", "page", "plot", "junit")
-        # An output that is given and goes to standard output has become None.
-        if is_file and (path is None or descriptor(path) == 1):
-            option = parameter.opts[0]
-            raise click.UsageError(
-                f"--json, {option}: would both write to standard output: give {option} a file"
-            )
+
+def _document(
+    found: Fleet, read: Sequence[Path], output: Path | None, reference: Path | None
+) -> dict[str, Any]:
+    """Describe the result, whose paths are relative to its folder."""
+    from semcal_cli.cli.outputs import folder_of
+    from semcal_cli.drive.document import drive_file
+    from semcal_cli.fleet.record import describe_fleet
+    from semcal_cli.result.provenance import hash_files
+
+    place = folder_of(output)
+    name = None if reference is None else os.path.relpath(drive_file(reference), place)
+    return describe_fleet(found, hash_files(read, place), name)
 
 
 def _result_text(document: Mapping[str, Any], form: Format, output: Path | None) -> str:

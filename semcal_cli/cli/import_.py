@@ -10,6 +10,7 @@ import click
 
 from semcal_cli.cli.import_bag import bag
 from semcal_cli.cli.options import PATH, FiniteRange, max_points_option, number_option, quiet_option
+from semcal_cli.cli.rules import CheckedCommand, given
 from semcal_cli.datasets import DATASETS, load_dataset
 
 if TYPE_CHECKING:
@@ -160,6 +161,8 @@ for _name, _summary in DATASETS.items():
 
 
 @import_.command(
+    cls=CheckedCommand,
+    rules=[given("--image-classes").requires("--image-labels")],
     short_help="Your own files, found by patterns and paired by time or by name.",
     help="""Make a drive of your own files.
 
@@ -217,8 +220,6 @@ def folder(
     """Make a drive of your own files."""
     from semcal_cli.datasets.folder import Folder, read
 
-    if settings["image_classes"] is not None and image_labels is None:
-        raise click.UsageError("--image-classes: names ids of label images: give --image-labels")
     source = Folder(
         points=points,
         camera_info=camera_info,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.options import PATH, FiniteRange, number_option, quiet_option
+from semcal_cli.cli.rules import CheckedCommand, given, one_of
 from semcal_cli.extras import check_installed
 
 if TYPE_CHECKING:
@@ -20,7 +21,15 @@ SIDES = "<<>>>><"
 """Alignment of the columns of the list of topics."""
 
 
-@click.command(short_help="A recording of ROS 1 or ROS 2: .bag, MCAP, .db3, or a folder of them.")
+@click.command(
+    cls=CheckedCommand,
+    rules=[
+        one_of("-o", "--list"),
+        given("--intrinsics").excludes("--camera-info"),
+        given("--motion-frame").excludes("--motion none"),
+    ],
+    short_help="A recording of ROS 1 or ROS 2: .bag, MCAP, .db3, or a folder of them.",
+)
 @click.argument("paths", type=PATH, nargs=-1, required=True, metavar="PATH...")
 @click.option("-o", "--output", type=PATH, metavar="DRIVE", help="Folder of the drive, or its drive.yaml.")
 @click.option("--list", "is_list", is_flag=True, help="List the topics, and what would be taken.")
@@ -80,9 +89,7 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
     if is_list:
         _list(paths)
         return
-    if output is None:
-        raise click.UsageError("Missing option '-o' / '--output', or '--list' to look at the topics.")
-    _check(settings)
+    assert output is not None  # by a rule of the command
     from semcal_cli.bags.importing import import_bag
     from semcal_cli.drive.document import DRIVE_FILE
     from semcal_cli.events import Event, Progress
@@ -107,18 +114,6 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
         click.echo(f"note: {remark}", err=True)
     drive = written.path.parent if written.path.name == DRIVE_FILE else written.path
     click.echo(f"next: semcal label {drive} --image-model FILE.onnx -o LABELLED", err=True)
-
-
-def _check(settings: dict[str, Any]) -> None:
-    """Check that options do not exclude one another.
-
-    Raises:
-        click.UsageError: they do.
-    """
-    if settings["intrinsics"] is not None and settings["camera_info"] is not None:
-        raise click.UsageError("--intrinsics, --camera-info: exclude one another")
-    if settings["motion"] == "none" and settings["motion_frame"] is not None:
-        raise click.UsageError("--motion-frame: is of a topic of --motion, not of none")
 
 
 def _request(paths: tuple[Path, ...], settings: dict[str, Any]) -> Request:

@@ -8,28 +8,18 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import (
-    PATH,
-    ResultOptions,
-    check_json,
-    drive_argument,
-    given_parameters,
-    result_options,
-)
-from semcal_cli.cli.search import make_search, search_options
+from semcal_cli.cli.options import ResultOptions, asked, drive_argument, overlay_option, result_options
+from semcal_cli.cli.rules import CheckedCommand
+from semcal_cli.cli.search import SEARCH_RULES, make_search, search_options
 from semcal_cli.config import CalibrationConfig
 
 
-@click.command()
+@click.command(cls=CheckedCommand, rules=SEARCH_RULES)
 @drive_argument
 @search_options
-@click.option(
-    "--overlay",
-    "images",
-    type=PATH,
-    metavar="DIR",
-    help="Also write pictures of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
-    "camera, and correspondences.",
+@overlay_option(
+    "Also write pictures of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
+    "camera, and correspondences."
 )
 @result_options
 def initialize(drive: Path, images: Path | None, **options: Any) -> None:
@@ -45,17 +35,16 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
     from semcal_cli.pipeline import make_calibration
     from semcal_cli.report.registration import RegistrationPictures
 
-    check_json(options, given_parameters(click.get_current_context()))
     search_config, initial_pose = make_search(options)
-    asked = ResultOptions(**options)
-    config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)
-    outputs = Outputs(asked.output, asked.log, as_json=asked.as_json)
-    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
+    common = asked(ResultOptions, options)
+    config = CalibrationConfig(common.seed, common.cues, common.max_frames, search_config)
+    outputs = Outputs(common.output, common.log, as_json=common.as_json)
+    with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
         if images is not None:
             read = [data.drive.path, *map(data.drive.resolve, data.drive.files())]
             check_image_folder(images, MAX_IMAGES, read)
         found = search(data, config.initialization, config.seed, initial_pose, on_event=terminal.on_event)
-        terminal.print(*hypothesis_lines(found.hypotheses, verbose=asked.verbose))
+        terminal.print(*hypothesis_lines(found.hypotheses, verbose=common.verbose))
         calibration = make_calibration(
             data,
             Stages(found),
@@ -67,4 +56,4 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
             pictures = RegistrationPictures.near(data.observations, found.T_camera_lidar, search_config)
             for path in pictures.write_all(images, MAX_IMAGES):
                 terminal.print(labelled("picture", str(path)))
-    sys.exit(outputs.write(calibration, terminal, asked.threads))
+    sys.exit(outputs.write(calibration, terminal, common.threads))

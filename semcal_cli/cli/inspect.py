@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import PATH, max_points_option
+from semcal_cli.cli.options import PATH, json_only_option, max_points_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -43,7 +43,7 @@ COLUMNS = (
 @click.command()
 @click.argument("drive", type=PATH)
 @click.option("--frames", "with_frames", is_flag=True, help="Also print a row for each frame.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_only_option
 @max_points_option
 def inspect(drive: Path, with_frames: bool, as_json: bool, max_points: int) -> None:
     """Show what DRIVE holds, and what looks wrong with it. Of a rig.yaml, the drive of each camera is shown.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -19,6 +20,7 @@ from semcal_cli.cli.options import (
     threads_option,
     with_options,
 )
+from semcal_cli.cli.rules import CheckedCommand, given, one_of
 from semcal_cli.config import Device
 
 if TYPE_CHECKING:
@@ -38,6 +40,18 @@ class ImageLabels:
     """Name or file of its card."""
     is_rectified: bool
     """Whether it sees rectified pictures."""
+
+
+IMAGE_RULES = (given("--image-card", "--rectify").requires("--image-model", "--show"),)
+LABEL_RULES = (
+    one_of("--image-model", "--point-model", "--points", "--show"),
+    given("--points").excludes("--point-model"),
+    given("--point-card").requires("--point-model", "--show"),
+    given("--preview", "--probabilities").requires(
+        "--image-model", "--show", because="these are of pictures"
+    ),
+    one_of("-o", "--preview", "--show"),
+)
 
 
 def image_options(command: Command) -> Command:
@@ -67,19 +81,10 @@ def image_options(command: Command) -> Command:
     )
 
 
-def take_image_labels(options: dict[str, Any]) -> ImageLabels | None:
-    """Take the options about the network that labels pictures out of those of a command.
-
-    Raises:
-        click.UsageError: one is given without the network.
-    """
-    model, card, is_rectified = (options.pop(name) for name in ("image_model", "image_card", "rectify"))
-    if model is not None:
-        return ImageLabels(model, card, is_rectified)
-    for name, value in (("--image-card", card), ("--rectify", is_rectified)):
-        if value:
-            raise click.UsageError(f"{name}: is of a network: give --image-model, too")
-    return None
+def image_labels_of(options: Mapping[str, Any]) -> ImageLabels | None:
+    """Tell by a command's options which network labels pictures; None if none does."""
+    model, card, is_rectified = (options[name] for name in ("image_model", "image_card", "rectify"))
+    return None if model is None else ImageLabels(model, card, is_rectified)
 
 
 def label_on_the_way(
@@ -107,7 +112,15 @@ def label_on_the_way(
     return path
 
 
-@click.command(context_settings={"max_content_width": 100})
+def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
+    if path is not None and path.suffix.lower() != ".png":
+        raise click.BadParameter(f"found {path}, needed a .png.", ctx, param)
+    return path
+
+
+@click.command(
+    cls=CheckedCommand, rules=(*IMAGE_RULES, *LABEL_RULES), context_settings={"max_content_width": 100}
+)
 @click.argument("drive", type=PATH, required=False)
 @image_options
 @click.option(
@@ -129,7 +142,9 @@ def label_on_the_way(
 @click.option(
     "-o", "--output", type=PATH, metavar="DRIVE", help="Folder of the labelled drive, or its drive.yaml."
 )
-@click.option("--preview", type=PATH, metavar="FILE", help="Draw the labels of one picture, .png.")
+@click.option(
+    "--preview", type=PATH, callback=_check_png, metavar="FILE", help="Draw the labels of one picture, .png."
+)
 @click.option(
     "--show", type=PATH, metavar="FILE", help="Tell what was understood of a model, and try it; no drive."
 )
@@ -171,7 +186,6 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
     """Label a drive, draw the preview, and say what was done.
 
     Raises:
-        click.UsageError: options are missing, or exclude one another.
         InputError: the drive, a model or a card is wrong, or frames cannot be labelled.
     """
     from semcal_cli.drive.document import read_drive
@@ -180,8 +194,7 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
     from semcal_cli.labelling.drives import label_drive
     from semcal_cli.labelling.sides import picture_side
 
-    images = take_image_labels(options)
-    _check(options, images)
+    images = image_labels_of(options)
     drive = read_drive(path, options["max_points"])
     num_frames = len(drive.frames)
     indices = evenly_spaced(range(num_frames), options["max_frames"] or num_frames)
@@ -210,21 +223,6 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
         terminal.print(f"failed: {failure}")
     if done.failures:
         raise InputError(f"{len(done.failures)} of {len(indices)} frames failed; {done.failures[0]}")
-
-
-def _check(options: dict[str, Any], images: ImageLabels | None) -> None:
-    if images is None and options["point_model"] is None and options["points"] is None:
-        raise click.UsageError("found nothing to label with: give --image-model, --point-model or --points")
-    if options["point_model"] is not None and options["points"] is not None:
-        raise click.UsageError("--points: excludes --point-model")
-    if options["point_model"] is None and options["point_card"] is not None:
-        raise click.UsageError("--point-card: is of a network: give --point-model, too")
-    if images is None and (options["preview"] is not None or options["probabilities"]):
-        raise click.UsageError("--preview, --probabilities: are of pictures: give --image-model, too")
-    if options["output"] is None and options["preview"] is None:
-        raise click.UsageError("found no place for the labels: give -o, or --preview to look at one picture")
-    if options["preview"] is not None and options["preview"].suffix.lower() != ".png":
-        raise click.UsageError(f"--preview: found {options['preview']}, needed a .png")
 
 
 def _picture_labeller(

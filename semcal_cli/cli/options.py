@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -13,40 +13,37 @@ import click
 
 from semcal_cli.config import (
     AUTO,
-    MAX_BASELINE_M,
-    MAX_FRAMES,
     MAX_POINTS,
-    MAX_SEED,
     CalibrationConfig,
     Cue,
     Limits,
+    RefinementConfig,
 )
 from semcal_cli.files.streams import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
+from semcal_cli.setting import settings_of
 
 
-class FiniteNumber(click.types.FloatParamType):
+class _Finite(click.ParamType[float]):
+    """A number that is neither NaN nor infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parse the number, and check that it is finite."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+class FiniteNumber(_Finite, click.types.FloatParamType):
     """A finite number: NaN and infinity are refused."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Parse the number, and check that it is finite."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
 
-
-class FiniteRange(click.FloatRange):
+class FiniteRange(_Finite, click.FloatRange):
     """A range of finite numbers: NaN and infinity are refused."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Parse the number, and check that it is finite."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+AnyOptions = TypeVar("AnyOptions", bound="RunOptions")
 
 
 class InputFile(click.Path):
@@ -114,6 +111,38 @@ def choice_option(
     return click.option(name, type=click.Choice(choices), default=default, show_default=True, help=help)
 
 
+def setting_option(
+    config: type, name: str, *, help: str = "{}", is_open: bool = False
+) -> Callable[[Command], Command]:
+    """Make the option of a setting: its name, type, limits, default and help stand in the configuration.
+
+    Args:
+        config: Class of the configuration.
+        name: Field of the setting, and name of the parameter.
+        help: Sentence of the help, around that of the setting.
+        is_open: Whether the value is None if the option is not given, as something else may be its default.
+    """
+    found = settings_of(config)[name]
+    kind: click.ParamType[Any] = click.Choice(found.choices)
+    if not found.choices and found.kind is int:
+        kind = click.IntRange(found.least, found.most)  # type: ignore[arg-type]
+    elif not found.choices:
+        least, most = (
+            x if y is None else y for x, y in ((found.least, found.above), (found.most, found.below))
+        )
+        kind = FiniteRange(least, most, min_open=found.above is not None, max_open=found.below is not None)
+    told = f"  [default: {found.default}]" if is_open else ""
+    return click.option(
+        found.option or f"--{name.replace('_', '-')}",
+        name,
+        type=kind,
+        default=None if is_open else found.default,
+        show_default=not is_open and found.default is not None,
+        metavar=None if found.choices else found.metavar,
+        help=help.format(found.help) + told,
+    )
+
+
 def with_options(command: Command, options: Sequence[Callable[[Command], Command]]) -> Command:
     """Add options to a command, whose help shows them in this order."""
     for option in reversed(options):
@@ -142,31 +171,39 @@ log_option = click.option(
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Also print the figures of each stage for experts."
 )
+json_only_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+junit_option = click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, also with -o.")
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but the result and errors.")
-seed_option = click.option(
-    "--seed",
-    type=click.IntRange(0, MAX_SEED),
-    default=CalibrationConfig.seed,
-    show_default=True,
-    help="Seed of every random choice: the same seed gives the same bytes.",
-)
+seed_option = setting_option(CalibrationConfig, "seed")
 threads_option = number_option(
     "--threads",
     most=MAX_THREADS,
     help="Threads to work on; all cores if not given. The result does not depend on it.",
 )
-max_frames_option = number_option(
-    "--max-frames",
-    default=MAX_FRAMES,
-    help="Use at most N frames of a longer drive, those whose label images differ most.",
-)
+max_frames_option = setting_option(CalibrationConfig, "max_frames")
 max_points_option = number_option(
     "--max-points",
     most=MAX_MAX_POINTS,
     default=MAX_POINTS,
     help="Refuse sweeps of more than N points, and their files if they have more than 64 bytes a point.",
 )
+
+
+def report_option(about: str) -> Callable[[Command], Command]:
+    """Make the option for a page about something."""
+    return click.option(
+        "--report",
+        "page",
+        type=OUTPUT_FILE,
+        metavar="FILE",
+        help=f"Also write a page about {about}: .html.",
+    )
+
+
+def overlay_option(help: str) -> Callable[[Command], Command]:
+    """Make the option for a folder of pictures."""
+    return click.option("--overlay", "images", type=PATH, metavar="DIR", help=help)
 
 
 def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
@@ -189,34 +226,7 @@ def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
     return lambda command: rotation(translation(command))
 
 
-max_baseline_option = click.option(
-    "--max-baseline-m",
-    type=FiniteRange(0.0, min_open=True),
-    metavar="M",
-    default=MAX_BASELINE_M,
-    show_default=True,
-    help="Largest distance between camera and LiDAR.",
-)
-
-
-def given_parameters(context: click.Context) -> list[click.Parameter]:
-    """List the parameters of a command that are given on the command line."""
-    return [
-        parameter
-        for parameter in context.command.params
-        if context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
-    ]
-
-
-def refuse_for_rig(path: Path, names: Collection[str]) -> None:
-    """Refuse parameters, by their names, that concern a single camera, where the input is a rig.
-
-    Raises:
-        click.UsageError: one is given on the command line.
-    """
-    for parameter in given_parameters(click.get_current_context()):
-        if parameter.name in names:
-            raise click.UsageError(f"{parameter.opts[0]}: is of one camera, and {path} is a rig")
+max_baseline_option = setting_option(RefinementConfig, "max_baseline_m")
 
 
 class CueList(click.ParamType[tuple[str, ...]]):
@@ -286,26 +296,9 @@ class ResultOptions(RunOptions):
     """Whether the result is printed as JSON, whatever else it is written to."""
 
 
-def check_json(options: Mapping[str, Any], given: Sequence[click.Parameter]) -> None:
-    """Check that nothing else goes to standard output where --json prints the result.
-
-    Args:
-        options: Values of the command's parameters, by their names.
-        given: The parameters that are given on the command line.
-
-    Raises:
-        click.UsageError: another output goes there.
-    """
-    if not options["as_json"]:
-        return
-    for parameter in given:
-        # Standard output is None as the file of the result, and of the transform that --to writes there instead.
-        is_result = parameter.name in ("output", "to") and options["output"] is None
-        is_other = parameter.name in ("log", "page") and descriptor(options[str(parameter.name)]) == 1
-        if is_result or is_other:
-            name = parameter.opts[0]
-            needed = "give -o a file" if is_result else f"give {name} a file"
-            raise click.UsageError(f"--json, {name}: would both write to standard output: {needed}")
+def asked(kind: type[AnyOptions], values: Mapping[str, Any]) -> AnyOptions:
+    """Make an object of those options of a command that have the names of its fields."""
+    return kind(**{each.name: values[each.name] for each in fields(kind) if each.name in values})
 
 
 def result_options(command: Command) -> Command:

@@ -14,8 +14,8 @@ from semcal_cli.cli.options import (
     max_points_option,
     number_option,
     quiet_option,
-    refuse_for_rig,
 )
+from semcal_cli.cli.rules import Options, refuse
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -87,7 +87,7 @@ def overlay(
         spec = read_drive(drive, max_points)
         write(_overlays(spec, calibration, against, by, cues, output, max_frames, console), output)
         return
-    refuse_for_rig(rig, ("against",))
+    refuse(Options(click.get_current_context()), ["--against"], f"is of one camera, and {rig} is a rig")
     found, drives, read = read_rig_files(rig, calibration, max_points)
     drives = {name: _few(each, max_frames, output / name, read) for name, each in drives.items()}
     make_folder(output)

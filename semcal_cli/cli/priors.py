@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import Command, FiniteNumber, with_options
+from semcal_cli.cli.options import Command, FiniteNumber, FiniteRange, with_options
+from semcal_cli.cli.rules import given
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 UNKNOWN = math.inf
+NUMBERS_AND_SIGMA = (*[FiniteNumber()] * 3, FiniteRange(0.0))
 
 
 class Axes(click.ParamType[tuple[str, ...]]):
@@ -45,20 +48,25 @@ PRIOR_OPTIONS = (
     ),
     click.option(
         "--prior-translation-m",
-        type=FiniteNumber(),
-        nargs=4,
+        type=NUMBERS_AND_SIGMA,
         metavar="X Y Z SIGMA",
         help="The camera's place in the LiDAR frame is known beforehand, with this standard deviation along each axis; "
         "0: exactly.",
     ),
     click.option(
         "--prior-rotation-deg",
-        type=FiniteNumber(),
-        nargs=4,
+        type=NUMBERS_AND_SIGMA,
         metavar="R P Y SIGMA",
         help="The camera's roll, pitch and yaw in the LiDAR frame (as in URDF: yaw turns to the left, pitch looks "
         "down) are known beforehand, with this standard deviation about each axis; 0: exactly.",
     ),
+)
+
+PRIORS = ("--fix", "--prior-translation-m", "--prior-rotation-deg")
+PRIOR_RULES = (
+    given("--fix").requires("--init", "--init-rpy-xyz", because="it keeps axes of a transform"),
+    given(*PRIORS).excludes("--cue features", because="it is weighed by the exact histogram"),
+    given(*PRIORS).excludes("--no-polish", because="it is weighed after the polish"),
 )
 
 
@@ -68,13 +76,12 @@ def prior_options(command: Command) -> Command:
 
 
 def make_priors(
-    options: dict[str, Any], initial_pose: InitialPose | None, max_baseline_m: float
+    options: Mapping[str, Any], initial_pose: InitialPose | None, max_baseline_m: float
 ) -> tuple[Prior, ...]:
-    """Take the prior options out of a command's options, and make priors of them; exact ones come last.
+    """Make priors of a command's options; exact ones come last.
 
     Raises:
-        click.UsageError: axes are kept without a transform to keep them from, a standard deviation is invalid, or
-            no axis is left to estimate.
+        click.UsageError: no axis is left to estimate.
         InputError: the known place of the camera is farther from the LiDAR than is allowed.
     """
     from semcal_cli.assessment.priors import EXACT, Prior
@@ -82,23 +89,20 @@ def make_priors(
     from semcal_cli.geometry.poses import pose_from_mounting
 
     names = ("fix", "prior_translation_m", "prior_rotation_deg")
-    fix, place, rotation = (options.pop(name) for name in names)
+    fix, place, rotation = (options[name] for name in names)
     found = []
     if place is not None:
         *center_m, sigma_m = place
-        _check_sigma(sigma_m, "--prior-translation-m")
         T = pose_from_mounting((0.0, 0.0, 0.0), center_m)
         check_baseline("--prior-translation-m", T, max_baseline_m)
         found.append(Prior(_name("--prior-translation-m", place), T, (sigma_m,) * 3 + (UNKNOWN,) * 3))
     if rotation is not None:
         *rpy_deg, sigma_deg = rotation
-        _check_sigma(sigma_deg, "--prior-rotation-deg")
         T = pose_from_mounting(rpy_deg, (0.0, 0.0, 0.0))
         sigma = math.radians(sigma_deg)
         found.append(Prior(_name("--prior-rotation-deg", rotation), T, (UNKNOWN,) * 3 + (sigma,) * 3))
     if fix is not None:
-        if initial_pose is None:
-            raise click.UsageError("--fix: keeps axes of --init or --init-rpy-xyz: give one of them")
+        assert initial_pose is not None  # by a rule of the command
         kept = tuple(0.0 if axis in fix else UNKNOWN for axis in AXES)
         found.append(Prior(f"--fix {','.join(fix)}", initial_pose.T_camera_lidar, kept))
     if found and all(min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in found), strict=True)):
@@ -108,8 +112,3 @@ def make_priors(
 
 def _name(option: str, values: tuple[float, ...]) -> str:
     return " ".join([option, *(f"{value:g}" for value in values)])
-
-
-def _check_sigma(sigma: float, option: str) -> None:
-    if sigma < 0.0:
-        raise click.UsageError(f"{option}: found a standard deviation of {sigma:g}, needed 0 or more")

@@ -12,13 +12,18 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
     ResultOptions,
-    check_json,
+    asked,
     drive_argument,
-    given_parameters,
     max_baseline_option,
     result_options,
 )
-from semcal_cli.cli.refinement import check_estimator, make_refinement, refinement_options
+from semcal_cli.cli.refinement import (
+    REFINEMENT_RULES,
+    check_estimator,
+    make_refinement,
+    refinement_options,
+)
+from semcal_cli.cli.rules import CheckedCommand
 from semcal_cli.cli.search import INIT_DIRECTION, init_direction_option, read_initial_pose
 from semcal_cli.config import CalibrationConfig
 
@@ -26,7 +31,7 @@ if TYPE_CHECKING:
     from semcal_cli.formats.format import Direction
 
 
-@click.command()
+@click.command(cls=CheckedCommand, rules=REFINEMENT_RULES)
 @drive_argument
 @click.option(
     "--init",
@@ -48,14 +53,13 @@ def refine(
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
 
     check_estimator(options)
-    check_json(options, given_parameters(click.get_current_context()))
     initial_pose = read_initial_pose(init, init_direction, direction_option=INIT_DIRECTION)
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
     initial_pose.check_distance(max_baseline_m)
-    asked = ResultOptions(**options)
-    config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, refinement=refinement)
-    outputs = Outputs(asked.output, asked.log, as_json=asked.as_json)
-    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
+    common = asked(ResultOptions, options)
+    config = CalibrationConfig(common.seed, common.cues, common.max_frames, refinement=refinement)
+    outputs = Outputs(common.output, common.log, as_json=common.as_json)
+    with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
         on_event = terminal.on_event
         initial = start_at(data, initial_pose, on_event)
         stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
@@ -63,4 +67,4 @@ def refine(
         calibration = make_calibration(
             data, stages, config, initial_pose=initial_pose, relative_to=outputs.folder
         )
-    sys.exit(outputs.write(calibration, terminal, asked.threads))
+    sys.exit(outputs.write(calibration, terminal, common.threads))

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import Command, FiniteRange, choice_option, with_options
-from semcal_cli.cli.priors import make_priors, prior_options
-from semcal_cli.config import AUTO, LABELS, Cue, Device, Estimator, JointlyConfig, RefinementConfig
+from semcal_cli.cli.options import Command, FiniteRange, setting_option, with_options
+from semcal_cli.cli.priors import PRIOR_RULES, PRIORS, make_priors, prior_options
+from semcal_cli.cli.rules import given
+from semcal_cli.config import AUTO, LABELS, JointlyConfig, RefinementConfig
 from semcal_cli.extras import check_torch
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
     from semcal_cli.initialization.initial_pose import InitialPose
 
-MAX_EDGE_BAND_PX = 100
 LEAST_SIGMA = 1e-9
 """Least standard deviation of intrinsics that are estimated: less would be exact."""
 
@@ -41,27 +41,7 @@ class IntrinsicNames(click.ParamType[tuple[str, ...]]):
 
 
 REFINEMENT_OPTIONS = (
-    choice_option(
-        "--estimator",
-        get_args(Estimator),
-        default=RefinementConfig.estimator,
-        help="Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound "
-        "on it (needs PyTorch: the extra mine).",
-    ),
-    choice_option(
-        "--device",
-        get_args(Device),
-        default=RefinementConfig.device,
-        help="Device of the network of MINE.",
-    ),
-    click.option(
-        "--edge-band",
-        type=click.IntRange(0, MAX_EDGE_BAND_PX),
-        default=RefinementConfig.edge_band_px,
-        show_default=True,
-        metavar="PX",
-        help="Pixels nearer than this to another class count a tenth; use more for labels with ragged borders.",
-    ),
+    *(setting_option(RefinementConfig, name) for name in ("estimator", "device", "edge_band_px")),
     click.option("--no-polish", is_flag=True, help="Leave the pose where the estimator ended."),
     click.option(
         "--refine-intrinsics",
@@ -89,6 +69,23 @@ REFINEMENT_OPTIONS = (
     ),
 )
 
+REFINEMENT_RULES = (
+    given("--device cuda").requires("--estimator mine", "--method paper"),
+    given("--cue features").requires(
+        "--estimator mine", "--method paper", because="vectors have no histogram"
+    ),
+    given("--cue segments").excludes(
+        "--estimator mine", "--method paper", because="segments differ from frame to frame"
+    ),
+    *PRIOR_RULES,
+    given("--refine-intrinsics", "--estimate-delay").excludes(
+        "--no-polish",
+        "--cue features",
+        *PRIORS,
+        because="these follow the polish, by the exact histogram, without priors",
+    ),
+)
+
 
 def refinement_options(command: Command) -> Command:
     """Add the options for the refinement of a pose, and for prior knowledge of it."""
@@ -110,7 +107,7 @@ def check_estimator(options: Mapping[str, Any]) -> None:
 def make_refinement(
     options: dict[str, Any], max_baseline_m: float, initial_pose: InitialPose | None
 ) -> tuple[RefinementConfig, tuple[Prior, ...]]:
-    """Take the refinement options out of a command's options, and make a configuration and priors of them.
+    """Make a configuration and priors of a command's refinement options.
 
     Args:
         options: Options of the command.
@@ -118,41 +115,25 @@ def make_refinement(
         initial_pose: Transform that the refinement starts at.
 
     Raises:
-        click.UsageError: two options exclude one another.
+        click.UsageError: no axis is left to estimate, or intrinsics that are estimated are stated to be exact.
     """
     jointly = _make_jointly(options)
-    names = ("estimator", "device", "no_polish", "edge_band")
-    estimator, device, no_polish, edge_band_px = (options.pop(name) for name in names)
+    names = ("estimator", "device", "no_polish", "edge_band_px")
+    estimator, device, no_polish, edge_band_px = (options[name] for name in names)
     if estimator == "mine" and options["cues"] == AUTO:
         options["cues"] = LABELS
-    if device != "cpu" and estimator != "mine":
-        raise click.UsageError("--device: is where MINE's network computes: give --estimator mine")
-    if "features" in options["cues"] and estimator != "mine":
-        raise click.UsageError("--cue features: vectors have no histogram: give --estimator mine")
-    if "segments" in options["cues"] and estimator == "mine":
-        raise click.UsageError(
-            "--cue segments: they differ from frame to frame, so that no network learns them: give --estimator exact"
-        )
     priors = make_priors(options, initial_pose, max_baseline_m)
-    if priors and "features" in options["cues"]:
-        raise click.UsageError(
-            f"{priors[0].name}: is weighed by the exact histogram, which features have none of"
-        )
-    if priors and no_polish:
-        raise click.UsageError(f"{priors[0].name}: is weighed after the polish: leave --no-polish out")
-    if jointly.is_asked:
-        _check_jointly(jointly, priors, no_polish, options["cues"])
     return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band_px, jointly), priors
 
 
-def _make_jointly(options: dict[str, Any]) -> JointlyConfig:
-    """Take what is estimated beside the pose out of a command's options.
+def _make_jointly(options: Mapping[str, Any]) -> JointlyConfig:
+    """Tell by a command's options what is estimated beside the pose.
 
     Raises:
-        click.UsageError: an option needs another.
+        click.UsageError: intrinsics that are estimated are stated to be exact.
     """
     names = ("intrinsics", "intrinsics_sigma", "estimate_delay")
-    intrinsics, sigma, with_delay = (options.pop(name) for name in names)
+    intrinsics, sigma, with_delay = (options[name] for name in names)
     if sigma is None:
         return JointlyConfig(intrinsics, with_delay=with_delay)
     focal_percent, center_px = sigma
@@ -162,20 +143,3 @@ def _make_jointly(options: dict[str, Any]) -> JointlyConfig:
             "or more of both."
         )
     return JointlyConfig(intrinsics, 0.01 * focal_percent, center_px, with_delay=with_delay)
-
-
-def _check_jointly(
-    jointly: JointlyConfig, priors: tuple[Prior, ...], no_polish: bool, cues: tuple[Cue, ...]
-) -> None:
-    """Check that no option is given that excludes an estimate beside the pose.
-
-    Raises:
-        click.UsageError: such an option is given.
-    """
-    option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
-    if no_polish:
-        raise click.UsageError(f"{option}: follows the polish: leave --no-polish out")
-    if "features" in cues:
-        raise click.UsageError(f"{option}: needs the exact histogram, which features have none of")
-    if priors:
-        raise click.UsageError(f"{option}: is not weighed together with {priors[0].name}: leave one out")

@@ -13,9 +13,9 @@ from semcal_cli.cli.options import (
     drive_argument,
     max_points_option,
     quiet_option,
-    refuse_for_rig,
     threads_option,
 )
+from semcal_cli.cli.rules import Options, refuse
 
 
 @click.command(
@@ -60,7 +60,7 @@ def report(
 
     console = make_console(quiet)
     if (rig := find_rig(drive)) is not None:
-        refuse_for_rig(rig, ("against",))
+        refuse(Options(click.get_current_context()), ["--against"], f"is of one camera, and {rig} is a rig")
         check_page(output)
         found, drives, read = read_rig_files(rig, calibration, max_points)
         check_outputs(read, [output])

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import ResultOptions, refuse_for_rig
+from semcal_cli.cli.options import ResultOptions
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page
+from semcal_cli.cli.rules import Options, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.loading import load
@@ -34,10 +35,10 @@ if TYPE_CHECKING:
     from semcal_cli.rig.pairs import Pair
 
 OF_ONE_CAMERA = (
-    *("init", "init_rpy_xyz", "search_deg", "fix", "prior_translation_m", "prior_rotation_deg"),
-    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "images", "split"),
+    *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
+    *("--to", "--overlay", "--split", "--json", "--image-model"),
 )
-"""Parameters of `calibrate` that would have another meaning for each camera."""
+"""Options of `calibrate` that would have another meaning for each camera."""
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
@@ -60,13 +61,7 @@ def calibrate_rig(
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    refuse_for_rig(path, OF_ONE_CAMERA)
-    page: Path | None = click.get_current_context().params["page"]
-    folder = options.output
-    if folder is None:
-        raise click.UsageError(
-            f"-o: {path} is a rig, whose results are several files: give a folder for them"
-        )
+    folder, page = _places(path, options.output)
     rig = read_rig(path)
     drives = rig.read_drives(options.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
@@ -97,6 +92,21 @@ def calibrate_rig(
     if failures:
         raise CalibrationError(_sentence(failures, len(drives)))
     return EXIT_NOT_TRUSTED if rig_calibration.status == "not_trusted" else 0
+
+
+def _places(path: Path, output: Path | None) -> tuple[Path, Path | None]:
+    """Check that no option is of a single camera, and give the folder of the results and the file of the page.
+
+    Raises:
+        click.UsageError: an option is of a single camera, or there is no folder.
+    """
+    given = Options(click.get_current_context())
+    refuse(given, OF_ONE_CAMERA, f"is of one camera, and {path} is a rig")
+    if output is None:
+        raise click.UsageError(
+            f"-o: {path} is a rig, whose results are several files: give a folder for them"
+        )
+    return output, given.value("--report")
 
 
 def _calibrate_each(

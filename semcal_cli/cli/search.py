@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,9 +16,11 @@ from semcal_cli.cli.options import (
     FiniteNumber,
     FiniteRange,
     max_baseline_option,
+    setting_option,
     with_options,
 )
-from semcal_cli.config import AlignmentConfig, InitializationConfig, Zoom
+from semcal_cli.cli.rules import given
+from semcal_cli.config import AlignmentConfig, InitializationConfig
 from semcal_cli.errors import InputError
 from semcal_cli.files.streams import descriptor
 
@@ -62,25 +65,28 @@ SEARCH_OPTIONS = (
         "left, pitch looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR "
         "frame.",
     ),
-    click.option(
-        "--search-deg",
-        type=FiniteRange(0.0, 180.0, min_open=True),
-        metavar="DEG",
-        help="With --init or --init-rpy-xyz: search all rotations within this angle of it.",
-    ),
+    setting_option(InitializationConfig, "search_deg"),
     click.option(
         "--roll",
+        "max_roll_deg",
         type=Roll(0.0, ALL_ROLLS_DEG),
+        default=InitializationConfig.max_roll_deg,
         metavar="DEG|any",
         help="Search in-plane rotations up to this angle from upright, in degrees; `any` for portrait and upside-down "
         f"cameras.  [default: {InitializationConfig.max_roll_deg:g}]",
     ),
     max_baseline_option,
-    click.option(
-        "--zoom",
-        type=click.Choice(get_args(Zoom)),
-        help="Mapping of label images to the LiDAR's angular grid: through K and the lens, or as in the paper.  "
-        f"[default: {InitializationConfig.zoom}]",
+    setting_option(InitializationConfig, "zoom"),
+)
+
+STARTS = ("--init", "--init-rpy-xyz")
+SEARCH_RULES = (
+    given(INIT_DIRECTION).requires("--init"),
+    given("--init").excludes("--init-rpy-xyz"),
+    given("--search-deg").requires(*STARTS),
+    given("--roll").excludes(*STARTS, because="around a transform, --search-deg covers it"),
+    given("--zoom").requires(
+        "--search-deg", where=STARTS, because="nothing else is searched around a transform"
     ),
 )
 
@@ -90,47 +96,19 @@ def search_options(command: Command) -> Command:
     return with_options(command, SEARCH_OPTIONS)
 
 
-def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialPose | None]:
-    """Take the search options out of a command's options, and make a configuration and a start of them.
+def make_search(options: Mapping[str, Any]) -> tuple[InitializationConfig, InitialPose | None]:
+    """Make a configuration and a start of a command's search options.
 
     Raises:
-        click.UsageError: two options exclude one another.
         InputError: the file of `--init` is not a transform, or its camera is too far from the LiDAR.
     """
-    names = ("init", "init_direction", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
-    init, init_direction, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = map(options.pop, names)
-    if init_direction is not None and init is None:
-        raise click.UsageError(f"{INIT_DIRECTION}: is of the file of --init: give it, too")
-    _check_usage(
-        init is not None, init_rpy_xyz is not None, search_deg is not None, roll is not None, bool(zoom)
-    )
-    config = InitializationConfig(
-        zoom=InitializationConfig.zoom if zoom is None else zoom,
-        max_roll_deg=InitializationConfig.max_roll_deg if roll is None else roll,
-        search_deg=search_deg,
-        alignment=AlignmentConfig(max_baseline_m=max_baseline_m),
-    )
-    initial_pose = _initial_pose(init, init_direction, init_rpy_xyz)
+    chosen = {name: options[name] for name in ("zoom", "max_roll_deg", "search_deg")}
+    max_baseline_m = options["max_baseline_m"]
+    config = InitializationConfig(**chosen, alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
+    initial_pose = _initial_pose(*(options[name] for name in ("init", "init_direction", "init_rpy_xyz")))
     if initial_pose is not None:
         initial_pose.check_distance(max_baseline_m)
     return config, initial_pose
-
-
-def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, zoom: bool) -> None:
-    """Check that the given options can be combined."""
-    if init and init_rpy_xyz:
-        raise click.UsageError("--init and --init-rpy-xyz: give one of them")
-    is_given = init or init_rpy_xyz
-    if search_deg and not is_given:
-        raise click.UsageError("--search-deg: is around --init or --init-rpy-xyz: give one of them")
-    if roll and is_given:
-        raise click.UsageError(
-            "--roll: is for a search from nothing; around a transform, --search-deg covers it"
-        )
-    if zoom and is_given and not search_deg:
-        raise click.UsageError(
-            "--zoom: is for a search; around a transform there is one only with --search-deg"
-        )
 
 
 def _initial_pose(

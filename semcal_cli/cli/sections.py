@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from keyword import iskeyword
+
 import click
 
 SECTIONS: dict[str, dict[str, str]] = {
@@ -37,11 +40,34 @@ SECTIONS: dict[str, dict[str, str]] = {
         "experiment": "Measure the figures of the documentation.",
     },
 }
-"""Line of help of each command that is not hidden, by the headings of the sections."""
+"""Line of help of each command that is not hidden, by the headings of the sections. Each has a module of its name."""
+HIDDEN = ("evaluate",)
 
 
 class Sections(click.Group):
-    """A group that lists its commands in sections."""
+    """A group that lists its commands in sections, and imports one when it is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """List the names of all commands."""
+        return [*(name for section in SECTIONS.values() for name in section), *HIDDEN]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; None if there is none of this name."""
+        if cmd_name in self.list_commands(ctx):
+            self._load(cmd_name)
+        else:  # click looks among all for one that is meant
+            self.load_all()
+        return self.commands.get(cmd_name)
+
+    def load_all(self) -> None:
+        """Import all commands."""
+        for name in self.list_commands(click.Context(self)):
+            self._load(name)
+
+    def _load(self, command: str) -> None:
+        if command not in self.commands:
+            name = f"{command}_" if iskeyword(command) else command
+            self.add_command(getattr(import_module(f"semcal_cli.cli.{name}"), name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the sections."""

@@ -5,44 +5,30 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import PATH, number_option, quiet_option, seed_option, threads_option
-from semcal_cli.config import (
-    MAX_SEED,
-    SYNTH_MAX_BASELINE_M,
-    SYNTH_MAX_DELAY_MS,
-    SYNTH_MAX_READOUT_MS,
-    Lens,
-    Ontology,
-    Pattern,
-    ReadoutDirection,
-    RigMotion,
-    SynthConfig,
+from semcal_cli.cli.options import (
+    PATH,
+    Command,
+    number_option,
+    quiet_option,
+    seed_option,
+    setting_option,
+    threads_option,
+    with_options,
 )
+from semcal_cli.config import SynthConfig
 from semcal_cli.errors import InputError
+from semcal_cli.setting import settings_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
-
-
-class SettingOption(click.Option):
-    """An option for one field of `SynthConfig`, with the default of the field."""
-
-    def __init__(self, *args: Any, section: str, **kwargs: Any) -> None:
-        if isinstance(kwargs.get("type"), click.IntRange | click.FloatRange):
-            kwargs["metavar"] = "N"
-        super().__init__(*args, **kwargs)
-        self.section = section
-        self.default = getattr(SynthConfig, str(self.name))
-        self.show_default = self.default is not None
+SETTINGS = settings_of(SynthConfig)
 
 
 class SectionedCommand(click.Command):
@@ -54,119 +40,21 @@ class SectionedCommand(click.Command):
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None and isinstance(parameter, click.Option):
-                sections.setdefault(getattr(parameter, "section", "Options"), []).append(record)
+                known = SETTINGS.get(str(parameter.name))
+                sections.setdefault("Options" if known is None else known.section, []).append(record)
         for title in sorted(sections, key="Options".__eq__):
             with formatter.section(title):
                 formatter.write_dl(sections[title])
 
 
-def _section(title: str) -> Callable[..., Decorator]:
-    """Make a decorator like `click.option` for the settings of one section."""
-    return partial(click.option, cls=SettingOption, section=title)
-
-
-drive_option, lidar_option, camera_option = _section("Drive"), _section("LiDAR"), _section("Camera")
-mounting_option, label_option = _section("Mounting"), _section("Labels")
-motion_option = _section("Motion")
-
-ANGLE = click.FloatRange(-180.0, 180.0)
-ELEVATION = click.FloatRange(-90.0, 90.0)
-LENGTH = click.FloatRange(min=0.0)
-SHARE = click.FloatRange(0.0, 1.0, max_open=True)
+def setting_options(command: Command) -> Command:
+    """Add an option for each setting of a synthetic drive."""
+    return with_options(command, [setting_option(SynthConfig, name) for name in SETTINGS])
 
 
 @click.command(cls=SectionedCommand)
 @click.argument("out", type=PATH)
-@drive_option("--frames", "num_frames", type=click.IntRange(1, 999_999), help="Frames, each another street.")
-@lidar_option(
-    "--pattern",
-    type=click.Choice(get_args(Pattern)),
-    help="A spinning LiDAR's grid, or a rosette all around that is no grid.",
-)
-@lidar_option("--channels", type=click.IntRange(1, 512), help="Beams, evenly spaced in elevation.")
-@lidar_option(
-    "--columns",
-    type=click.IntRange(1, 65_536),
-    help="Firings a turn. A rosette has channels x columns rays a frame.",
-)
-@lidar_option("--fov-up-deg", type=ELEVATION, help="Elevation of the highest ray.")
-@lidar_option("--fov-down-deg", type=ELEVATION, help="Elevation of the lowest ray.")
-@lidar_option("--range-noise-m", type=LENGTH, help="Standard deviation of a range.")
-@lidar_option("--dropout", type=SHARE, help="Share of the returns that are lost.")
-@lidar_option("--max-range-m", type=LENGTH, help="Largest range of a return.")
-@lidar_option(
-    "--lidar-tilt-deg", type=ELEVATION, help="Downward tilt of the LiDAR's x axis, and of the camera with it."
-)
-@camera_option("--width", type=click.IntRange(16, 8192), help="Columns of the image.")
-@camera_option("--height", type=click.IntRange(16, 8192), help="Rows of the image.")
-@camera_option(
-    "--lens",
-    type=click.Choice(get_args(Lens)),
-    help="standard: 90 degrees without distortion; narrow: 35 degrees, plumb_bob; "
-    "wide: 100 degrees, rational_polynomial; fisheye: 200 degrees; omnidirectional: 190 degrees, xi 1.2; "
-    "equirectangular: all round.",
-)
-@camera_option(
-    "--hfov-deg", type=click.FloatRange(5.0, 360.0), help="Horizontal field of view, if not that of the lens."
-)
-@mounting_option(
-    "--camera-azimuth-deg",
-    type=ANGLE,
-    help="Azimuth of the camera: 0 along the LiDAR's x axis, positive to the left. "
-    "Any direction if not given.",
-)
-@mounting_option(
-    "--camera-pitch-deg",
-    type=ELEVATION,
-    help="Upward pitch of the camera. Within 8 degrees of level if not given.",
-)
-@mounting_option(
-    "--camera-roll-deg",
-    type=ANGLE,
-    help="Roll of the camera to its right. Within 4 degrees of upright if not given.",
-)
-@mounting_option(
-    "--baseline-m",
-    type=click.FloatRange(0.0, SYNTH_MAX_BASELINE_M, max_open=True),
-    help="Distance between the two sensors. At least 0.1 if not given.",
-)
-@mounting_option(
-    "--rig-seed",
-    type=click.IntRange(0, MAX_SEED),
-    help="Draw what these options leave open from this seed: drives of one rig share it.",
-)
-@mounting_option(
-    "--max-baseline-m",
-    type=click.FloatRange(0.2, SYNTH_MAX_BASELINE_M),
-    help="Largest distance that is drawn.",
-)
-@label_option("--label-noise", type=SHARE, help="Share of wrong labels, on both sides.")
-@label_option(
-    "--ontology",
-    type=click.Choice(get_args(Ontology)),
-    help="Label points and images with the same named ids, or with ids that have nothing in common.",
-)
-@motion_option(
-    "--motion",
-    type=click.Choice(get_args(RigMotion)),
-    help="steady: straight on at 12 m/s in every frame; mixed: in each frame another speed up to 20 m/s, and another "
-    "turn up to 0.4 rad/s. Points and lines of pictures are measured from where the rig is then.",
-)
-@motion_option(
-    "--delay-ms",
-    type=click.FloatRange(-SYNTH_MAX_DELAY_MS, SYNTH_MAX_DELAY_MS),
-    help="Take the pictures this much later than image_stamp says, which drive.yaml does not tell; negative: earlier.",
-)
-@motion_option(
-    "--readout-ms",
-    type=click.FloatRange(0.0, SYNTH_MAX_READOUT_MS),
-    help="Time that a rolling shutter takes from the first line of a picture to the last; 0: a global shutter.",
-)
-@motion_option(
-    "--readout-direction",
-    type=click.Choice(get_args(ReadoutDirection)),
-    help="Way in which a rolling shutter reads the lines; down begins with the uppermost row.",
-)
+@setting_options
 @number_option(
     "--drives",
     "num_drives",

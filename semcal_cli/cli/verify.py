@@ -21,20 +21,25 @@ from semcal_cli.cli.convert import DIRECTIONS
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     MAX_LIMIT,
-    OUTPUT_FILE,
     PATH,
     FiniteRange,
     RunOptions,
+    asked,
     cue_option,
     drive_argument,
+    json_only_option,
+    junit_option,
     limit_options,
     max_baseline_option,
     max_frames_option,
     max_points_option,
+    overlay_option,
     quiet_option,
+    report_option,
     seed_option,
     threads_option,
 )
+from semcal_cli.cli.rules import CheckedCommand, none_of
 from semcal_cli.cli.search import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 
@@ -48,13 +53,15 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    cls=CheckedCommand,
+    rules=[none_of("--cue features", because="vectors have no exact histogram")],
     help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
 
     The pose is estimated again, starting at the transform. Limits are along and about each
     axis of the camera, and in all; --max-delay-ms is that of its clock. Exit code 0: each passes.
     3: an offset lies beyond its limit with its whole 95 % interval. 4: the data cannot decide;
     --inconclusive makes it another one.
-    """
+    """,
 )
 @drive_argument
 @click.argument("calibration", type=PATH)
@@ -71,17 +78,11 @@ if TYPE_CHECKING:
     help="Largest allowed offset of the camera's clock, which is estimated as well then. Needs `motion:` with poses "
     "or a twist, different speeds, and turns.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
-@click.option(
-    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the verdict: .html."
-)
-@click.option(
-    "--overlay",
-    "images",
-    type=PATH,
-    metavar="DIR",
-    help="Also draw the points on at most 20 pictures, as the transform and as the one that was found put them.",
+@json_only_option
+@junit_option
+@report_option("the verdict")
+@overlay_option(
+    "Also draw the points on at most 20 pictures, as the transform and as the one that was found put them."
 )
 @inconclusive_option
 @max_baseline_option
@@ -93,35 +94,26 @@ if TYPE_CHECKING:
 @quiet_option
 def verify(
     drive: Path,
-    threads: int | None,
     as_json: bool,
     junit: Path | None,
     page: Path | None,
     images: Path | None,
     inconclusive: Inconclusive,
-    max_points: int,
-    quiet: bool,
     **options: Any,
 ) -> None:
     """Verify a transform on a drive."""
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
-    from semcal_cli.files.streams import descriptor
     from semcal_cli.files.writing import write_text
     from semcal_cli.verification import verify as check
 
-    for option, path in (("--junit", junit), ("--report", page)):
-        if as_json and path is not None and descriptor(path) == 1:
-            raise click.UsageError(
-                f"--json, {option}: would both write to standard output: give {option} a file"
-            )
     start, subject = perf_counter(), f"{drive}, {options['calibration']}"
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit, page=page, images=images)
     with errors_reported("verify", subject, junit, [drive, options["calibration"]]):
         initial_pose, config, limits = settings_of(options)
-        asked = RunOptions(threads, quiet, max_points)
-        with loaded_drive(drive, config, outputs, asked, initial_pose, as_result_sees=True) as (
+        run = asked(RunOptions, options)
+        with loaded_drive(drive, config, outputs, run, initial_pose, as_result_sees=True) as (
             data,
             terminal,
         ):
@@ -160,13 +152,8 @@ def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationCon
     """Check all that can be said about the options without the drive, and make settings of them.
 
     Raises:
-        click.UsageError: features are to be compared.
         InputError: the calibration is not a transform.
     """
-    if "features" in options["cues"]:
-        raise click.UsageError(
-            "--cue features: verify compares by the exact histogram, which vectors have none of"
-        )
     refinement = RefinementConfig(max_baseline_m=options["max_baseline_m"])
     config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"], refinement=refinement)
     delay_ms = options["max_delay_ms"]

@@ -20,6 +20,7 @@ from semcal_cli.cli.options import (
     seed_option,
     threads_option,
 )
+from semcal_cli.cli.rules import CheckedCommand, Options, none_of
 from semcal_cli.config import CalibrationConfig
 
 if TYPE_CHECKING:
@@ -35,13 +36,15 @@ MAX_PORT = 65_535
 
 
 @click.command(
+    cls=CheckedCommand,
+    rules=[none_of("--cue features", because="vectors have no classes to show")],
     help=f"""Move the points of DRIVE on its pictures by hand, as a page in a browser shows them.
 
     CALIBRATION is where it begins: {KNOWN_TRANSFORMS}. Without one, the page offers mountings to begin with.
     Sliders and the mouse move the camera, the page tells how well labels agree, refines from the pose, and saves it
     for `semcal calibrate DRIVE --init FILE`. The page is served to this machine alone, at an address that holds
     a random word. It ends with Ctrl-C (exit code 130) or, with -o, with its button "Save and end" (0).
-    """
+    """,
 )
 @drive_argument
 @click.argument("calibration", type=PATH, required=False)
@@ -74,42 +77,30 @@ def view(
     quiet: bool,
 ) -> None:
     """Show a drive on a page where it is moved by hand."""
-    from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.search import read_initial_pose
     from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console, progress_line
-    from semcal_cli.drive.document import drive_file, read_drive
-    from semcal_cli.files.documents import output_format
-    from semcal_cli.files.streams import descriptor
+    from semcal_cli.drive.document import read_drive
     from semcal_cli.result.applied import apply_result
     from semcal_cli.threads import set_num_threads
     from semcal_cli.view.server import ViewServer
 
-    if "features" in cues:
-        raise click.UsageError("--cue features: points of features have no classes to show")
     start = None if calibration is None else read_initial_pose(calibration)
     applied = apply_result(
         None if start is None else start.record, read_drive(drive, max_points), str(calibration)
     )
     spec = applied.drive
     if output is not None:
-        if descriptor(output) is not None:
-            raise click.UsageError("-o: the page saves to a file, and its address goes to standard output")
-        output_format(output)
-        read = [spec.path, *map(spec.resolve, spec.files())]
-        check_outputs(read + ([] if calibration is None else [drive_file(calibration)]), [output])
+        _check_output(output, spec, calibration)
     set_num_threads(threads)
     console = make_console(quiet)
     for change in applied.changes:
         console.print(labelled(*change), markup=False)
-    is_given = (
-        click.get_current_context().get_parameter_source("cues") is click.core.ParameterSource.COMMANDLINE
-    )
     with progress_line(console) as progress:
         progress("reading frames")
         config = CalibrationConfig(seed, cues, max_frames)
         T_start = None if start is None else start.T_camera_lidar
-        session = _session(spec, config, T_start, output, is_given, console)
+        session = _session(spec, config, T_start, output, console)
     server = ViewServer(session, port)
     console.print("open this address in a browser of this machine; Ctrl-C ends it", markup=False)
     # The address is the result of the command, and the only way to the page.
@@ -121,12 +112,30 @@ def view(
         console.print(labelled("written to", str(output)), markup=False)
 
 
+def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
+    """Check that the page can save the transform, and that this replaces nothing that is read.
+
+    Raises:
+        click.UsageError: it would go to a stream.
+        InputError: it cannot be written to its path.
+    """
+    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.drive.document import drive_file
+    from semcal_cli.files.documents import output_format
+    from semcal_cli.files.streams import descriptor
+
+    if descriptor(output) is not None:
+        raise click.UsageError("-o: the page saves to a file, and its address goes to standard output")
+    output_format(output)
+    given = [] if calibration is None else [drive_file(calibration)]
+    check_outputs([drive.path, *map(drive.resolve, drive.files()), *given], [output])
+
+
 def _session(
     spec: Drive,
     config: CalibrationConfig,
     start: Pose | None,
     output: Path | None,
-    is_given: bool,
     console: Console,
 ) -> Session:
     """Load the drive; one whose files allow no cue is shown without classes, unless one was asked for."""
@@ -143,6 +152,7 @@ def _session(
     try:
         data = load(spec, config, sweeps=sweeps)
     except InputError:
+        is_given = Options(click.get_current_context()).holds("--cue")
         unlabelled = "" if is_given else _missing_labels(few, sweeps)
         if not unlabelled:
             raise

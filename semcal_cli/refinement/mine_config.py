@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from semcal_cli.config import EDGE_BAND_PX, MAX_BASELINE_M
+from semcal_cli.setting import setting
 
 Optimizer: TypeAlias = Literal["adam", "sgd"]
 
@@ -18,24 +19,36 @@ class MineConfig:
     fit any lens, picture and scene.
     """
 
-    steps_per_level: int = 80
-    """Steps of theta and pose together at each level."""
-    warm_up_steps: int = 60
-    """Steps at the first level in which only theta learns. Later levels take a third of it."""
-    batch_size: int = 2048
-    """Points in a mini-batch."""
+    steps_per_level: int = setting(
+        80, "Steps of each level of the pyramid.", least=1, most=100_000, option="--mine-steps"
+    )
+    warm_up_steps: int = setting(
+        60,
+        "Steps of the first level before the pose moves; later levels take a third.",
+        least=0,
+        most=100_000,
+        option="--mine-warm-up",
+    )
+    batch_size: int = setting(2048, "Points in a mini-batch.", least=1, most=1 << 20, option="--mine-batch")
     max_points: int = 200_000
     """Points, over all frames and directions, that are looked at."""
     constant_radius: int = 8
     """Points at least this number of blocks inside one class are summed up once: steps do not take them out of it."""
-    num_hidden: int = 32
-    """Units of each hidden layer of the network."""
+    num_hidden: int = setting(
+        32, "Units of either hidden layer of the network.", least=1, most=4096, option="--mine-units"
+    )
     num_embedding: int = 16
     """Dimensions of the space in which vectors of points and of pixels are compared."""
-    learning_rate_theta: float = 1e-2
-    """Learning rate of the network's parameters theta."""
-    learning_rate_pose: float = 0.15
-    """Learning rate of the pose, in blocks."""
+    learning_rate_theta: float = setting(
+        1e-2, "Learning rate of the network.", above=0.0, option="--mine-theta-rate", metavar="R"
+    )
+    learning_rate_pose: float = setting(
+        0.15,
+        "Learning rate of the pose, in blocks of a level.",
+        above=0.0,
+        option="--mine-pose-rate",
+        metavar="R",
+    )
     final_rate: float = 0.05
     """Share of the pose's rate that is left at each level's end. The scheduler lowers it along a cosine."""
     mean_decay: float = 0.9
@@ -44,8 +57,7 @@ class MineConfig:
     """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
     """Pixels less than this from one of another class count a tenth."""
-    optimizer: Optimizer = "adam"
-    """Optimiser of theta and of the pose."""
+    optimizer: Optimizer = setting("adam", "Optimiser of network and pose.", option="--mine-optimizer")
     min_points: int = 50
     """A level with fewer points tells nothing, and the pose stays as it is."""
 

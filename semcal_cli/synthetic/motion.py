@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import SYNTH_MAX_DELAY_MS, SYNTH_MAX_READOUT_MS, SynthConfig
+from semcal_cli.config import SynthConfig
+from semcal_cli.config_checks import check_settings
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 from semcal_cli.synthetic.streams import MOTION, generator
@@ -45,18 +46,13 @@ class VehicleMotion(NamedTuple):
 
 
 def check_motion(config: SynthConfig) -> None:
-    """Check that what is asked of clocks and shutter is possible, and shows.
+    """Check the settings of a drive, and that what is asked of clocks and shutter shows.
 
     Raises:
-        InputError: a time is out of its range, or nothing moves, so that it would change nothing.
+        InputError: a setting is out of its range, or nothing moves, so that one would change nothing.
     """
-    limits = {
-        "--delay-ms": (config.delay_ms, -SYNTH_MAX_DELAY_MS, SYNTH_MAX_DELAY_MS),
-        "--readout-ms": (config.readout_ms, 0.0, SYNTH_MAX_READOUT_MS),
-    }
-    for option, (value, least, most) in limits.items():
-        if not least <= value <= most:
-            raise InputError(f"{option}: found {value:g}, needed {least:g} to {most:g}")
+    check_settings(config)
+    for option, value in {"--delay-ms": config.delay_ms, "--readout-ms": config.readout_ms}.items():
         if value != 0.0 and config.motion == "none":
             raise InputError(
                 f"{option}: found {value:g}, needed --motion steady or mixed, without which it changes nothing"

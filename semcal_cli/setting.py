@@ -1,0 +1,92 @@
+"""A setting that a user chooses: its help and its limits, which stand beside its default in a configuration.
+
+The command line makes its options of these, and `config_checks` checks with them what a program gives. Nothing heavy is
+imported here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+KEY = "setting"
+MAX_SEED = 2**63 - 1
+"""Largest seed of random choices."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is known of a setting beside its name and its default."""
+
+    help: str
+    """Sentence about it."""
+    least: float | None = None
+    most: float | None = None
+    above: float | None = None
+    below: float | None = None
+    """Limits of a number, of which it may not reach the last two; None for no limit."""
+    option: str = ""
+    """Its option; empty if that has the name of the field."""
+    metavar: str = "N"
+    """Word for a number in the help."""
+    section: str = ""
+    """Heading in the help of a command that has many."""
+    kind: Any = None
+    default: Any = None
+    """Type and default, which the field tells."""
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words that it can be; empty for a number."""
+        return get_args(self.kind) if get_origin(self.kind) is Literal else ()
+
+    def allows(self, value: object) -> bool:
+        """Whether a value is one of the words, or a number within the limits; NaN and infinity are not."""
+        if self.choices:
+            return value in self.choices
+        return (
+            isinstance(value, int | float)
+            and math.isfinite(value)
+            and (self.least is None or value >= self.least)
+            and (self.above is None or value > self.above)
+            and (self.below is None or value < self.below)
+            and (self.most is None or value <= self.most)
+        )
+
+    def needed(self) -> str:
+        """Say which numbers are allowed."""
+        limits = (
+            ("from {:g}", self.least),
+            ("above {:g}", self.above),
+            ("below {:g}", self.below),
+            ("to {}", self.most),
+        )
+        told = [text.format(limit) for text, limit in limits if limit is not None]
+        return " ".join(["a number", *told, *(["on"] if self.most is self.below is None else [])])
+
+
+def setting(default: Any, help: str = "", **about: Any) -> Any:
+    """Make the field of a dataclass that is a setting.
+
+    Args:
+        default: Its default; None where something else decides.
+        help: Sentence about it; empty if it is no option as it stands.
+        about: Other attributes of `Setting`.
+    """
+    return field(default=default, metadata={KEY: Setting(help, default=default, **about)})
+
+
+@cache
+def settings_of(config: type) -> dict[str, Setting]:
+    """List the settings of a configuration by the names of its fields."""
+    hints = get_type_hints(config)
+    found = {each.name: each.metadata[KEY] for each in fields(config) if KEY in each.metadata}
+    return {name: replace(about, kind=_without_none(hints[name])) for name, about in found.items()}
+
+
+def _without_none(hint: Any) -> Any:
+    is_union = get_origin(hint) is not Literal and NoneType in get_args(hint)
+    return get_args(hint)[0] if is_union else hint

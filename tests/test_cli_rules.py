@@ -1,0 +1,223 @@
+"""Options that do not go together, of every command: each is refused before anything is read, in one line."""
+
+from collections.abc import Iterator
+
+import click
+import pytest
+from conftest import run
+
+from semcal_cli.cli import semcal
+from semcal_cli.cli.rules import CheckedCommand
+
+EXIT_USAGE = 2
+START = "--init t"
+PRIOR = "--prior-translation-m 0 0 0 1"
+HISTOGRAM = "it is weighed by the exact histogram"
+JOINT = "these follow the polish, by the exact histogram, without priors"
+PARTS = "frames are compared after the polish"
+OF_MI = "requires --method mi"
+OF_ANY_MI = "requires --method mi or --method paper"
+BATCH = "batch d -o r"
+TRANSFORM = "requires --init or --init-rpy-xyz"
+REFUSED = {
+    # calibrate, initialize, refine
+    "calibrate d --init-direction lidar-to-camera": "--init-direction requires --init.",
+    f"calibrate d {START} --init-rpy-xyz 0 0 0 0 0 0": "--init excludes --init-rpy-xyz.",
+    "calibrate d --search-deg 10": f"--search-deg {TRANSFORM}.",
+    f"calibrate d {START} --roll any": "--roll excludes --init: around a transform, --search-deg covers it.",
+    f"initialize d {START} --zoom paper": "--zoom requires --search-deg where --init is given: "
+    "nothing else is searched around a transform.",
+    "calibrate d --fix tx": f"--fix {TRANSFORM}: it keeps axes of a transform.",
+    f"refine d {START} --no-polish --fix tx": "--fix excludes --no-polish: it is weighed after the polish.",
+    f"calibrate d --cue features --estimator mine {PRIOR}": "--prior-translation-m excludes --cue features: "
+    f"{HISTOGRAM}.",
+    f"refine d {START} --device cuda": "--device cuda requires --estimator mine.",
+    "calibrate d --device cuda": "--device cuda requires --estimator mine or --method paper.",
+    "calibrate d --cue features": "--cue features requires --estimator mine or --method paper: vectors have no "
+    "histogram.",
+    "calibrate d --cue segments --estimator mine": "--cue segments excludes --estimator mine: segments differ from "
+    "frame to frame.",
+    "calibrate d --refine-intrinsics fx --no-polish": f"--refine-intrinsics excludes --no-polish: {JOINT}.",
+    "calibrate d --estimate-delay --no-polish": f"--estimate-delay excludes --no-polish: {JOINT}.",
+    "calibrate d --refine-intrinsics fx --cue features --estimator mine": "--refine-intrinsics excludes "
+    f"--cue features: {JOINT}.",
+    f"refine d {START} --estimate-delay --fix tx": f"--estimate-delay excludes --fix: {JOINT}.",
+    f"calibrate d --refine-intrinsics fx {PRIOR}": "--refine-intrinsics excludes --prior-translation-m: "
+    f"{JOINT}.",
+    "calibrate d --refine-intrinsics fx --intrinsics-sigma 0 10": "--intrinsics-sigma: found 0 10, "
+    "--refine-intrinsics requires 1e-09 or more of both.",
+    f"calibrate d {PRIOR[:-1]}0 --prior-rotation-deg 0 0 0 0": "--prior-translation-m 0 0 0 0, "
+    "--prior-rotation-deg 0 0 0 0: leave nothing to be calibrated",
+    # methods
+    **{
+        f"calibrate d --method soic {option}": f"{option.split()[0]} {OF_MI}."
+        for option in ("--estimator mine", "--no-polish", "--repeat 2", "--refine-intrinsics fx", "--split")
+    },
+    **{
+        f"calibrate d --method paper {option}": f"{option.split()[0]} {OF_MI}."
+        for option in ("--estimator mine", "--no-polish", "--zoom exact", "--edge-band 2", "--estimate-delay")
+    },
+    "calibrate d --method soic --roll any": f"--roll {OF_ANY_MI}.",
+    "calibrate d --method soic --seed 0": f"--seed {OF_ANY_MI}.",
+    "calibrate d --method soic --cue intensity": f"--cue intensity {OF_ANY_MI}.",
+    "calibrate d --method paper --cue intensity": f"--cue intensity {TRANSFORM} where --method paper is given: Alg. 2 "
+    "is by labels.",
+    f"calibrate {__file__} --method paper --cue labels,intensity --init-rpy-xyz 0 0 0 0 0 0": "--cue: found "
+    "labels,intensity, --method paper takes one cue.",
+    "calibrate d --method soic --mine-steps 3": "--mine-steps requires --method paper.",
+    "calibrate d --mine-optimizer sgd": "--mine-optimizer requires --method paper.",
+    # outputs
+    "calibrate d --to-camera front": "--to-camera requires --to.",
+    "calibrate d --json --to text": "--to requires -o where --json is given: both would write to standard output.",
+    "calibrate d --split": "--split requires -o: it writes several files, which are named after that one.",
+    "calibrate d --split -o -": "--split requires -o: it writes several files, which are named after that one.",
+    "calibrate d --split -o /dev/stderr": "--split: found /dev/stderr, needed -o with a file: it writes several.",
+    "calibrate d --split -o c --to tum": "--split excludes --to: it writes whole results.",
+    "calibrate d --split -o c --no-polish": f"--split excludes --no-polish: {PARTS}.",
+    **{
+        f"{command} --json {option} {name}": f"--json, {option}: would both write to standard output: give {option} a "
+        "file"
+        for command, option, name in (
+            ("calibrate d", "-o", "-"),
+            ("calibrate d", "--log", "-"),
+            ("calibrate d", "--report", "/dev/stdout"),
+            ("initialize d", "-o", "/dev/stdout"),
+            (f"refine d {START}", "--log", "/dev/stdout"),
+            ("verify d c", "--junit", "/proc/self/fd/1"),
+            ("verify d c", "--report", "-"),
+            ("fleet r", "-o", "-"),
+            ("fleet r", "--report", "-"),
+            ("fleet r", "--plot", "/dev/stdout"),
+            ("fleet r", "--junit", "-"),
+        )
+    },
+    "convert a": "Give --to or --into.",
+    "convert a --to tf2 --into b": "--into excludes --to: it changes its own file.",
+    "convert a --into b -o c": "--into excludes -o: it changes its own file.",
+    # checks
+    "verify d c --cue features": "--cue features is not for verify: vectors have no exact histogram.",
+    "view d --cue features": "--cue features is not for view: vectors have no classes to show.",
+    # labels
+    "label d -o o": "Give --image-model, --point-model, --points or --show.",
+    "label d --image-card x -o o": "--image-card requires --image-model or --show.",
+    "calibrate d --rectify": "--rectify requires --image-model.",
+    "label d --points segments": "Give -o, --preview or --show.",
+    "label d --points segments --probabilities -o o": "--probabilities requires --image-model or --show: these are of "
+    "pictures.",
+    "label d --points segments --point-model x -o o": "--points excludes --point-model.",
+    "label d --image-model m --point-card x -o o": "--point-card requires --point-model or --show.",
+    "label d --image-model m --preview x.jpg": "Invalid value for '--preview': found x.jpg, needed a .png.",
+    "label --image-model m -o o": "Missing argument 'DRIVE'.",
+    # recordings
+    "import bag r": "Give -o or --list.",
+    "import bag r -o d --camera-info /a --intrinsics b": "--intrinsics excludes --camera-info.",
+    "import bag r -o d --motion none --motion-frame c": "--motion-frame excludes --motion none.",
+    "import folder --points p --camera-info c -o d --image-classes n": "--image-classes requires --image-labels.",
+    # many drives
+    f"{BATCH} --command verify": "--command verify requires --calibration.",
+    f"{BATCH} --calibration c": "--calibration requires --command verify.",
+    f"{BATCH} --dask tcp://127.0.0.1:1 --jobs 2": "--dask excludes --jobs: the cluster has as many as its workers' "
+    "threads.",
+    f"{BATCH} -- --": "-- --: found -- once more, needed options of the command",
+    f"{BATCH} -- -o x": "-o is not for many drives.",
+    f"{BATCH} -- --overlay x": "--overlay is not for many drives.",
+    f"{BATCH} -- --threads 2": "--threads is not for many drives.",
+    f"{BATCH} -- --fix tx": f"--fix {TRANSFORM}: it keeps axes of a transform.",
+    f"{BATCH} -- --split --no-polish": f"--split excludes --no-polish: {PARTS}.",
+    f"{BATCH} -- --device cuda": "--device cuda requires --estimator mine or --method paper.",
+    f"{BATCH} --command verify --calibration c -- --cue features": "--cue features is not for verify: vectors have no "
+    "exact histogram.",
+    f"{BATCH} -- --seed -1": "Invalid value for '--seed': -1 is not in the range 0<=x<=9223372036854775807.",
+    f"{BATCH} -- --intrinsics-sigma -2 10": "Invalid value for '--intrinsics-sigma': -2.0 is not in the range "
+    "0.0<=x<=1000.0.",
+    f"{BATCH} -- extra": "Got unexpected extra argument (extra)",
+    f"{BATCH} -- -Z": "No such option '-Z'.",
+    # values
+    **{
+        f"calibrate d --cue {value}": f"Invalid value for '--cue': found '{value}', {expected}."
+        for value, expected in (
+            ("colour", "needed some of labels, segments, edges, intensity, features, auto"),
+            ("segments,segments", "needed each cue once"),
+            ("edges,auto", "but auto goes alone"),
+            ("labels,features", "but features go alone"),
+        )
+    },
+    "synth d --delay-ms 5": "--delay-ms: found 5, needed --motion steady or mixed, without which it changes nothing",
+    "synth d --readout-ms 30": "--readout-ms: found 30, needed --motion steady or mixed, without which it changes "
+    "nothing",
+    "synth d --motion mixed --readout-direction up": "--readout-direction: found up, needed --readout-ms, without "
+    "which it changes nothing",
+    "synth d --fov-up-deg -30": "--fov-down-deg: found -30.0, needed less than --fov-up-deg, -30.0",
+}
+"""Command lines, and what is said of them."""
+
+
+@pytest.mark.parametrize("line", REFUSED)
+def test_what_does_not_go_together_is_refused(line: str, capfd: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capfd, *line.split())
+    assert (code, out) == (EXIT_USAGE, "")
+    assert err.splitlines()[-1] == f"Error: {REFUSED[line]}"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "no-command",
+        "calibrate",
+        "refine d",
+        "calibrate d --init-rpy-xyz 0 0 nan 0 0 0",
+        "calibrate d --seed -1",
+        "calibrate d --max-frames 0",
+        "calibrate d --repeat 1",
+        "calibrate d --to nothing",
+        "calibrate d --init t --fix tx,qx",
+        "calibrate d --init t --fix tx,ty,tz,rx,ry,rz",
+        "calibrate d --prior-rotation-deg 0 0 0 -1",
+        "calibrate d --prior-translation-m 0 0 nan 1",
+        "calibrate d --method paper --mine-pose-rate 0",
+        "initialize d --roll some",
+        "initialize d --roll nan",
+        "initialize d --max-baseline-m 0",
+        "initialize d --max-baseline-m inf",
+        "refine d --init t --edge-band -1",
+        "import bag r -o d --every 1e300",
+        "import bag r -o d --max-gap-s 1e300",
+        "synth d --frames 0",
+        "synth d --lens telescope",
+        "synth d --label-noise 1",
+        "synth d --baseline-m 2",
+        "synth d --motion slow",
+        "synth d --motion mixed --delay-ms 201",
+        *(f"verify d c --max-delay-ms {value}" for value in ("0", "-1", "nan", "inf", "x")),
+        "experiment",
+        "experiment accuracy --seeds 0",
+        *(f"calibrate d --intrinsics-sigma {pair}" for pair in ("nan 10", "2 inf", "-1 10", "2 x", "2")),
+        *(f"calibrate d --refine-intrinsics {names}" for names in ("fx,fy,fx", ",", "fx,", "fx,,fy")),
+    ],
+)
+def test_values_out_of_their_ranges_are_wrong_usage(line: str, capfd: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capfd, *line.split())
+    assert (code, out) == (EXIT_USAGE, "")
+    assert "Error: " in err or line == "experiment"
+
+
+def checked(group: click.Group = semcal) -> Iterator[CheckedCommand]:
+    """Find the commands with rules, those of groups among them."""
+    for command in group.commands.values():
+        if isinstance(command, click.Group):
+            yield from checked(command)
+        elif isinstance(command, CheckedCommand):
+            yield command
+
+
+@pytest.mark.parametrize("command", list(checked()), ids=lambda command: str(command.name))
+def test_rules_name_options_and_values_that_there_are(command: CheckedCommand) -> None:
+    everywhere = {name: each for one in checked() for each in one.params for name in each.opts}
+    own = {name for each in command.params for name in each.opts}
+    for rule in command.rules:
+        terms = (*rule.subjects, *rule.required, *rule.excluded, *rule.where)
+        assert {term.partition(" ")[0] for term in terms} <= everywhere.keys()
+        assert own & {term.partition(" ")[0] for term in (*rule.subjects, *rule.required, *rule.excluded)}
+        for name, _, value in (term.partition(" ") for term in terms):
+            kind = everywhere[name].type
+            assert not (value and isinstance(kind, click.Choice)) or value in kind.choices
