@@ -18,10 +18,10 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments import accuracy, pool, spoiled, told, trust
+from semcal_cli.experiments import accuracy, diagnosis, pool, spoiled, trust, trust_rates
 from semcal_cli.experiments.outcome import Case, Outcome
 from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.spoiled_rates import spoiled_markdown, spoiled_rates
+from semcal_cli.experiments.spoiled_rates import kinds_markdown, spoiled_rates
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.synthetic import spoiling
@@ -177,7 +177,7 @@ def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     seed = 6 * 7 + rigs.index("default")
     monkeypatch.setitem(accuracy.RIGS, "default", {"width": STREET.width, "height": STREET.height})
     pools = Pool(tmp_path / "pool"), Pool(tmp_path / "pool_with_pictures", has_pictures=True)
-    experiment = trust.Experiment(*pools)
+    experiment = trust.Runner(*pools)
     kinds = {
         "half of the frames turned by 3 degrees": 2,
         "two mountings, 1 degree apart": 2,
@@ -230,13 +230,13 @@ def test_rates_of_spoiled_drives() -> None:
     assert rates["axes of named offsets within their intervals"] == (11, 12)
     assert rates["clouds scaled, told or not trusted or right"] == (1, 2)
     assert rates["copies of a frame have its interval and verdict"] == (1, 1)
-    table = spoiled_markdown(outcomes)
+    table = kinds_markdown(outcomes, is_subtle=False)
     assert f"| {knocked} | 3 | 2 | 1 | 0 | 1 | 1 | 1 of 3 | - |" in table
     assert "0.31 deg, 0.0 cm" in table
 
 
-def run_of(raw: RawDrive, found: Any, **more: Any) -> told.Run:
-    return told.Run(raw, found, outcome("", "trusted", 1.0, **more))
+def run_of(raw: RawDrive, found: Any, **more: Any) -> diagnosis.Run:
+    return diagnosis.Run(raw, found, outcome("", "trusted", 1.0, **more))
 
 
 def test_a_knock_is_told_with_its_frame_and_offset(raw: RawDrive, rng: np.random.Generator) -> None:
@@ -263,21 +263,21 @@ def test_a_knock_is_told_with_its_frame_and_offset(raw: RawDrive, rng: np.random
         (SimpleNamespace(parts=()), False, False, None),
         (CalibrationError("no overlap"), False, False, None),
     ):
-        result = told.tells_knock(run_of(knocked, found))
+        result = diagnosis.names_knock(run_of(knocked, found))
         assert (result.is_told, result.has_frame, result.num_axes_inside) == (is_told, has_frame, inside)
 
 
 def test_scale_and_principal_point_are_told(raw: RawDrive) -> None:
     found = SimpleNamespace(uncertainty=None)
-    assert told.tells_scale(run_of(raw, found, notes="points may be in other units than metres")).is_told
-    assert not told.tells_scale(run_of(raw, found)).is_told
+    assert diagnosis.names_scale(run_of(raw, found, notes="points may be in other units than metres")).is_told
+    assert not diagnosis.names_scale(run_of(raw, found)).is_told
     # The error is one degree, and half the interval 0.2 degrees.
-    assert not told.tells_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told
+    assert not diagnosis.covers_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told
     for cost_deg, is_told in ((0.19, False), (0.21, True)):
         cost = SimpleNamespace(camera_center_m=(0.0,) * 3, rotation_deg=(cost_deg,) * 3)
         found.uncertainty = SimpleNamespace(intrinsics_cost=SimpleNamespace(cx=cost, cy=cost))
-        assert told.tells_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told is is_told
-        assert told.tells_intrinsics({"cx": 1.5, "cy": 2.5}, run_of(raw, found)).is_told is is_told
+        assert diagnosis.covers_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told is is_told
+        assert diagnosis.covers_intrinsics({"cx": 1.5, "cy": 2.5}, run_of(raw, found)).is_told is is_told
 
 
 @pytest.mark.parametrize(
@@ -291,14 +291,14 @@ def test_copies_are_told_by_interval_and_verdict(
         return SimpleNamespace(status=status, uncertainty=SimpleNamespace(half_widths=(half,) * 6))
 
     answer: Callable[[RawDrive], SimpleNamespace] = lambda raw: calibration(alone, 1.0)  # noqa: E731
-    monkeypatch.setattr(told, "attempt", answer)
-    assert told.tells_copies(run_of(raw, calibration("trusted", widths))).is_told is is_told
+    monkeypatch.setattr(diagnosis, "attempt", answer)
+    assert diagnosis.matches_one_frame(run_of(raw, calibration("trusted", widths))).is_told is is_told
 
 
 def test_only_some_parts_are_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trust, "cases", lambda seeds, parts: [*map(str, parts)])
+    monkeypatch.setattr(trust_rates, "cases", lambda seeds, parts: [*map(str, parts)])
     monkeypatch.setattr(
-        "semcal_cli.experiments.runner.run_cases",
+        "semcal_cli.experiments.experiment.run_cases",
         lambda cases, *_: [replace(outcome("good", "trusted", 0.0), errors=(0.1,) * 6)] * len(cases),
     )
     found = CliRunner().invoke(

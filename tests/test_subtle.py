@@ -14,8 +14,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.experiments import spoiled
 from semcal_cli.experiments.outcome import Outcome
-from semcal_cli.experiments.spoiled_rates import spoiled_markdown, spoiled_rates
-from semcal_cli.experiments.subtle_rates import subtle_markdown, subtle_rates
+from semcal_cli.experiments.spoiled_rates import kinds_markdown, spoiled_rates, subtle_rates
 from semcal_cli.formats import read_transform
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
@@ -146,9 +145,9 @@ def test_rates_of_subtle_faults() -> None:
     assert rates["good drives by segments are trusted"] == (1, 3)
     assert rates["good drives by segments are trusted, of those within 0.3 degrees and 6 cm"] == (1, 2)
     assert rates["good drives by segments, trusted: axes in the 95 % interval"] == (6, 6)
-    table = subtle_markdown(outcomes)
+    table = kinds_markdown(outcomes, is_subtle=True)
     assert f"| {late} | 5 | 4 | 1 | 0 | - | 3 | 3 | 1 | 0.31 deg, 0.0 cm | 16 of 18 |" in table
     assert "| f wrong by 1 % | 2 | 2 | 0 | 0 | 1 | 2 | 1 | 1 | 0.90 deg, 0.0 cm | 10 of 12 |" in table
     assert spoiled_rates(outcomes)[0].n == 0
-    assert spoiled_markdown(outcomes) == ""
-    assert subtle_markdown([outcome("clouds in feet", "trusted", 0.0)]) == ""
+    assert kinds_markdown(outcomes, is_subtle=False) == ""
+    assert kinds_markdown([outcome("clouds in feet", "trusted", 0.0)], is_subtle=True) == ""

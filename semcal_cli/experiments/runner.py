@@ -12,6 +12,7 @@ from semcal_cli.experiments.journal import Found, Journal
 from semcal_cli.experiments.page_tables import measured_here
 from semcal_cli.experiments.result_files import FILES
 from semcal_cli.files.kinds import check_own_file
+from semcal_cli.files.messages import os_reason
 from semcal_cli.files.reading import read_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.jobs.pace import Pace
@@ -34,20 +35,18 @@ class Measured(Generic[Case, Found]):
     results: list[Found]
 
 
-def make_folder(out: Path, name: str) -> Path:
+def make_folder(folder: Path) -> None:
     """Create the folder of an experiment, and check that only files stand where files will be written at the end.
 
     Raises:
         InputError: the folder cannot be created, or a link, a pipe or a folder is in the way.
     """
-    folder = out / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{folder}: cannot be made: {os_reason(error)}") from None
     for file in (JOURNAL, MEASURED, *FILES):
         check_own_file(folder / file)
-    return folder
 
 
 def run_cases(

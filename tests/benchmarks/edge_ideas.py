@@ -30,7 +30,7 @@ from semcal_cli.drive.edges import observe_edges
 from semcal_cli.drive.intensity import grey_values
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.result_files import markdown_table
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose

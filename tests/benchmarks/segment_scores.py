@@ -26,7 +26,7 @@ from semcal_cli.drive.cues import SEGMENTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.result_files import markdown_table
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
