@@ -170,10 +170,10 @@ class Runner:
         row, start = ROWS[case.row], perf_counter()
         config = RefinementConfig(estimator, edge_band_px=self.edge_band_px)
         try:
-            _, calibration = calibrate_from(initial, data, config)
+            stages, calibration = calibrate_from(initial, data, config)
         except SemcalError as failure:
             return _failed(case, estimator, failure)
-        error = compare_poses(calibration.pose, truth)
+        error = compare_poses(stages.T_camera_lidar, truth)
         started = compare_poses(initial.T_camera_lidar, truth)
         return Result(
             row=case.row,

@@ -50,9 +50,9 @@ def _flat(observations: Observations, rng: np.random.Generator) -> Observations:
                 table[index] = index
         return table
 
-    of_points, of_pixels = kept(observations.point_class_names), kept(observations.image_class_names)
-    clouds = [cloud.with_classes(of_points[cloud.classes]) for cloud in observations.clouds]
-    images = [image.with_classes(of_pixels[image.classes]) for image in observations.images]
+    point_classes, image_classes = kept(observations.point_class_names), kept(observations.image_class_names)
+    clouds = [cloud.with_classes(point_classes[cloud.classes]) for cloud in observations.clouds]
+    images = [image.with_classes(image_classes[image.classes]) for image in observations.images]
     return observations.with_clouds(clouds).with_images(images)
 
 

@@ -50,6 +50,8 @@ def calibrate_from(
 ) -> tuple[Stages, Calibration]:
     """Calibrate as `calibrate` does after its initial calibration.
 
+    The pose of the stages is as it was found; that of the calibration is the nearest rigid one.
+
     Raises:
         SemcalError: as `calibrate`.
     """

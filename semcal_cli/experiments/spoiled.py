@@ -59,8 +59,6 @@ class Kind:
     """Whether the second half of the frames is of another drive of the rig, whose camera looks elsewhere."""
     noises: tuple[float, ...] = NOISES
     """Shares of wrong labels of the good drives."""
-    is_subtle: bool = False
-    """Whether it belongs to the part `subtle`: what is wrong hardly shows, so that only the interval can tell."""
     has_pictures: bool = True
     """Whether the spoiled drive names its pictures."""
     has_point_labels: bool = True
@@ -68,15 +66,20 @@ class Kind:
     has_exact_intrinsics: bool = True
     """Whether it states that K is exact, as synthetic drives do, instead of stating nothing."""
 
+    @property
+    def is_subtle(self) -> bool:
+        """Whether it belongs to the part `subtle`: what is wrong hardly shows, so that only the interval can tell."""
+        return self.group in SUBTLE
+
 
 def _subtle(name: str, kind: Kind) -> dict[str, Kind]:
     """Declare a subtle kind by labels of both sides, and by segments."""
-    return {name: replace(kind, is_subtle=True), **_by_segments(name, kind)}
+    return {name: kind, **_by_segments(name, kind)}
 
 
 def _by_segments(name: str, kind: Kind) -> dict[str, Kind]:
     """Declare a subtle kind by labels of the pictures alone."""
-    segments = replace(kind, is_subtle=True, has_point_labels=False, has_pictures=False)
+    segments = replace(kind, has_point_labels=False, has_pictures=False)
     return {f"{name}, by segments": segments}
 
 
@@ -93,21 +96,22 @@ NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED = (
     "label pictures misplaced",
 )
 LEAKED, SINGLE, SEGMENTS = "leaked labels", "single frames", "good drives by segments"
+SUBTLE = (NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED, LEAKED, SINGLE, SEGMENTS)
+"""Groups of the part `subtle`."""
 SHARES = {"half of the frames": 0.5, "a quarter of the frames": 0.25, "some frames": None}
+TURNS = {f"turned by {angle:g} degrees": (angle, 0.0) for angle in (0.5, 1.0, 3.0)}
+MOVES = {f"moved by {100 * distance:.0f} cm": (0.0, distance) for distance in (0.1, 0.2)}
+"""Knocks of the camera: degrees and metres."""
 KINDS: dict[str, Kind] = {
     **{
-        f"{where} turned by {angle:g} degrees": Kind(
-            partial(spoiling.knocked, angle_deg=angle, share=share), KNOCKED, names_knock
+        f"{where} {how}": Kind(
+            partial(spoiling.knocked, angle_deg=angle_deg, distance_m=distance_m, share=share),
+            KNOCKED,
+            names_knock,
         )
+        for knocks in (TURNS, MOVES)
         for where, share in SHARES.items()
-        for angle in (0.5, 1.0, 3.0)
-    },
-    **{
-        f"{where} moved by {100 * distance:.0f} cm": Kind(
-            partial(spoiling.knocked, distance_m=distance, share=share), KNOCKED, names_knock
-        )
-        for where, share in SHARES.items()
-        for distance in (0.1, 0.2)
+        for how, (angle_deg, distance_m) in knocks.items()
     },
     "two mountings, 1 degree apart": Kind(spoiling.as_it_is, KNOCKED, names_knock, has_two_mountings=True),
     "each cloud turned by its own 0.7 to 1 degrees": Kind(spoiling.clouds_turned, "clouds turned"),
@@ -119,16 +123,13 @@ KINDS: dict[str, Kind] = {
     },
     "picture labels shifted by 3 to 4 px": Kind(spoiling.image_labels_shifted, "labels shifted"),
     "the same in every other frame": Kind(partial(spoiling.image_labels_shifted, step=2), "labels shifted"),
-    "cx wrong by 4 px": Kind(
-        partial(spoiling.principal_point_wrong, cx_px=4.0),
-        PRINCIPAL_POINT,
-        partial(covers_intrinsics, {"cx": 4.0}),
-    ),
-    "cy wrong by 15 px": Kind(
-        partial(spoiling.principal_point_wrong, cy_px=15.0),
-        PRINCIPAL_POINT,
-        partial(covers_intrinsics, {"cy": 15.0}),
-    ),
+    **{
+        what: Kind(spoil, PRINCIPAL_POINT, partial(covers_intrinsics, offsets))
+        for what, spoil, offsets in (
+            ("cx wrong by 4 px", partial(spoiling.principal_point_wrong, cx_px=4.0), {"cx": 4.0}),
+            ("cy wrong by 15 px", partial(spoiling.principal_point_wrong, cy_px=15.0), {"cy": 15.0}),
+        )
+    },
     "fx alone wrong by 3 %": Kind(partial(spoiling.focal_length_wrong, share=0.03), "focal length wrong"),
     **{
         f"clouds {name}": Kind(partial(spoiling.clouds_scaled, scale=scale), SCALE, names_scale)
@@ -167,24 +168,17 @@ KINDS: dict[str, Kind] = {
             Kind(partial(spoiling.pictures_late, late_s=LATE_S, speeds_m_s=speeds), LATE),
         ).items()
     },
-    **_subtle(
-        "f wrong by 1 %",
-        Kind(
-            partial(spoiling.zoom_wrong, share=0.01),
-            SLIGHTLY_WRONG_K,
-            partial(covers_intrinsics, {"fx": 10.0, "fy": 10.0}),
-            has_exact_intrinsics=False,
-        ),
-    ),
-    **_subtle(
-        "cy wrong by 10 px",
-        Kind(
-            partial(spoiling.principal_point_wrong, cy_px=10.0),
-            SLIGHTLY_WRONG_K,
-            partial(covers_intrinsics, {"cy": 10.0}),
-            has_exact_intrinsics=False,
-        ),
-    ),
+    **{
+        name: kind
+        for what, spoil, offsets in (
+            ("f wrong by 1 %", partial(spoiling.zoom_wrong, share=0.01), {"fx": 10.0, "fy": 10.0}),
+            ("cy wrong by 10 px", partial(spoiling.principal_point_wrong, cy_px=10.0), {"cy": 10.0}),
+        )
+        for name, kind in _subtle(
+            what,
+            Kind(spoil, SLIGHTLY_WRONG_K, partial(covers_intrinsics, offsets), has_exact_intrinsics=False),
+        ).items()
+    },
     **{
         name: kind
         for how, spoil in (
@@ -203,11 +197,11 @@ KINDS: dict[str, Kind] = {
         ).items()
     },
     "points labelled from pictures through a wrong transform": Kind(
-        spoiling.point_labels_from_pictures, LEAKED, names_leak, is_subtle=True
+        spoiling.point_labels_from_pictures, LEAKED, names_leak
     ),
-    "a single frame": Kind(spoiling.as_it_is, SINGLE, num_pairs=(1,), is_subtle=True),
+    "a single frame": Kind(spoiling.as_it_is, SINGLE, num_pairs=(1,)),
     "a single frame with labels as by a network": Kind(
-        spoiling.labels_by_a_network, SINGLE, num_pairs=(1,), noises=(0.0,), is_subtle=True
+        spoiling.labels_by_a_network, SINGLE, num_pairs=(1,), noises=(0.0,)
     ),
     **_by_segments("a good drive", Kind(spoiling.as_it_is, SEGMENTS)),
     "points labelled from a network's pictures through a wrong transform": Kind(
@@ -215,7 +209,6 @@ KINDS: dict[str, Kind] = {
         LEAKED,
         names_leak,
         noises=(0.0,),
-        is_subtle=True,
     ),
 }
 """Ways to spoil a drive, by name."""

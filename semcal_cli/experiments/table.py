@@ -108,8 +108,9 @@ def compare(
             seen = METHODS[method].prepare(scene)
             start = perf_counter()
             if method == "semcal":
-                _, verdict = calibrate_from(initial, data, RefinementConfig())
-                poses[method], status, reasons = verdict.pose, verdict.status, verdict.reasons
+                stages, verdict = calibrate_from(initial, data, RefinementConfig())
+                poses[method] = stages.T_camera_lidar
+                status, reasons = verdict.status, verdict.reasons
             else:
                 poses[method] = METHODS[method].find(scene, seen, T_init)
             seconds[method] = perf_counter() - start

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
+from semcal_cli.config import InitializationConfig, Limits, RefinementConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import LabelledCloud, Observations
@@ -20,9 +20,10 @@ from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.outcome import Case, Outcome, errors_of, with_statement
 from semcal_cli.experiments.parts import PARTS
 from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.rows import calibrate_from
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import calibrate
+from semcal_cli.pipeline import initialize
 from semcal_cli.synthetic.label_noise import with_shared_errors, with_wrong_labels
 from semcal_cli.verification import verify
 
@@ -195,9 +196,9 @@ class Runner:
 
 
 def _calibrate(outcome: Outcome, data: LoadedDrive, truth: Pose) -> Outcome:
-    config = CalibrationConfig(refinement=RefinementConfig("mine" if outcome.kind == "mine" else "exact"))
-    calibration = calibrate(data, config)
-    return with_statement(outcome, calibration, errors_of(calibration.pose, truth))
+    config = RefinementConfig("mine" if outcome.kind == "mine" else "exact")
+    stages, calibration = calibrate_from(initialize(data, InitializationConfig()), data, config)
+    return with_statement(outcome, calibration, errors_of(stages.T_camera_lidar, truth))
 
 
 def _verify(outcome: Outcome, data: LoadedDrive, truth: Pose, rng: np.random.Generator) -> Outcome:
