@@ -128,6 +128,17 @@ def street_truth(street: Path) -> Pose:
 
 
 @pytest.fixture(scope="session")
+def raw(street: Path) -> RawDrive:
+    """The content of the files of the small drive, to be spoiled."""
+    return read_raw_drive(read_drive(street), read_transform(street))
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(3)
+
+
+@pytest.fixture(scope="session")
 def long_street(tmp_path_factory: pytest.TempPathFactory) -> RawDrive:
     """A drive of eight frames, to be spoiled."""
     folder = tmp_path_factory.mktemp("long_street") / "drive"

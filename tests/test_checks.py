@@ -24,11 +24,11 @@ from semcal_cli.experiments.limits import (
     FEW,
     GOOD,
     KINDS,
+    LABELLED_FROM_PICTURES,
     MOTIONS,
-    PAINTED,
     WRONG_POSE,
     Case,
-    Experiment,
+    Runner,
     Value,
 )
 from semcal_cli.experiments.limits_table import limits_text, markdown, rows
@@ -134,18 +134,18 @@ def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> 
     seed = 6 * 7 + list(RIGS).index("default")
     for number in (seed, seed + OTHER_DRIVE):
         synthesize(replace(STREET, seed=number, num_frames=4), tmp_path / f"default_{number:06d}")
-    experiment = Experiment(Pool(tmp_path, has_pictures=True))
+    experiment = Runner(Pool(tmp_path, has_pictures=True))
 
     def measured(kind: str) -> dict[tuple[str, str], float]:
         found = experiment(Case(kind, "labels", seed, 3, 0.0))
         return {(each.topic, each.limit): each.value for each in found}
 
-    good, exchanged, painted = (measured(kind) for kind in (GOOD, ANOTHER_DRIVE, PAINTED))
+    good, exchanged, leaked = (measured(kind) for kind in (GOOD, ANOTHER_DRIVE, LABELLED_FROM_PICTURES))
     assert good.keys() >= {("wrong-pairing", "labels"), ("other-mounting", ""), ("shifted-label-images", "")}
     for (topic, name), number in good.items():
         assert CHECKS[topic].limits[name].is_kept_by(number), topic
     assert exchanged[("wrong-pairing", "labels")] > good[("wrong-pairing", "labels")]
-    assert painted[("leaked-labels", "")] > LEAKED_LABELS.limit() > good[("leaked-labels", "")]
+    assert leaked[("leaked-labels", "")] > LEAKED_LABELS.limit() > good[("leaked-labels", "")]
 
 
 def test_limits_are_measured_of_all_parts() -> None:

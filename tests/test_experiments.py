@@ -18,11 +18,15 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments import accuracy, gradient, jointly, pool, rivals, speed, trust, trust_rates
-from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
+from semcal_cli.experiments.accuracy import Result
+from semcal_cli.experiments.experiment import Experiment
 from semcal_cli.experiments.outcome import Case as TrustCase
 from semcal_cli.experiments.outcome import Outcome
+from semcal_cli.experiments.plot_style import plot_png
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.rate import Rate
+from semcal_cli.experiments.rows import Case as RowCase
+from semcal_cli.experiments.rows import cases
 from semcal_cli.experiments.runner import in_words, run_cases
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -43,6 +47,12 @@ def result(seed: int) -> Result:
 
 def run(case: Case) -> list[Result]:
     return [result(case.seed)]
+
+
+def run_but_the_last(case: Case) -> list[Result]:
+    if case.seed == 21:
+        return [accuracy._failed(RowCase("row", 21), "exact", CalibrationError("no overlap"))]
+    return run(case)
 
 
 def run_until_five(case: Case) -> list[Result]:
@@ -111,14 +121,20 @@ def test_results_of_another_version_are_measured_again(tmp_path: Path) -> None:
 
 
 def test_summary_and_files(tmp_path: Path) -> None:
-    results = [result(seed) for seed in range(1, 21)]
-    results.append(accuracy._failed(accuracy.Case("row", 21), "exact", CalibrationError("no overlap")))
-    (summary,) = summarise(results)
-    assert summary.rotation_deg == pytest.approx((0.11, 0.2, math.inf))
-    assert (summary.num_right, summary.num_missed, summary.num_failed) == (18, 2, 1)
-    write_accuracy(results, 1, tmp_path)
+    cases = [Case(seed) for seed in range(1, 22)]
+    (tmp_path / "scratch").mkdir()
+    experiment = Experiment(
+        "ours", tmp_path, cases, run_but_the_last, Result, accuracy.report, scratch=tmp_path / "scratch"
+    )
+    assert experiment.measure(1, Recorder()) == (tmp_path / "table.md").read_text()
+    assert not (tmp_path / "scratch").exists()
     assert (tmp_path / "results.csv").read_text().count("\n") == 22
-    assert json.loads((tmp_path / "summary.json").read_text())["rows"][0]["n"] == 21
+    document = json.loads((tmp_path / "summary.json").read_text())
+    assert list(document) == ["experiment", "machine", "jobs", "rows"]
+    assert (document["experiment"], document["jobs"]) == ("ours", 1)
+    (summary,) = document["rows"]
+    assert summary["rotation_deg"] == pytest.approx((0.11, 0.2, math.inf))
+    assert [summary[key] for key in ("n", "num_right", "num_missed", "num_failed")] == [21, 18, 2, 1]
     assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
     assert "| row | exact | 21 | 0.1100, 0.2000, inf |" in (tmp_path / "table.md").read_text()
 
@@ -129,9 +145,7 @@ def test_every_row_on_every_seed_and_starts_on_more() -> None:
     assert {case.row for case in cases} == set(accuracy.ROWS)
     assert sum(case.row == "start 20 degrees and 0.5 m off" for case in cases) == 10
     assert sum(case.row == "16 channels" for case in cases) == 4
-    assert accuracy.cases(range(3), ["16 channels"]) == [
-        accuracy.Case("16 channels", seed) for seed in range(3)
-    ]
+    assert accuracy.cases(range(3), ["16 channels"]) == [RowCase("16 channels", seed) for seed in range(3)]
 
 
 def test_a_start_is_as_far_off_as_it_says() -> None:
@@ -146,8 +160,8 @@ def test_one_case_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     small = {"width": STREET.width, "height": STREET.height}
     monkeypatch.setitem(accuracy.RIGS, "default", small)
     row = "20 % wrong labels on both sides"
-    run = accuracy.Experiment(Pool(tmp_path), ("exact", "mine"))
-    found = run(accuracy.Case(row, STREET.seed))
+    run = accuracy.Runner(Pool(tmp_path), ("exact", "mine"))
+    found = run(RowCase(row, STREET.seed))
     assert [r.estimator for r in found] == ["exact", "mine"]
     for measured in found:
         assert measured.rotation_deg < 0.2
@@ -164,21 +178,19 @@ def test_processes_are_timed_and_failures_are_errors(tmp_path: Path) -> None:
 
 
 def test_the_ratio_is_that_of_the_medians(tmp_path: Path) -> None:
-    experiment = speed.Experiment(tmp_path, tmp_path / "plain_torch.py")
+    experiment = speed.Runner(tmp_path, tmp_path / "plain_torch.py")
     cases = experiment.cases(3)
     assert len(cases) == len(set(cases)) == 3 * (7 + 4)
     seconds = {"refine, exact": 2.0, "plain torch, exact": 30.0}
     timings = [
         speed.Timing(c.name, c.num_pairs, seconds.get(c.name, 1.0) + c.repeat, 0.5, 0.01, 0.1) for c in cases
     ]
-    summaries = {(s.name, s.num_pairs): s for s in speed.write_speed(timings, tmp_path)}
-    assert summaries["refine, exact", 20].against_plain_torch == pytest.approx(31.0 / 3.0)
-    assert summaries["calibrate, exact", 20].against_plain_torch is None
-    assert (
-        "| refine, exact | 20 | 3 | 3.00, 4.00 | 0.50 | 0.0100 deg, 0.10 cm | 10.3 |"
-        in (tmp_path / "table.md").read_text()
-    )
-    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+    report = speed.report(timings)
+    ratios = {(row["name"], row["num_pairs"]): row["against_plain_torch"] for row in report.rows}
+    assert ratios["refine, exact", 20] == pytest.approx(31.0 / 3.0)
+    assert ratios["calibrate, exact", 20] is None
+    assert "| refine, exact | 20 | 3 | 3.00, 4.00 | 0.50 | 0.0100 deg, 0.10 cm | 10.3 |" in report.table
+    assert plot_png(report.draw).startswith(b"\x89PNG")
 
 
 def test_a_row_that_is_not_there_is_an_error(tmp_path: Path) -> None:
@@ -234,7 +246,7 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     seed = 6 * 7 + rigs.index("default")
     make_small(tmp_path / "pool" / f"default_{seed:06d}", seed)
     pool_of_it = Pool(tmp_path / "pool")
-    experiment = trust.Experiment(pool_of_it, pool_of_it)
+    experiment = trust.Runner(pool_of_it, pool_of_it)
     kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
     found = {kind: experiment(TrustCase(kind, seed, 2, 0.0)) for kind in kinds}
     verified = {each.kind: each.status for each in found["verify"]}
@@ -244,9 +256,9 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     assert verified[trust.MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small picture
     assert found["good"][0].status == "trusted"
     assert {found[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
-    table = trust_rates.write_trust([each for listed in found.values() for each in listed], 1, tmp_path)
-    assert "| confident and wrong, of all | 0 | 4 | 0.0% |" in table
-    assert (tmp_path / "plot.png").stat().st_size > 1000
+    report = trust_rates.report([each for listed in found.values() for each in listed])
+    assert "| confident and wrong, of all | 0 | 4 | 0.0% |" in report.table
+    assert len(plot_png(report.draw)) > 1000
 
 
 def make_small(path: Path, seed: int) -> None:
@@ -304,13 +316,12 @@ def test_the_gradient_of_the_objective_is_that_of_differences(street: Path, stre
 
 def test_gradient_and_powell_on_the_same_information(tmp_path: Path) -> None:
     changes = {key: value for key, value in vars(STREET).items() if key not in ("seed", "num_frames")}
-    experiment = gradient.Experiment(Pool(tmp_path / "pool"), changes)
+    experiment = gradient.Runner(Pool(tmp_path / "pool"), changes)
     found = [finding for case in gradient.cases(range(3, 4)) for finding in experiment(case)]
     by = {finding.optimizer: finding for finding in found}
     assert by["gradient"].rotation_deg < 0.3
     assert by["gradient"].num_evaluations < by["Powell"].num_evaluations
-    table = gradient.write_gradient(found, 1, tmp_path)
-    assert table.count("\n") == 4
+    assert gradient.report(found).table.count("\n") == 4
 
 
 def test_intrinsics_and_a_clock_beside_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -322,14 +333,12 @@ def test_intrinsics_and_a_clock_beside_the_truth(tmp_path: Path, monkeypatch: py
     }
     monkeypatch.setattr(pool, "NUM_FRAMES", 6)
     monkeypatch.setattr(jointly, "ROWS", rows)
-    run = jointly.Experiment(Pool(tmp_path / "pool"))
-    wrong, found = (run(case)[0] for case in jointly.cases(range(5, 6), tuple(rows)))
+    run = jointly.Runner(Pool(tmp_path / "pool"))
+    wrong, found = (run(case)[0] for case in cases(rows, range(5, 6)))
     # What was wrong by 3 % is not, where it is told at all; six small frames tell little.
     assert all(each is None or abs(each) < 1.5 for each in (wrong.fx_percent, wrong.fy_percent))
     assert found.is_kept
     assert found.clock_ms is not None
     assert abs(found.clock_ms) < 3.0
-    (tmp_path / "out").mkdir()
-    table = jointly.write_jointly([wrong, found], 1, tmp_path / "out")
+    table = jointly.report([wrong, found]).table
     assert [line.split(" | ")[0] for line in table.splitlines()[2:]] == ["| wrong", "| late"]
-    assert (tmp_path / "out/results.csv").read_text().count("\n") == 3

@@ -12,7 +12,7 @@ from semcal_cli.checks.table import CHECKS
 from semcal_cli.result.stage import Finding
 
 PACKAGE = Path(semcal_cli.__file__).parent
-OF_EXPERIMENTS = {"experiments/rivals", "experiments/gradient"}
+OF_EXPERIMENTS = {"experiments/rivals", "experiments/rivals_results", "experiments/gradient"}
 """Modules with another `Finding`, a row of a table."""
 MAKERS = {"finding": 0, "without_value": 0, "measured": 1}
 """Methods of a check that make a finding, with the place of its sentence among their arguments."""

@@ -16,9 +16,10 @@ from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import rivals
 from semcal_cli.experiments.methods import METHODS
+from semcal_cli.experiments.plot_style import plot_png
 from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.rivals import EXPERIMENTS, Experiment, Finding, Setting, cases, complete
-from semcal_cli.experiments.rivals_results import summarise, write_rivals
+from semcal_cli.experiments.rivals import EXPERIMENTS, Finding, Runner, Setting, cases, complete
+from semcal_cli.experiments.rivals_results import report
 from semcal_cli.files.images import read_image, write_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting
@@ -189,7 +190,7 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(rivals, "SLOW_SETTINGS", ("right",))
     settings = Setting("right", 3), Setting("wrong", 3, 0.5)
     changes = {key: value for key, value in vars(STREET).items() if key != "seed"}
-    experiment = Experiment(settings, Pool(tmp_path / "drives", has_pictures=True), changes=changes)
+    experiment = Runner(settings, Pool(tmp_path / "drives", has_pictures=True), changes=changes)
     runs = cases(settings, range(15, 16))
     assert {case.setting for case in runs if not METHODS[case.method].is_by_labels} == {"right"}
     found = complete([finding for case in runs for finding in experiment(case)], settings)
@@ -203,10 +204,10 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for method in ("semcal", "SOIC"):
         assert by["wrong", method].rotation_deg > by["right", method].rotation_deg
     assert by["wrong", "PMI"].rotation_deg == by["right", "PMI"].rotation_deg
-    table = write_rivals("noise", found, 1, tmp_path)
-    assert table.count("\n") == 2 + len(found)
-    assert (tmp_path / "plot.png").stat().st_size > 1000
-    assert json.loads((tmp_path / "summary.json").read_text())["start"]["rotation_deg"] == 2.0
+    reported = report("noise", found)
+    assert reported.table.count("\n") == 2 + len(found)
+    assert len(plot_png(reported.draw)) > 1000
+    assert reported.facts["start"]["rotation_deg"] == 2.0
 
 
 def test_drives_take_turns_and_slow_methods_run_on_some() -> None:
@@ -226,10 +227,11 @@ def test_what_came_back_counts() -> None:
         Finding("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
         Finding("10", "SOIC", 4, 0.1, 1.0, 1.0),
     ]
-    summaries = {summary.method: summary for summary in summarise(findings)}
-    assert summaries["semcal"].rotation_deg == pytest.approx((0.02, 0.03, 0.03))
-    assert (summaries["semcal"].num_back, summaries["SOIC"].num_back) == (3, 1)
-    assert summaries["SOIC"].camera_center_cm == (13.0, math.inf, math.inf)
+    semcal, soic = report("pairs", findings[::-1]).rows
+    assert (semcal["method"], soic["method"]) == ("semcal", "SOIC")
+    assert semcal["rotation_deg"] == pytest.approx((0.02, 0.03, 0.03))
+    assert (semcal["num_back"], soic["num_back"]) == (3, 1)
+    assert soic["camera_center_cm"] == (13.0, math.inf, math.inf)
 
 
 def test_a_start_at_which_nothing_is_seen_fails_each_by_itself(street: Path, tmp_path: Path) -> None:

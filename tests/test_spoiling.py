@@ -1,43 +1,20 @@
-"""Drives spoiled in the ways of real recordings, and what is counted of their calibrations."""
+"""Drives spoiled in the ways of real recordings."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from conftest import STREET
 
 from semcal_cli import _core
-from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_observations
-from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments import accuracy, pool, spoiled, told, trust
-from semcal_cli.experiments.outcome import Case, Outcome
-from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.spoiled_rates import spoiled_markdown, spoiled_rates
-from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.synthetic import spoiling
-from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
-
-RNG_SEED = 3
-
-
-@pytest.fixture(scope="module")
-def raw(street: Path) -> RawDrive:
-    return read_raw_drive(read_drive(street), read_transform(street))
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(RNG_SEED)
+from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
 
 def test_a_drive_is_written_as_it_was_read(raw: RawDrive, street: Path, tmp_path: Path) -> None:
@@ -155,155 +132,53 @@ def test_classes_are_merged_and_pictures_exchanged(
     assert [frame.image for frame in other.frames].count(raw.frames[3].image) == 1
 
 
-def test_every_seed_is_spoiled_in_every_way() -> None:
-    cases = trust.cases(range(100, 103), ["spoiled", "subtle"])
-    assert len(cases) == len(set(cases)) == 3 * len(spoiled.KINDS)
-    assert {case.kind for case in trust.cases(range(100, 103), ["good", "bad"])} == {
-        "good",
-        "mine",
-        trust.SHARED,
-        *trust.BAD,
-    }
-    assert sum(case.kind in spoiled.KINDS for case in trust.cases(range(100, 110))) == 2 * len(spoiled.KINDS)
-    subtle = trust.cases(range(100, 103), ["subtle"])
-    assert subtle == [case for case in cases if spoiled.KINDS[case.kind].is_subtle]
-    assert {case.num_pairs for case in subtle} == {1, 4, 10, 20}
+def test_late_pictures_show_a_rig_that_is_farther_on(raw: RawDrive, rng: np.random.Generator) -> None:
+    for speeds_m_s, ways_m in (((10.0, 10.0), {0.3}), ((0.0, 20.0), None)):
+        late = spoiling.pictures_late(raw, rng, late_s=0.03, speeds_m_s=speeds_m_s)
+        assert late.truths == raw.truths
+        found = []
+        for frame, before in zip(late.frames, raw.frames, strict=True):
+            assert frame.points.dtype == np.float32
+            moved = frame.points - before.points
+            assert np.allclose(moved, [moved[0, 0], 0.0, 0.0], atol=1e-5)
+            found.append(round(float(moved[0, 0]), 4))
+        assert set(found) == ways_m if ways_m else len(set(found)) == 4
+        assert 0.0 <= min(found) <= max(found) <= 0.6
 
 
-def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, "NUM_FRAMES", 2)
-    monkeypatch.setattr(spoiled, "NUM_FRAMES", 2)
-    rigs = list(accuracy.RIGS)
-    seed = 6 * 7 + rigs.index("default")
-    monkeypatch.setitem(accuracy.RIGS, "default", {"width": STREET.width, "height": STREET.height})
-    pools = Pool(tmp_path / "pool"), Pool(tmp_path / "pool_with_pictures", has_pictures=True)
-    experiment = trust.Experiment(*pools)
-    kinds = {
-        "half of the frames turned by 3 degrees": 2,
-        "two mountings, 1 degree apart": 2,
-        "one frame 20 times": 2,
-        "clouds in feet": 1,
-        "points labelled from pictures through a wrong transform": 2,
-        "f wrong by 1 %, by segments": 2,
-    }
-    monkeypatch.setitem(
-        spoiled.KINDS,
-        "one frame 20 times",
-        replace(
-            spoiled.KINDS["one frame 20 times"], spoil=lambda raw, rng: spoiling.one_frame_again(raw, rng, 2)
-        ),
-    )
-    found = [experiment(Case(kind, seed, num_pairs, 0.0))[0] for kind, num_pairs in kinds.items()]
-    assert [each.kind for each in found] == list(kinds)
-    assert {each.status for each in found} <= {"trusted", "not_trusted", "failed"}
-    assert [each.has_frame for each in found[:2]] == [True, True]
-    assert [each.status for each in found[:2]] == ["not_trusted", "not_trusted"]
-    assert found[2].is_told
-    assert found[4].status == "not_trusted"
-    assert found[4].is_told
-    assert found[5].status == "not_trusted"  # of two frames
-
-
-def outcome(kind: str, status: str, error_deg: float, **more: Any) -> Outcome:
-    errors = (0.0, 0.0, 0.0, 0.0, error_deg, 0.0)
-    return Outcome(kind, 0, "default", 10, 0.1, status, "", errors, (0.1,) * 6, (0.2,) * 6, **more)
-
-
-def test_rates_of_spoiled_drives() -> None:
-    knocked = "half of the frames turned by 1 degrees"
-    outcomes = [
-        outcome(knocked, "trusted", 0.31, has_frame=False, is_told=False),
-        outcome(knocked, "trusted", 0.29, has_frame=True, num_axes_inside=5, is_told=False),
-        outcome(knocked, "not_trusted", 5.0, has_frame=True, num_axes_inside=6, is_told=True),
-        outcome("clouds in feet", "trusted", 5.0, is_told=False),
-        outcome("clouds in feet", "trusted", 5.0, is_told=True),
-        outcome("one frame 20 times", "trusted", 0.1, is_told=True),
-        outcome("point labels shifted by 1", "failed", 0.0),
-        outcome("good", "trusted", 9.0),
-    ]
-    rates = {rate.name: (rate.count, rate.n) for rate in spoiled_rates(outcomes)}
-    assert rates["spoiled, trusted and wrong, 10 pairs or more"] == (1, 5)
-    assert rates["the same, camera knocked"] == (1, 3)
-    assert rates["knocked cameras, trusted at any pose"] == (2, 3)
-    assert rates["knocked cameras named with their frame, within one"] == (2, 3)
-    assert rates["the same, and the offset within its intervals"] == (1, 3)
-    assert rates["axes of named offsets within their intervals"] == (11, 12)
-    assert rates["clouds scaled, told or not trusted or right"] == (1, 2)
-    assert rates["copies of a frame have its interval and verdict"] == (1, 1)
-    table = spoiled_markdown(outcomes)
-    assert f"| {knocked} | 3 | 2 | 1 | 0 | 1 | 1 | 1 of 3 | - |" in table
-    assert "0.31 deg, 0.0 cm" in table
-
-
-def run_of(raw: RawDrive, found: Any, **more: Any) -> told.Run:
-    return told.Run(raw, found, outcome("", "trusted", 1.0, **more))
-
-
-def test_a_knock_is_told_with_its_frame_and_offset(raw: RawDrive, rng: np.random.Generator) -> None:
-    knocked = spoiling.knocked(raw, rng, angle_deg=1.0, share=0.5)
-    before, after = knocked.truths
-    change = compare_poses(after, before)
-
-    def stated(index: int, off_deg: float) -> SimpleNamespace:
-        x_deg, *others_deg = change.rotation_xyz_deg
-        rotation_deg = (-x_deg + off_deg, *(-each for each in others_deg))
-        halves = {"half_width_95_camera_center_m": (0.01,) * 3, "half_width_95_rotation_deg": (0.1,) * 3}
-        center_m = tuple(0.01 * x for x in change.camera_center_xyz_cm)
-        moved = SimpleNamespace(camera_center_m=center_m, rotation_deg=rotation_deg, **halves)
-        before, after = (
-            SimpleNamespace(num_frames=index, moved=None),
-            SimpleNamespace(num_frames=1, moved=moved),
-        )
-        return SimpleNamespace(parts=(before, after))
-
-    for found, is_told, has_frame, inside in (
-        (stated(2, 0.0), True, True, 6),
-        (stated(3, 0.2), False, True, 5),
-        (stated(0, 0.0), False, False, 6),
-        (SimpleNamespace(parts=()), False, False, None),
-        (CalibrationError("no overlap"), False, False, None),
-    ):
-        result = told.tells_knock(run_of(knocked, found))
-        assert (result.is_told, result.has_frame, result.num_axes_inside) == (is_told, has_frame, inside)
-
-
-def test_scale_and_principal_point_are_told(raw: RawDrive) -> None:
-    found = SimpleNamespace(uncertainty=None)
-    assert told.tells_scale(run_of(raw, found, notes="points may be in other units than metres")).is_told
-    assert not told.tells_scale(run_of(raw, found)).is_told
-    # The error is one degree, and half the interval 0.2 degrees.
-    assert not told.tells_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told
-    for cost_deg, is_told in ((0.19, False), (0.21, True)):
-        cost = SimpleNamespace(camera_center_m=(0.0,) * 3, rotation_deg=(cost_deg,) * 3)
-        found.uncertainty = SimpleNamespace(intrinsics_cost=SimpleNamespace(cx=cost, cy=cost))
-        assert told.tells_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told is is_told
-        assert told.tells_intrinsics({"cx": 1.5, "cy": 2.5}, run_of(raw, found)).is_told is is_told
-
-
-@pytest.mark.parametrize(
-    ("alone", "widths", "is_told"),
-    [("trusted", 1.0, True), ("trusted", 1.3, False), ("trusted", 0.7, False), ("not_trusted", 1.0, False)],
-)
-def test_copies_are_told_by_interval_and_verdict(
-    raw: RawDrive, monkeypatch: pytest.MonkeyPatch, alone: str, widths: float, is_told: bool
+@pytest.mark.parametrize("is_by_a_network", [False, True])
+def test_labels_of_points_are_those_of_pictures_through_a_wrong_transform(
+    raw: RawDrive, rng: np.random.Generator, is_by_a_network: bool
 ) -> None:
-    def calibration(status: str, half: float) -> SimpleNamespace:
-        return SimpleNamespace(status=status, uncertainty=SimpleNamespace(half_widths=(half,) * 6))
+    leaked = spoiling.point_labels_from_pictures(raw, rng, is_by_a_network=is_by_a_network)
+    camera, shares = core_camera(raw.drive.camera), []
+    for frame, before in zip(leaked.frames, raw.frames, strict=True):
+        projected = _core.project_points(camera, frame.points, frame.T_camera_lidar)
+        is_seen = np.isfinite(projected.ranges)
+        column, row = np.rint(projected.pixels[is_seen]).astype(int).T
+        pixels = frame.image_labels[row.clip(0, STREET.height - 1), column.clip(0, STREET.width - 1)]
+        assert 0.5 < np.mean(frame.point_labels == spoiling.UNLABELLED) < 0.95
+        assert not np.array_equal(frame.point_labels, before.point_labels)
+        assert np.array_equal(frame.image_labels, before.image_labels) != is_by_a_network
+        shares.append(np.mean(frame.point_labels[is_seen] == pixels))
+    assert 0.5 < np.mean(shares) < 0.99  # the truth is near, but not where the labels were made
 
-    answer: Callable[[RawDrive], SimpleNamespace] = lambda raw: calibration(alone, 1.0)  # noqa: E731
-    monkeypatch.setattr(told, "attempt", answer)
-    assert told.tells_copies(run_of(raw, calibration("trusted", widths))).is_told is is_told
+
+def test_a_network_labels_both_sides(raw: RawDrive, rng: np.random.Generator) -> None:
+    labelled = spoiling.labels_by_a_network(raw, rng)
+    for frame, before in zip(labelled.frames, raw.frames, strict=True):
+        assert 0.03 < np.mean(frame.point_labels != before.point_labels) < 0.09
+        assert 0.03 < np.mean(frame.image_labels != before.image_labels) < 0.25
 
 
-def test_only_some_parts_are_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trust, "cases", lambda seeds, parts: [*map(str, parts)])
-    monkeypatch.setattr(
-        "semcal_cli.experiments.runner.run_cases",
-        lambda cases, *_: [replace(outcome("good", "trusted", 0.0), errors=(0.1,) * 6)] * len(cases),
-    )
-    found = CliRunner().invoke(
-        semcal, ["experiment", "trust", "--only", "good", "--only", "verify", "-o", str(tmp_path)]
-    )
-    assert "| good drives are trusted, all | 2 | 2 |" in found.output
-    found = CliRunner().invoke(semcal, ["experiment", "trust", "--only", "all", "-o", str(tmp_path)])
-    assert found.exit_code == 2
+def test_label_images_are_misplaced(raw: RawDrive, rng: np.random.Generator, tmp_path: Path) -> None:
+    before = raw.frames[0].image_labels
+    shifted = spoiling.image_labels_shifted(raw, rng, distance_px=(8, 8)).frames[0].image_labels
+    around = [np.roll(before, shift, axis) for axis in (0, 1) for shift in (-8, 8)]
+    inner = np.s_[8:-8, 8:-8]
+    assert sum(np.array_equal(shifted[inner], each[inner]) for each in around) == 1
+    cropped = spoiling.image_labels_cropped(raw, rng, 8)
+    assert cropped.drive.camera.K == raw.drive.camera.K
+    assert np.array_equal(cropped.frames[0].image_labels, before[8:, 8:])
+    observed = read_observations(read_drive(write_raw_drive(cropped, tmp_path)))
+    assert observed.images[0].classes.shape == (STREET.height - 8, STREET.width - 8)

@@ -3,56 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from semcal_cli.config import (
-    EDGE_BAND_PX,
-    CalibrationConfig,
-    Estimator,
-    InitializationConfig,
-    RefinementConfig,
-)
+from semcal_cli.config import EDGE_BAND_PX, Estimator, InitializationConfig, RefinementConfig
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.distribution import (
-    ERROR_COLUMNS,
-    MEASURES,
-    draw_groups,
-    error_cells,
-    error_distributions,
-    errors_in_groups,
-    grouped,
-)
+from semcal_cli.experiments.distribution import MEASURES, draw_groups, errors_in_groups
+from semcal_cli.experiments.experiment import Experiment
 from semcal_cli.experiments.plot_style import ACCENT, ORANGE, make_logarithmic
-from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.result_files import machine, markdown_table, write_results
+from semcal_cli.experiments.pool import Pool, consecutive
+from semcal_cli.experiments.result_files import Report
+from semcal_cli.experiments.rows import Case, Degrade, calibrate_from, wrong
+from semcal_cli.experiments.rows import cases as rows_on_seeds
+from semcal_cli.experiments.summary import ERRORS, NUMBER, Column, common, count, digits, grouped, median, of
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
+from semcal_cli.pipeline import initialize
 from semcal_cli.result.stage import StageResult
-from semcal_cli.synthetic.label_noise import (
-    as_by_a_network,
-    with_disjoint_ontologies,
-    with_ragged_things,
-    with_wrong_labels,
-)
+from semcal_cli.synthetic.label_noise import as_by_a_network, with_disjoint_ontologies, with_ragged_things
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Degrade = Callable[[Observations, np.random.Generator], Observations]
 
 START_SEEDS = 2.5
 """Factor on the number of seeds, for rows that start off the truth."""
@@ -83,10 +65,6 @@ RIGS: dict[str, dict[str, object]] = {
 }
 
 
-def _wrong(share: float) -> Degrade:
-    return lambda observations, rng: with_wrong_labels(observations, share, rng)
-
-
 def _ragged(grow_px: int) -> Degrade:
     return lambda observations, rng: with_ragged_things(observations, grow_px)
 
@@ -102,8 +80,8 @@ def _segments(rig: str = "default", twice: float = 1.0) -> Row:
 ROWS: dict[str, Row] = {
     "clean labels, 20 pairs": Row(right=(0.05, 1.2)),
     "clean labels, 1 pair": Row(num_pairs=1, right=(0.24, 7.5)),
-    "20 % wrong labels on both sides": Row(degrade=_wrong(0.2), right=(0.18, 3.6)),
-    "50 % wrong labels on both sides": Row(degrade=_wrong(0.5), right=(0.45, 9.0)),
+    "20 % wrong labels on both sides": Row(degrade=wrong(0.2), right=(0.18, 3.6)),
+    "50 % wrong labels on both sides": Row(degrade=wrong(0.5), right=(0.45, 9.0)),
     "camera backward": Row(rig="backward"),
     "16 channels": Row(rig="16_channels"),
     "rosette pattern": Row(rig="rosette"),
@@ -131,20 +109,12 @@ COLORS = {"exact": ACCENT, "mine": ORANGE}
 """Colour of each estimator in plots."""
 
 
-@dataclass(frozen=True)
-class Case:
-    """A row on one seed."""
-
-    row: str
-    """Key of `ROWS`."""
-    seed: int
-    """Seed of the drive."""
-
-
 def cases(seeds: range, rows: Sequence[str] = tuple(ROWS)) -> list[Case]:
-    """List the cases of some rows, seed by seed, so that a stopped run has results of all rows."""
+    """List the cases of some rows, seed by seed; those that start off the truth have more seeds."""
     more = range(seeds.start, seeds.start + round(START_SEEDS * len(seeds)))
-    return [Case(row, seed) for seed in more for row in rows if seed in seeds or ROWS[row].start is not None]
+    return [
+        case for case in rows_on_seeds(rows, more) if case.seed in seeds or ROWS[case.row].start is not None
+    ]
 
 
 @dataclass(frozen=True)
@@ -172,7 +142,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Runner:
     """The settings shared by all cases; a call runs one case. It can be pickled for other processes."""
 
     pool: Pool
@@ -181,13 +151,9 @@ class Experiment:
 
     def __call__(self, case: Case) -> list[Result]:
         """Calibrate without a guess, or from a wrong start, with each estimator."""
-        row = ROWS[case.row]
+        row, rng = ROWS[case.row], case.rng(ROWS)
         drive, truth = self.pool.read(row.rig, RIGS[row.rig], case.seed)
-        if row.num_pairs < len(drive.frames):
-            chosen = case.seed % len(drive.frames)
-            drive = drive.model_copy(update={"frames": drive.frames[chosen : chosen + row.num_pairs]})
-        rng = np.random.default_rng((case.seed, list(ROWS).index(case.row)))
-        data = _load(drive, row, rng)
+        data = _load(consecutive(drive, row.num_pairs, case.seed), row, rng)
         # Segments, which differ from frame to frame, have no network.
         estimators = [each for each in self.estimators if each == "exact" or row.cue == "labels"]
         initial_pose = None if row.start is None else InitialPose(displaced(truth, *row.start, rng), "off")
@@ -204,8 +170,7 @@ class Experiment:
         row, start = ROWS[case.row], perf_counter()
         config = RefinementConfig(estimator, edge_band_px=self.edge_band_px)
         try:
-            stages = assess(data, refine_and_polish(data, initial, config), config)
-            calibration = make_calibration(data, stages, CalibrationConfig(refinement=config))
+            stages, calibration = calibrate_from(initial, data, config)
         except SemcalError as failure:
             return _failed(case, estimator, failure)
         error = compare_poses(stages.T_camera_lidar, truth)
@@ -238,69 +203,41 @@ def _failed(case: Case, estimator: Estimator, failure: SemcalError) -> Result:
     return Result(case.row, case.seed, estimator, inf, inf, False, f"failed: {failure}", inf, inf, 0.0)
 
 
-@dataclass(frozen=True)
-class Summary:
-    """The distribution of errors over the seeds of a row."""
-
-    row: str
-    """Key of `ROWS`."""
-    estimator: str
-    """Estimator that refined."""
-    n: int
-    """Number of calibrations."""
-    rotation_deg: tuple[float, float, float]
-    """Median, 95 % quantile and worst."""
-    camera_center_cm: tuple[float, float, float]
-    num_right: int
-    """Number of results within the row's limits."""
-    num_not_trusted: int
-    """Number that the calibration itself did not trust."""
-    num_missed: int
-    """Number of wrong results that are not reported as such."""
-    num_failed: int
-    """Number that gave no pose."""
-    refine_s: float
-    """Median time in seconds from the initial pose to the end."""
+COLUMNS = (
+    common("row", ""),
+    common("estimator", "estimator"),
+    NUMBER,
+    *ERRORS,
+    count("right", "num_right", lambda result: result.is_right),
+    count("not trusted", "num_not_trusted", lambda result: result.status == "not_trusted"),
+    count("wrong, not said", "num_missed", lambda result: result.is_missed),
+    count("failed", "num_failed", lambda result: not math.isfinite(result.rotation_deg)),
+    Column("refinement, s", {"refine_s": of("refine_s", median)}, digits(1)),
+)
 
 
-def summarise(results: Iterable[Result]) -> list[Summary]:
-    """Summarise the results of each row and estimator, in the order of the results."""
-    return [
-        Summary(
-            row,
-            estimator,
-            len(found),
-            *error_distributions(found),
-            sum(r.is_right for r in found),
-            sum(r.status == "not_trusted" for r in found),
-            sum(r.is_missed for r in found),
-            sum(not math.isfinite(r.rotation_deg) for r in found),
-            float(np.median([r.refine_s for r in found])),
-        )
-        for (row, estimator), found in grouped(results, lambda r: (r.row, r.estimator)).items()
-    ]
+def report(results: Sequence[Result]) -> Report:
+    """Sum up the results of each row and estimator."""
+    return Report.of(results, COLUMNS, lambda: _plot(results))
 
 
-def markdown(summaries: Sequence[Summary]) -> str:
-    """Format the table."""
-    header = f"| | estimator | n | {ERROR_COLUMNS} | right | not trusted | wrong, not said | failed | refinement, s |"
-    rows = [
-        (
-            *(s.row, s.estimator, s.n, *error_cells(s)),
-            *(s.num_right, s.num_not_trusted, s.num_missed, s.num_failed, f"{s.refine_s:.1f}"),
-        )
-        for s in summaries
-    ]
-    return markdown_table(header, rows)
+def experiment(
+    out: Path, seeds: range, rows: Sequence[str], estimators: Sequence[str], edge_band_px: int | None
+) -> Experiment[Case, Result]:
+    """Declare the experiment; runs with other settings resume where they were, each in its own folder.
 
-
-def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON, table and plot into a folder, and return the table."""
-    summaries = summarise(results)
-    table = markdown(summaries)
-    document = {"experiment": "accuracy", "machine": machine(), "jobs": num_jobs}
-    write_results(document, results, summaries, table, lambda: _plot(results), folder)
-    return table
+    Args:
+        out: Folder of all experiments.
+        seeds: Seeds of the drives.
+        rows: Keys of `ROWS`; all if empty.
+        estimators: Names of estimators.
+        edge_band_px: Band beside borders that is left out; None for the default.
+    """
+    chosen = tuple(name for name in get_args(Estimator) if name in estimators)
+    band = () if edge_band_px is None else (f"band{edge_band_px}",)
+    name = "_".join(["accuracy", *(chosen if len(chosen) == 1 else ()), *band])
+    run = Runner(Pool(out / "pool"), chosen, EDGE_BAND_PX if edge_band_px is None else edge_band_px)
+    return Experiment("accuracy", out / name, cases(seeds, rows or tuple(ROWS)), run, Result, report)
 
 
 def _plot(results: Sequence[Result]) -> Figure:

@@ -1,10 +1,10 @@
-"""The distribution of errors over the runs of a group: in numbers, in a table, and as dots or boxes of a plot."""
+"""The errors of the runs of a group, as dots or boxes of a plot."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
 """Fields of a result, with the labels of their axes."""
-ERROR_COLUMNS = "rotation, deg: median, 95 %, worst | camera centre, cm: median, 95 %, worst"
-"""Header of the table columns that `error_cells` fills."""
 MAX_FOR_DOTS = 30
 """Most values that are drawn one by one, with a tick at their median; a box stands for more."""
 GROUP_WIDTH = 0.8
@@ -27,9 +25,6 @@ GOLDEN_RATIO = 0.618034
 """Step between dots of neighbouring values across their column, modulo one: they seldom cover one another."""
 
 Orientation: TypeAlias = Literal["horizontal", "vertical"]
-
-Result = TypeVar("Result")
-Key = TypeVar("Key", bound=Hashable)
 
 
 class Errors(Protocol):
@@ -42,48 +37,6 @@ class Errors(Protocol):
     @property
     def camera_center_cm(self) -> float:
         """Distance between the camera centres, centimetres."""
-
-
-class ErrorDistribution(Protocol):
-    """Median, 95 % quantile and worst of both errors."""
-
-    @property
-    def rotation_deg(self) -> tuple[float, float, float]:
-        """Distribution of the rotation error, degrees."""
-
-    @property
-    def camera_center_cm(self) -> tuple[float, float, float]:
-        """Distribution of the camera centre's error, centimetres."""
-
-
-def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key, list[Result]]:
-    """Group results by a key, in the order of the results."""
-    groups: dict[Key, list[Result]] = {}
-    for result in results:
-        groups.setdefault(key(result), []).append(result)
-    return groups
-
-
-def distribution(values: Sequence[float]) -> tuple[float, float, float]:
-    """Median, 95 % quantile and worst of errors."""
-    # Quantiles are not interpolated, since a value may be infinite.
-    quantile = np.quantile(values, 0.95, method="higher")
-    return float(np.median(values)), float(quantile), max(values)
-
-
-def error_distributions(
-    results: Sequence[Errors],
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Distributions of the rotation error, degrees, and of the camera centre's error, centimetres."""
-    return distribution([r.rotation_deg for r in results]), distribution(
-        [r.camera_center_cm for r in results]
-    )
-
-
-def error_cells(summary: ErrorDistribution) -> tuple[str, str]:
-    """Format the cells of `ERROR_COLUMNS`."""
-    rotation = ", ".join(f"{x:.4f}" for x in summary.rotation_deg)
-    return rotation, ", ".join(f"{x:.2f}" for x in summary.camera_center_cm)
 
 
 def errors_in_groups(

@@ -19,10 +19,11 @@ from semcal_cli import _core
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
-from semcal_cli.experiments.distribution import ERROR_COLUMNS, error_cells, error_distributions, grouped
+from semcal_cli.experiments.experiment import Experiment
 from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.result_files import machine, markdown_table, write_results
+from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.rivals import START_DEG, START_M
+from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, median, of
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, cross_matrix
 from semcal_cli.geometry.twists import apply_twist, displaced
@@ -148,7 +149,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Runner:
     """What all runs share; a call makes one run. It can be pickled for other processes."""
 
     pool: Pool
@@ -171,19 +172,13 @@ class Experiment:
         return [Finding(case.optimizer, case.seed, *errors, num_evaluations, seconds)]
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What one optimiser did over the seeds."""
-
-    optimizer: str
-    n: int
-    rotation_deg: tuple[float, float, float]
-    """Median, 95 % quantile and worst."""
-    camera_center_cm: tuple[float, float, float]
-    num_evaluations: float
-    """Median number of evaluations."""
-    seconds: float
-    """Median time."""
+COLUMNS = (
+    common("optimizer", ""),
+    NUMBER,
+    *ERRORS,
+    Column("evaluations", {"num_evaluations": of("num_evaluations", median)}, digits(0)),
+    SECONDS,
+)
 
 
 def cases(seeds: range) -> list[Case]:
@@ -191,22 +186,14 @@ def cases(seeds: range) -> list[Case]:
     return [Case(optimizer, seed) for seed in seeds for optimizer in OPTIMIZERS]
 
 
-def write_gradient(findings: Sequence[Finding], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON and table into a folder, and return the table."""
-    summaries = [
-        Summary(
-            optimizer,
-            len(found),
-            *error_distributions(found),
-            float(np.median([finding.num_evaluations for finding in found])),
-            float(np.median([finding.seconds for finding in found])),
-        )
-        for optimizer, found in grouped(findings, lambda finding: finding.optimizer).items()
-    ]
-    rows = [
-        (s.optimizer, s.n, *error_cells(s), f"{s.num_evaluations:.0f}", f"{s.seconds:.1f}") for s in summaries
-    ]
-    table = markdown_table(f"| | n | {ERROR_COLUMNS} | evaluations | s |", rows)
-    document: dict[str, object] = {"experiment": "gradient", "machine": machine(), "jobs": num_jobs}
-    write_results(document, findings, summaries, table, None, folder)
-    return table
+def report(findings: Sequence[Finding]) -> Report:
+    """Sum up what each optimiser did over the seeds."""
+    return Report.of(findings, COLUMNS)
+
+
+def experiment(out: Path, seeds: range) -> Experiment[Case, Finding]:
+    """Declare the experiment."""
+    folder = out / "gradient"
+    drives = folder / "drives"
+    run = Runner(Pool(drives))
+    return Experiment("gradient", folder, cases(seeds), run, Finding, report, scratch=drives)

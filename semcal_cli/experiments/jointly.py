@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.config import InitializationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive
 from semcal_cli.drive.intrinsics import intrinsic_value, with_intrinsics
@@ -19,18 +19,17 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.distribution import grouped
-from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.experiment import Experiment
+from semcal_cli.experiments.pool import Pool, consecutive
 from semcal_cli.experiments.rate import Rate
-from semcal_cli.experiments.result_files import machine, markdown_table, write_results
+from semcal_cli.experiments.result_files import Report
+from semcal_cli.experiments.rows import Case, Degrade, calibrate_from, cases, wrong
+from semcal_cli.experiments.summary import NUMBER, SECONDS, Column, common, count, digits, median, of
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
+from semcal_cli.pipeline import initialize
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import RefinedCamera
-from semcal_cli.synthetic.label_noise import with_wrong_labels
-
-Degrade = Callable[[Observations, np.random.Generator], Observations]
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02
@@ -39,10 +38,6 @@ STANDING = ("road", "road_line", "sidewalk", "terrain", "ground")
 """Classes of a flat scene."""
 FAR_OFF = 2.0
 """Half widths of a 95 % interval from which on a trusted value is wrong."""
-
-
-def _wrong(observations: Observations, rng: np.random.Generator) -> Observations:
-    return with_wrong_labels(observations, 0.2, rng)
 
 
 def _flat(observations: Observations, rng: np.random.Generator) -> Observations:
@@ -55,9 +50,9 @@ def _flat(observations: Observations, rng: np.random.Generator) -> Observations:
                 table[index] = index
         return table
 
-    of_points, of_pixels = kept(observations.point_class_names), kept(observations.image_class_names)
-    clouds = [cloud.with_classes(of_points[cloud.classes]) for cloud in observations.clouds]
-    images = [image.with_classes(of_pixels[image.classes]) for image in observations.images]
+    point_classes, image_classes = kept(observations.point_class_names), kept(observations.image_class_names)
+    clouds = [cloud.with_classes(point_classes[cloud.classes]) for cloud in observations.clouds]
+    images = [image.with_classes(image_classes[image.classes]) for image in observations.images]
     return observations.with_clouds(clouds).with_images(images)
 
 
@@ -90,7 +85,7 @@ def _rolling(delay_ms: float) -> Row:
 ROWS: dict[str, Row] = {
     "intrinsics right": Row("default", is_wrong=False),
     "intrinsics wrong": Row("default"),
-    "intrinsics wrong, 20 % wrong labels": Row("default", degrade=_wrong),
+    "intrinsics wrong, 20 % wrong labels": Row("default", degrade=wrong(0.2)),
     "intrinsics wrong, 35-degree lens": Row("narrow", {"lens": "narrow"}),
     "intrinsics wrong, 100-degree lens": Row("wide", {"lens": "wide"}),
     "intrinsics wrong, fisheye": Row("fisheye", {"lens": "fisheye"}),
@@ -106,21 +101,6 @@ ROWS: dict[str, Row] = {
     "rolling shutter 30 ms": replace(_rolling(0.0), with_delay=False),
     "rolling shutter 30 ms, clock 20 ms late": _rolling(20.0),
 }
-
-
-@dataclass(frozen=True)
-class Case:
-    """A row on one seed."""
-
-    row: str
-    """Key of `ROWS`."""
-    seed: int
-    """Seed of the drive."""
-
-
-def cases(seeds: range, rows: Sequence[str] = tuple(ROWS)) -> list[Case]:
-    """List the cases of some rows, seed by seed, so that a stopped run has results of all rows."""
-    return [Case(row, seed) for seed in seeds for row in rows]
 
 
 @dataclass(frozen=True)
@@ -154,7 +134,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Runner:
     """The settings shared by all cases; a call runs one case. It can be pickled for other processes."""
 
     pool: Pool
@@ -163,17 +143,11 @@ class Experiment:
         """Calibrate from nothing, with what is wrong about the drive."""
         row = ROWS[case.row]
         drive, truth = self.pool.read(row.rig, row.changes, case.seed)
-        if row.num_pairs < len(drive.frames):
-            first = case.seed % (len(drive.frames) - row.num_pairs + 1)
-            drive = drive.model_copy(update={"frames": drive.frames[first : first + row.num_pairs]})
-        rng = np.random.default_rng((case.seed, list(ROWS).index(case.row)))
-        data = _load(drive, row, rng)
+        data = _load(consecutive(drive, row.num_pairs, case.seed), row, case.rng(ROWS))
         refinement = RefinementConfig(jointly=JointlyConfig(row.intrinsics, with_delay=row.with_delay))
         start = perf_counter()
         try:
-            stages = refine_and_polish(data, initialize(data, InitializationConfig()), refinement)
-            stages = assess(data, stages, refinement)
-            found = make_calibration(data, stages, CalibrationConfig(refinement=refinement))
+            stages, found = calibrate_from(initialize(data, InitializationConfig()), data, refinement)
         except SemcalError as failure:
             return [Result(case.row, case.seed, f"failed: {failure}")]
         return [_compared(case, found, stages, drive.camera, truth, perf_counter() - start)]
@@ -254,104 +228,63 @@ def _off(found: RefinedCamera, camera: Camera) -> dict[str, tuple[float, float]]
     }
 
 
+PARTS = ("fx_percent", "fy_percent", "cx_px", "cy_px", "k1", "clock_ms")
+"""Fields of what is estimated beside the pose."""
+
+
+def _sizes(*names: str) -> Callable[[Sequence[Result]], tuple[float, float] | None]:
+    """Compute the median and the worst size of some fields; None where nothing was determined."""
+
+    def spread(found: Sequence[Result]) -> tuple[float, float] | None:
+        values = [getattr(result, name) for result in found for name in names]
+        sizes = [abs(value) for value in values if value is not None]
+        return (median(sizes), max(sizes)) if sizes else None
+
+    return spread
+
+
+def _beside_before(found: Sequence[Result]) -> float:
+    """Divide the median error of the pose by that of the pose before, in rotation or place, whichever is larger."""
+    pairs = (("rotation_deg", "polished_deg"), ("camera_center_cm", "polished_cm"))
+    medians = [[median([getattr(result, name) for result in found]) for name in pair] for pair in pairs]
+    return max(after / before for after, before in medians)
+
+
+def _is_undetermined(result: Result) -> bool:
+    """Whether nothing beside the pose was determined."""
+    is_known = any(getattr(result, part) is not None for part in PARTS)
+    return not is_known and not result.status.startswith("failed")
+
+
 COLUMNS = (
-    "n | kept | trusted | not determined | rotation, deg: median, worst | camera centre, cm: median, worst "
-    "| pose beside that before, times: median | fx, fy off, %: median, worst | cx, cy off, px: median, worst "
-    "| k1 off: median, worst | clock off, ms: median, worst | intervals true | trusted and far off | s"
+    common("row", ""),
+    NUMBER,
+    count("kept", "num_kept", lambda result: result.is_kept),
+    count("trusted", "num_trusted", lambda result: result.status == "trusted"),
+    count("not determined", "num_not_determined", _is_undetermined),
+    Column("rotation, deg: median, worst", {"rotation_deg": _sizes("rotation_deg")}, digits(4)),
+    Column("camera centre, cm: median, worst", {"camera_center_cm": _sizes("camera_center_cm")}, digits(2)),
+    Column("pose beside that before, times: median", {"beside_before": _beside_before}, digits(2)),
+    Column("fx, fy off, %: median, worst", {"focal_percent": _sizes("fx_percent", "fy_percent")}, digits(3)),
+    Column("cx, cy off, px: median, worst", {"center_px": _sizes("cx_px", "cy_px")}, digits(2)),
+    Column("k1 off: median, worst", {"k1": _sizes("k1")}, digits(4)),
+    Column("clock off, ms: median, worst", {"clock_ms": _sizes("clock_ms")}, digits(2)),
+    Column(
+        "intervals true",
+        {"num_inside": of("num_inside", sum), "num_intervals": of("num_intervals", sum)},
+        lambda num_inside, num_intervals: Rate("", num_inside, num_intervals).share,
+    ),
+    count("trusted and far off", "num_far_off", lambda result: result.is_far_off),
+    SECONDS,
 )
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What the runs of one row found."""
-
-    row: str
-    n: int
-    num_kept: int
-    num_trusted: int
-    num_not_determined: int
-    """Number of runs in which nothing beside the pose was determined."""
-    rotation_deg: tuple[float, float]
-    """Median and worst."""
-    camera_center_cm: tuple[float, float]
-    beside_before: float
-    """Median error of the pose over that of the pose before, in rotation or place, whichever is larger."""
-    focal_percent: tuple[float, float] | None
-    center_px: tuple[float, float] | None
-    k1: tuple[float, float] | None
-    clock_ms: tuple[float, float] | None
-    num_inside: int
-    num_intervals: int
-    num_far_off: int
-    seconds: float
+def report(results: Sequence[Result]) -> Report:
+    """Sum up the results of each row."""
+    return Report.of(results, COLUMNS)
 
 
-def summarise(results: Iterable[Result]) -> list[Summary]:
-    """Summarise the results of each row, in the order of the results."""
-    return [_summary(row, found) for row, found in grouped(results, lambda r: r.row).items()]
-
-
-def _summary(row: str, found: Sequence[Result]) -> Summary:
-    def spread(*names: str) -> tuple[float, float] | None:
-        values = [getattr(r, name) for r in found for name in names]
-        sizes = [abs(value) for value in values if value is not None]
-        return (float(np.median(sizes)), max(sizes)) if sizes else None
-
-    medians = {
-        name: float(np.median([getattr(r, name) for r in found]))
-        for name in ("rotation_deg", "camera_center_cm", "polished_deg", "polished_cm")
-    }
-    beside = max(
-        medians["rotation_deg"] / medians["polished_deg"],
-        medians["camera_center_cm"] / medians["polished_cm"],
-    )
-    parts = ("fx_percent", "fy_percent", "cx_px", "cy_px", "k1", "clock_ms")
-    return Summary(
-        row=row,
-        n=len(found),
-        num_kept=sum(r.is_kept for r in found),
-        num_trusted=sum(r.status == "trusted" for r in found),
-        num_not_determined=sum(
-            all(getattr(r, part) is None for part in parts) and not r.status.startswith("failed")
-            for r in found
-        ),
-        rotation_deg=spread("rotation_deg") or (math.inf, math.inf),
-        camera_center_cm=spread("camera_center_cm") or (math.inf, math.inf),
-        beside_before=beside,
-        focal_percent=spread("fx_percent", "fy_percent"),
-        center_px=spread("cx_px", "cy_px"),
-        k1=spread("k1"),
-        clock_ms=spread("clock_ms"),
-        num_inside=sum(r.num_inside for r in found),
-        num_intervals=sum(r.num_intervals for r in found),
-        num_far_off=sum(r.is_far_off for r in found),
-        seconds=float(np.median([r.seconds for r in found])),
-    )
-
-
-def markdown(summaries: Sequence[Summary]) -> str:
-    """Format the table."""
-
-    def cell(values: tuple[float, float] | None, digits: int) -> str:
-        return "" if values is None else ", ".join(f"{value:.{digits}f}" for value in values)
-
-    rows = [
-        (
-            *(s.row, s.n, s.num_kept, s.num_trusted, s.num_not_determined),
-            *(cell(s.rotation_deg, 4), cell(s.camera_center_cm, 2), f"{s.beside_before:.2f}"),
-            *(cell(s.focal_percent, 3), cell(s.center_px, 2), cell(s.k1, 4), cell(s.clock_ms, 2)),
-            Rate("", s.num_inside, s.num_intervals).cells[3],
-            *(s.num_far_off, f"{s.seconds:.1f}"),
-        )
-        for s in summaries
-    ]
-    return markdown_table(f"| | {COLUMNS} |", rows)
-
-
-def write_jointly(results: Sequence[Result], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON and table into a folder, and return the table."""
-    summaries = summarise(results)
-    table = markdown(summaries)
-    document: dict[str, object] = {"experiment": "jointly", "machine": machine(), "jobs": num_jobs}
-    write_results(document, results, summaries, table, None, folder)
-    return table
+def experiment(out: Path, seeds: range, rows: Sequence[str]) -> Experiment[Case, Result]:
+    """Declare the experiment on some keys of `ROWS`, or on all if none are given."""
+    chosen = cases(rows or ROWS, seeds)
+    return Experiment("jointly", out / "jointly", chosen, Runner(Pool(out / "pool")), Result, report)

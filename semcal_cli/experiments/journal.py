@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from semcal_cli.errors import InputError
 from semcal_cli.experiments.page_tables import measured_here
@@ -31,40 +31,34 @@ class Journal(Generic[Found]):
         Raises:
             InputError: a line is not a case of this experiment.
         """
-        self.file, self.kind, self._here = file, kind, measured_here()
+        self.file, self._here = file, measured_here()
         self._before = self._cut_off_half_a_line()
         self._new: dict[str, str] = {}
-        self._results: dict[str, list[Found]] = {}
-        self._measured: dict[str, str] = {}
+        self._known: dict[str, tuple[list[Found], str]] = {}
         for number, text in enumerate(self._before.splitlines(keepends=True), start=1):
             try:
                 line = json.loads(text)
                 if line["version"] == version("semcal"):
-                    self._results[line["case"]] = [kind(**result) for result in line["results"]]
-                    self._measured[line["case"]] = line.get("measured", UNKNOWN)
+                    found = [kind(**result) for result in line["results"]]
+                    self._known[line["case"]] = found, line.get("measured", UNKNOWN)
             except (ValueError, KeyError, TypeError):
                 needed = "needed a case of this experiment; without the file, all is run anew"
                 raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
 
     def find(self, case: object) -> list[Found] | None:
         """Results of a case, or None if it has not been run."""
-        return self._results.get(repr(case))
+        found, _ = self._known.get(repr(case), (None, ""))
+        return found
 
     def measured(self, cases: Sequence[object]) -> list[str]:
         """Tell where and when the results of cases were measured, each once."""
-        return list(dict.fromkeys(self._measured[repr(case)] for case in cases))
+        return list(dict.fromkeys(self._known[repr(case)][1] for case in cases))
 
     def append(self, case: object, results: list[Found]) -> None:
         """Append the results of a case."""
-        self._results[repr(case)] = results
-        self._measured[repr(case)] = self._here
-        found: list[dict[str, Any]] = [vars(result) for result in results]
-        line = {
-            "case": repr(case),
-            "version": version("semcal"),
-            "measured": self._here,
-            "results": found,
-        }
+        self._known[repr(case)] = results, self._here
+        listed = [vars(result) for result in results]
+        line = {"case": repr(case), "version": version("semcal"), "measured": self._here, "results": listed}
         self._new[repr(case)] = json.dumps(line) + "\n"
         with self.file.open("a") as file:
             file.write(self._new[repr(case)])

@@ -10,24 +10,21 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from semcal_cli import _core
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, Cue
-from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import RIGS
-from semcal_cli.experiments.outcome import distance_in_limits
-from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.outcome import distance_in_limits, errors_of
+from semcal_cli.experiments.pool import Pool, with_frames
 from semcal_cli.experiments.spoiled import KINDS as SPOILED
 from semcal_cli.experiments.trust import OTHER_DRIVE
-from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization
 from semcal_cli.pipeline import assess, initialize, refine_and_polish
 from semcal_cli.synthetic import spoiling
-from semcal_cli.synthetic.raw_drive import Labels, RawDrive, RawFrame, read_raw_drive, write_raw_drive
+from semcal_cli.synthetic.raw_drive import Labels, RawDrive, read_raw_drive, write_raw_drive
 
 PAIRS, FEW_PAIRS = (5, 8), (1, 2)
 NUM_FRAMES: dict[str, object] = {"num_frames": max(PAIRS) + 1}
@@ -62,22 +59,9 @@ def _one_class(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     )
 
 
-def _painted(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+def _labelled_from_pictures(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     """Label points by the pixels that they land on, as a tool does that projects label images into clouds."""
-    camera, (height, width) = core_camera(raw.drive.camera), raw.frames[0].image_labels.shape
-
-    def painted(frame: RawFrame) -> RawFrame:
-        projected = _core.project_points(camera, frame.points, frame.T_camera_lidar)
-        pixels, is_seen = projected.pixels, np.isfinite(projected.ranges)
-        column, row = np.rint(np.where(is_seen[:, None], pixels, 0.0)).astype(np.int64).T
-        labels = frame.image_labels[row.clip(0, height - 1), column.clip(0, width - 1)]
-        return replace(frame, point_labels=np.where(is_seen, labels, spoiling.UNLABELLED).astype(np.uint8))
-
-    return raw.with_frames(map(painted, raw.frames))
-
-
-def _wrong_k(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    return raw.with_document(camera=raw.drive.camera.zoomed(1.1 if rng.random() < 0.5 else 0.9))
+    return spoiling.projected_labels(raw, raw.frames[0].T_camera_lidar)
 
 
 GOOD, FEW, MOVING = "good", "good, few pairs", "good, moving"
@@ -85,7 +69,7 @@ ANOTHER_DRIVE = "pictures of another drive"
 ANOTHER_MOMENT = "one picture of another moment"
 TURNED = "each cloud turned by its own 0.7 to 1 degrees"
 ONE_CLASS = "one class everywhere"
-PAINTED = "labels of points made from the pictures"
+LABELLED_FROM_PICTURES = "labels of points made from the pictures"
 POINTS_SHIFTED, PIXELS_SHIFTED = "point labels shifted by 3", "picture labels shifted by 3 to 4 px"
 WRONG_K, WRONG_FX = "K wrong by 10 %", "fx alone wrong by 3 %"
 LATE = f"pictures {DELAY_MS:g} ms late"
@@ -95,15 +79,16 @@ KINDS: dict[str, Spoil] = {
     GOOD: spoiling.as_it_is,
     FEW: spoiling.as_it_is,
     ANOTHER_DRIVE: _of_another_drive,
-    WRONG_K: _wrong_k,
+    WRONG_K: partial(spoiling.zoom_wrong, share=0.1),
     **{name: SPOILED[name].spoil for name in (ANOTHER_MOMENT, TURNED)},
     ONE_CLASS: _one_class,
-    PAINTED: _painted,
+    LABELLED_FROM_PICTURES: _labelled_from_pictures,
     **{name: SPOILED[name].spoil for name in (POINTS_SHIFTED, PIXELS_SHIFTED, WRONG_FX)},
 }
 """Ways to change a good drive."""
-OF_CUES: dict[Cue, tuple[str, ...]] = {"labels": (*KINDS, MOVING, LATE), "segments": tuple(KINDS)[:6]}
-"""Kinds that are run by each cue: by segments, the first six."""
+BY_SEGMENTS = (GOOD, FEW, ANOTHER_DRIVE, WRONG_K, ANOTHER_MOMENT, TURNED)
+OF_CUES: dict[Cue, tuple[str, ...]] = {"labels": (*KINDS, MOVING, LATE), "segments": BY_SEGMENTS}
+"""Kinds that are run by each cue."""
 MOTIONS = {MOVING: 0.0, LATE: DELAY_MS}
 """Delay of the pictures of drives with a known motion, in milliseconds."""
 BAD_OF = {
@@ -115,7 +100,7 @@ BAD_OF = {
     "odd-frames": ANOTHER_MOMENT,
     "shifted-point-labels": POINTS_SHIFTED,
     "shifted-label-images": PIXELS_SHIFTED,
-    "leaked-labels": PAINTED,
+    "leaked-labels": LABELLED_FROM_PICTURES,
     "frames-disagree": TURNED,
     "focal-length": WRONG_K,
     "intrinsics": WRONG_FX,
@@ -168,7 +153,7 @@ def cases(seeds: range) -> list[Case]:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Runner:
     """Runs a case; it can be pickled for other processes."""
 
     pool: Pool
@@ -183,8 +168,7 @@ class Experiment:
                 stages = _calibrate(drive, case.cue)
             except SemcalError:
                 return []
-        error = compare_poses(stages.T_camera_lidar, truth)
-        is_right = distance_in_limits((*error.camera_center_xyz_cm, *error.rotation_xyz_deg)) <= 1.0
+        is_right = distance_in_limits(errors_of(stages.T_camera_lidar, truth)) <= 1.0
         about = Value(**vars(case), rig=rig, is_right=is_right, topic="", limit="", value=0.0)
         return [
             replace(about, topic=topic, limit=limit, value=value)
@@ -198,7 +182,7 @@ class Experiment:
         if case.kind in MOTIONS:
             changes = RIGS[rig] | NUM_FRAMES | {"motion": "mixed", "delay_ms": MOTIONS[case.kind]}
             drive, truth = self.pool.read(f"{rig}_{case.kind.split()[-1]}", changes, case.seed)
-            return drive.model_copy(update={"frames": drive.frames[: case.num_pairs]}), truth
+            return with_frames(drive, range(case.num_pairs)), truth
         raw = self._read(rig, case.seed, rng, case.num_pairs + 1)
         other = partial(self._read, rig, case.seed + OTHER_DRIVE, rng, case.num_pairs)
         unused = other().frames if case.kind == ANOTHER_DRIVE else raw.frames[case.num_pairs :]
@@ -210,8 +194,7 @@ class Experiment:
         """Read a random choice of the frames of a drive."""
         drive, truth = self.pool.read(rig, RIGS[rig] | NUM_FRAMES, seed)
         chosen = rng.choice(len(drive.frames), num_frames, replace=False).tolist()
-        some = drive.model_copy(update={"frames": tuple(drive.frames[place] for place in chosen)})
-        return read_raw_drive(some, truth)
+        return read_raw_drive(with_frames(drive, chosen), truth)
 
 
 def _calibrate(drive: Path | Drive, cue: Cue) -> Stages:

@@ -11,9 +11,21 @@ import numpy as np
 
 from semcal_cli.checks.check import LIMITS, Evidence, Limit
 from semcal_cli.checks.table import CHECKS
-from semcal_cli.experiments.limits import BAD_OF, FEW, GOOD, MOVING, WRONG_POSE, Value
-from semcal_cli.experiments.result_files import machine, markdown_table, write_results
-from semcal_cli.files.writing import write_text
+from semcal_cli.experiments.experiment import Experiment
+from semcal_cli.experiments.limits import (
+    BAD_OF,
+    FEW,
+    GOOD,
+    MOVING,
+    WRONG_POSE,
+    Case,
+    Runner,
+    Value,
+    cases,
+)
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.result_files import Report
+from semcal_cli.experiments.summary import markdown_table
 
 LIMITS_FILE = "limits.json"
 MARGIN = 1.25
@@ -144,11 +156,14 @@ def _cells(row: Row) -> list[object]:
     return [row.topic, row.name, *good, *bad, limit.words(row.today), by_rule]
 
 
-def write_limits(values: Sequence[Value], num_jobs: int, folder: Path, command: str, seeds: range) -> str:
-    """Write CSV, JSON and table of the values, and limits.json, into a folder, and return the table."""
-    found = rows(values)
-    table = f"{markdown(found)}\n{RULE}"
-    document = {"experiment": "limits", "machine": machine(), "jobs": num_jobs}
-    write_results(document, values, found, table, None, folder)
-    write_text(limits_text(found, command, seeds), folder / LIMITS_FILE)
-    return table
+def experiment(out: Path, seeds: range) -> Experiment[Case, Value]:
+    """Declare the experiment; limits.json in its folder is that of the next version."""
+    command = f"semcal experiment trust --limits --first-seed {seeds.start} --seeds {len(seeds)}"
+
+    def report(values: Sequence[Value]) -> Report:
+        found = rows(values)
+        texts = {LIMITS_FILE: limits_text(found, command, seeds)}
+        return Report([vars(row) for row in found], f"{markdown(found)}\n{RULE}", texts=texts)
+
+    run = Runner(Pool(out / "pool_of_limits", has_pictures=True))
+    return Experiment("limits", out / "limits", cases(seeds), run, Value, report)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import Calibration
 
 CONFIDENT_SIGMAS = 4.0
@@ -71,17 +73,26 @@ class Outcome:
     @property
     def is_confidently_wrong(self) -> bool:
         """Whether a trusted pose is off by more than four standard errors, 0.2 degrees and 5 cm."""
-        if self.status != "trusted":
+        if not self.is_trusted:
             return False
         pairs = zip(self.errors, self.sigmas, (CONFIDENT_CM,) * 3 + (CONFIDENT_DEG,) * 3, strict=True)
         return any(abs(error) > max(CONFIDENT_SIGMAS * sigma, least) for error, sigma, least in pairs)
 
     @property
+    def is_trusted(self) -> bool:
+        """Whether the calibration trusts its pose."""
+        return self.status == "trusted"
+
+    @property
+    def axes_inside(self) -> list[bool]:
+        """Whether the error along each axis lies within the stated interval; empty without intervals."""
+        pairs = zip(self.errors, self.half_widths, strict=True) if self.half_widths else ()
+        return [abs(error) <= half for error, half in pairs]
+
+    @property
     def is_inside(self) -> bool:
         """Whether the errors along all axes lie within the stated intervals."""
-        return len(self.half_widths) > 0 and all(
-            abs(error) <= half for error, half in zip(self.errors, self.half_widths, strict=True)
-        )
+        return len(self.half_widths) > 0 and all(self.axes_inside)
 
     @property
     def center_cm(self) -> float:
@@ -97,6 +108,12 @@ class Outcome:
     def is_wrong(self) -> bool:
         """Whether the pose is farther than 0.3 degrees or 6 cm from the truth."""
         return distance_in_limits(self.errors) > 1.0
+
+
+def errors_of(T_camera_lidar: Pose, truth: Pose) -> tuple[float, ...]:
+    """Errors (6,) of a pose, as in `Outcome.errors`: centimetres and degrees, along the camera's axes."""
+    error = compare_poses(T_camera_lidar, truth)
+    return *error.camera_center_xyz_cm, *error.rotation_xyz_deg
 
 
 def distance_in_limits(errors: Sequence[float]) -> float:

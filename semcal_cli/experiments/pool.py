@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,6 +16,18 @@ from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 20
 """Number of frames of each drive in the pool; experiments use some of them."""
+
+
+def with_frames(drive: Drive, places: Iterable[int]) -> Drive:
+    """Copy of a drive with some of its frames, by their indices."""
+    return drive.model_copy(update={"frames": tuple(drive.frames[place] for place in places)})
+
+
+def consecutive(drive: Drive, num_frames: int, seed: int) -> Drive:
+    """Copy of a drive with some frames in a row, from one that the seed chooses; all if it has no more."""
+    num_starts = max(len(drive.frames) - num_frames + 1, 1)
+    first = seed % num_starts
+    return with_frames(drive, range(first, min(first + num_frames, len(drive.frames))))
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 
 from semcal_cli.experiments.outcome import Outcome
+from semcal_cli.experiments.summary import grouped
 
 
 @dataclass(frozen=True)
@@ -31,17 +32,20 @@ class Rate:
         return max(middle - half, 0.0), min(middle + half, 1.0)
 
     @property
+    def share(self) -> str:
+        """The rate as text."""
+        return f"{self.count / self.n:.1%}" if self.n else "-"
+
+    @property
     def cells(self) -> tuple[object, ...]:
         """Cells of a row of a table: name, count, number, rate and interval."""
         low, high = self.interval
-        share = f"{self.count / self.n:.1%}" if self.n else "-"
-        return self.name, self.count, self.n, share, f"{low:.1%} to {high:.1%}"
+        return self.name, self.count, self.n, self.share, f"{low:.1%} to {high:.1%}"
 
 
 def axes_inside(name: str, findings: Iterable[Outcome]) -> Rate:
     """Count the axes whose truth is within the stated interval."""
-    stated = [f for f in findings if f.half_widths]
-    inside = [abs(error) <= half for f in stated for error, half in zip(f.errors, f.half_widths, strict=True)]
+    inside = [is_inside for finding in findings for is_inside in finding.axes_inside]
     return Rate(name, sum(inside), len(inside))
 
 
@@ -49,3 +53,26 @@ def rate_of(name: str, findings: Iterable[Outcome], is_so: Callable[[Outcome], b
     """Count the outcomes of which something is so."""
     listed = list(findings)
     return Rate(name, sum(map(is_so, listed)), len(listed))
+
+
+def rates_by(
+    name: str,
+    findings: Sequence[Outcome],
+    key: Callable[[Outcome], Hashable],
+    values: Iterable[Hashable] | None = None,
+    is_so: Callable[[Outcome], bool] | None = None,
+) -> list[Rate]:
+    """Count part by part.
+
+    Args:
+        name: Names of the rates, with `{}` for the value of the part.
+        findings: Outcomes.
+        key: Value by which the outcomes are parted.
+        values: Values of the parts; None for those that occur, in the order of the outcomes.
+        is_so: Event that is counted; None counts axes inside their intervals.
+    """
+    parts = grouped(findings, key)
+    chosen = {value: parts.get(value, []) for value in (parts if values is None else values)}
+    if is_so is None:
+        return [axes_inside(name.format(value), part) for value, part in chosen.items()]
+    return [rate_of(name.format(value), part, is_so) for value, part in chosen.items()]

@@ -7,12 +7,14 @@ import io
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semcal_cli.experiments.plot_style import plot_png
+from semcal_cli.experiments.summary import Column, summarise, summary_table
 from semcal_cli.files.writing import write_bytes, write_text
 
 if TYPE_CHECKING:
@@ -22,32 +24,62 @@ FILES = RESULTS, SUMMARY, TABLE, PLOT = "results.csv", "summary.json", "table.md
 """Files that an experiment writes when all of its cases are run."""
 
 
-def write_results(
-    document: dict[str, object],
-    results: Sequence[Any],
-    summaries: Sequence[Any],
-    table: str,
-    draw: Callable[[], Figure] | None,
-    folder: Path,
+@dataclass(frozen=True)
+class Report:
+    """What an experiment writes beside its results."""
+
+    rows: Sequence[Mapping[str, Any]]
+    """Rows of the summary."""
+    table: str
+    """Markdown of the table."""
+    draw: Callable[[], Figure] | None = None
+    """Draws the plot; None without one."""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    """Entries of the summary before its rows."""
+    texts: Mapping[str, str] = field(default_factory=dict)
+    """Texts of further files, by their names."""
+
+    @classmethod
+    def of(
+        cls,
+        results: Sequence[Any],
+        columns: Sequence[Column],
+        draw: Callable[[], Figure] | None = None,
+        facts: Mapping[str, Any] | None = None,
+    ) -> Report:
+        """Sum up the results of each group, in the columns of the table."""
+        rows = summarise(results, columns)
+        return cls(rows, summary_table(rows, columns), draw, facts or {})
+
+
+def write_report(
+    name: str, results: Sequence[Any], report: Report, folder: Path, num_jobs: int | None = None
 ) -> None:
-    """Write an experiment's results.csv, summary.json (`document` and rows), table.md, and plot.png if it draws one."""
+    """Write results.csv, summary.json with this machine, table.md, and plot.png if there is a plot.
+
+    Args:
+        name: Name of the experiment.
+        results: Results, dataclasses of one class.
+        report: What is written of them.
+        folder: Folder of the files.
+        num_jobs: Number of cases that ran at a time; None leaves it out of the summary.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
     file = io.StringIO()
     writer = csv.DictWriter(file, list(vars(results[0])), lineterminator="\n")
     writer.writeheader()
     writer.writerows(vars(result) for result in results)
     write_text(file.getvalue(), folder / RESULTS)
-    rows = [vars(summary) for summary in summaries]
-    write_text(json.dumps(document | {"rows": rows}, indent=2) + "\n", folder / SUMMARY)
-    write_text(table, folder / TABLE)
-    if draw is not None:
-        write_bytes(plot_png(draw), folder / PLOT)
-
-
-def markdown_table(header: str, rows: Iterable[Sequence[object]]) -> str:
-    """Format a Markdown table; the header is its first line."""
-    rule = "|" + (header.count("|") - 1) * "---|"
-    lines = [f"| {' | '.join(map(str, row))} |" for row in rows]
-    return "\n".join([header, rule, *lines]) + "\n"
+    jobs = {} if num_jobs is None else {"jobs": num_jobs}
+    document = {"experiment": name, "machine": machine(), **jobs, **report.facts, "rows": report.rows}
+    write_text(json.dumps(document, indent=2) + "\n", folder / SUMMARY)
+    write_text(report.table, folder / TABLE)
+    if report.draw is not None:
+        write_bytes(plot_png(report.draw), folder / PLOT)
+    for file_name, text in report.texts.items():
+        write_text(text, folder / file_name)
 
 
 def machine() -> dict[str, object]:

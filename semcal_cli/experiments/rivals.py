@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.methods import METHODS, Scene
-from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.pool import Pool, with_frames
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.twists import displaced
 
@@ -111,7 +111,7 @@ def complete(findings: Sequence[Finding], settings: Sequence[Setting]) -> list[F
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Runner:
     """What all runs share; a call makes one run. It can be pickled for other processes."""
 
     settings: tuple[Setting, ...]
@@ -129,9 +129,8 @@ class Experiment:
         drive, truth = self.pool.read("drive", {**self.changes, "num_frames": num_frames}, case.seed)
         rng = np.random.default_rng(case.seed)
         order, T_init = rng.permutation(num_frames), displaced(truth, START_DEG, START_M, rng)
-        frames = tuple(drive.frames[index] for index in sorted(order[: setting.num_pairs]))
         scene = Scene(
-            drive.model_copy(update={"frames": frames}),
+            with_frames(drive, sorted(order[: setting.num_pairs])),
             wrong=setting.wrong,
             seed=case.seed,
             is_mended=self.is_mended,

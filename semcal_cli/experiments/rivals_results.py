@@ -7,90 +7,73 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from semcal_cli.experiments.distribution import (
-    ERROR_COLUMNS,
-    MEASURES,
-    draw_groups,
-    error_cells,
-    error_distributions,
-    errors_in_groups,
-    grouped,
-)
+from semcal_cli.experiments.distribution import MEASURES, draw_groups, errors_in_groups
+from semcal_cli.experiments.experiment import Experiment
 from semcal_cli.experiments.methods import METHODS
 from semcal_cli.experiments.plot_style import GREY, make_logarithmic
-from semcal_cli.experiments.result_files import machine, markdown_table, write_results
-from semcal_cli.experiments.rivals import AXES, START_DEG, START_M, Finding
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.result_files import Report
+from semcal_cli.experiments.rivals import (
+    AXES,
+    EXPERIMENTS,
+    START_DEG,
+    START_M,
+    Case,
+    Finding,
+    Runner,
+    cases,
+    complete,
+)
+from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, common, count, grouped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Summary:
-    """The distribution of errors over the seeds of one setting, by one method."""
-
-    setting: str
-    """Name of the setting."""
-    method: str
-    """Key of `METHODS`."""
-    n: int
-    """Number of drives."""
-    rotation_deg: tuple[float, float, float]
-    """Median, 95 % quantile and worst."""
-    camera_center_cm: tuple[float, float, float]
-    num_back: int
-    """Number of runs that ended nearer to the truth than the common start."""
-    seconds: float
-    """Median time from pairs in memory to a pose."""
-
-
-def summarise(findings: Sequence[Finding]) -> list[Summary]:
-    """Summarise the findings of each setting and method, in the order of the findings."""
-    groups = grouped(findings, lambda f: (f.setting, f.method))
-    names = list(dict.fromkeys(finding.setting for finding in findings))
-    ordered = [(name, method) for name in names for method in METHODS if (name, method) in groups]
-    return [_summary(setting, method, groups[setting, method]) for setting, method in ordered]
-
-
-def _summary(setting: str, method: str, found: Sequence[Finding]) -> Summary:
-    return Summary(
-        setting,
-        method,
-        len(found),
-        *error_distributions(found),
-        sum(finding.is_back for finding in found),
-        float(np.median([finding.seconds for finding in found])),
+def report(name: str, findings: Sequence[Finding], *, is_mended: bool = True) -> Report:
+    """Sum up the findings of each setting, in the order of the findings, by each method, in that of `METHODS`."""
+    columns = (
+        common("setting", AXES[name]),
+        common("method", "method"),
+        NUMBER,
+        *ERRORS,
+        count("came back", "num_back", lambda finding: finding.is_back),
+        SECONDS,
     )
+    settings, methods = list(dict.fromkeys(each.setting for each in findings)), list(METHODS)
+    ordered = sorted(findings, key=lambda each: (settings.index(each.setting), methods.index(each.method)))
+    start = {"rotation_deg": START_DEG, "camera_center_m": START_M}
+    facts = {"start": start, "is_mended": is_mended}
+    return Report.of(ordered, columns, lambda: _plot(AXES[name], findings), facts)
 
 
-def markdown(axis: str, summaries: Sequence[Summary]) -> str:
-    """Format the table of settings that differ along `axis`."""
-    rows = [(s.setting, s.method, s.n, *error_cells(s), s.num_back, f"{s.seconds:.1f}") for s in summaries]
-    return markdown_table(f"| {axis} | method | n | {ERROR_COLUMNS} | came back | s |", rows)
+def experiment(out: Path, seeds: range, name: str, *, is_mended: bool) -> Experiment[Case, Finding]:
+    """Declare an experiment of `EXPERIMENTS`.
 
-
-def write_rivals(
-    name: str, findings: Sequence[Finding], num_jobs: int, folder: Path, *, is_mended: bool = True
-) -> str:
-    """Write CSV, JSON, table and plot into a folder, and return the table."""
-    summaries = summarise(findings)
-    table = markdown(AXES[name], summaries)
-    document: dict[str, object] = {
-        "experiment": name,
-        "machine": machine(),
-        "jobs": num_jobs,
-        "start": {"rotation_deg": START_DEG, "camera_center_m": START_M},
-        "is_mended": is_mended,
-    }
-    write_results(document, findings, summaries, table, lambda: _plot(AXES[name], findings), folder)
-    return table
+    Args:
+        out: Folder of all experiments.
+        seeds: Seeds of the drives.
+        name: Key of `EXPERIMENTS`.
+        is_mended: Whether isolated wrong pixels are mended for all methods but the paper's.
+    """
+    settings = EXPERIMENTS[name]
+    folder = out / (name if is_mended else f"{name}_unmended")
+    drives = folder / "drives"
+    run = Runner(settings, Pool(drives, has_pictures=True), is_mended)
+    return Experiment(
+        name,
+        folder,
+        cases(settings, seeds),
+        run,
+        Finding,
+        complete=lambda findings: complete(findings, settings),
+        report=lambda findings: report(name, findings, is_mended=is_mended),
+        scratch=drives,
+    )
 
 
 def _plot(axis: str, findings: Sequence[Finding]) -> Figure:

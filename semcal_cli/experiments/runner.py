@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.journal import Found, Journal
 from semcal_cli.experiments.page_tables import measured_here
 from semcal_cli.experiments.result_files import FILES
 from semcal_cli.files.kinds import check_own_file
+from semcal_cli.files.messages import os_reason
 from semcal_cli.files.reading import read_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.jobs.pace import Pace
@@ -26,28 +26,18 @@ Case = TypeVar("Case")
 """Unit of an experiment that is run once; its `repr` identifies it."""
 
 
-@dataclass(frozen=True)
-class Measured(Generic[Case, Found]):
-    """A case with its results."""
-
-    case: Case
-    results: list[Found]
-
-
-def make_folder(out: Path, name: str) -> Path:
+def make_folder(folder: Path) -> None:
     """Create the folder of an experiment, and check that only files stand where files will be written at the end.
 
     Raises:
         InputError: the folder cannot be created, or a link, a pipe or a folder is in the way.
     """
-    folder = out / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{folder}: cannot be made: {os_reason(error)}") from None
     for file in (JOURNAL, MEASURED, *FILES):
         check_own_file(folder / file)
-    return folder
 
 
 def run_cases(
@@ -80,31 +70,31 @@ def run_cases(
     num_threads = 1 if num_jobs > 1 else None
     watcher = watcher or Pace(len(cases), num_jobs)
 
-    def read_outcome(case: Case) -> Measured[Case, Found] | None:
+    def read_outcome(case: Case) -> tuple[Case, list[Found]] | None:
         results = journal.find(case)
-        return None if results is None else Measured(case, results)
+        return None if results is None else (case, results)
 
-    def execute(missing: Sequence[Case]) -> Generator[Measured[Case, Found], None, None]:
+    def execute(missing: Sequence[Case]) -> Generator[tuple[Case, list[Found]], None, None]:
         watcher.resume(len(cases) - len(missing), len(cases))
         yield from in_processes(missing, measure, num_jobs)
 
-    def measure(worker: Worker, case: Case) -> Measured[Case, Found]:
+    def measure(worker: Worker, case: Case) -> tuple[Case, list[Found]]:
         watcher.begin(in_words(case))
         try:
-            return Measured(case, worker.ask(_run, run, num_threads, case))
+            return case, worker.ask(_run, run, num_threads, case)
         except ProcessError as error:
             raise CalibrationError(f"{case}: {error}") from None
 
-    def keep(measured: Measured[Case, Found], is_new: bool) -> None:
+    def keep(measured: tuple[Case, list[Found]], is_new: bool) -> None:
         if is_new:
-            journal.append(measured.case, measured.results)
-            watcher.end(in_words(measured.case))
+            journal.append(*measured)
+            watcher.end(in_words(measured[0]))
 
     with locked(folder / JOURNAL, "run"):
         journal = Journal(folder / JOURNAL, kind)
         done = resume(cases, read_outcome, execute, on_done=keep, finish=lambda _: journal.sort(cases))
         write_text("".join(f"{where}\n" for where in journal.measured(cases)), folder / MEASURED)
-    results = {repr(measured.case): measured.results for measured in done}
+    results = {repr(case): found for case, found in done}
     return [result for case in cases for result in results[repr(case)]]
 
 

@@ -15,10 +15,12 @@ import numpy as np
 
 from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
-from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments.distribution import draw_values, grouped
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.experiments.distribution import draw_values
+from semcal_cli.experiments.experiment import Experiment
 from semcal_cli.experiments.plot_style import ACCENT, GREY, make_logarithmic
-from semcal_cli.experiments.result_files import machine, markdown_table, write_results
+from semcal_cli.experiments.result_files import Report
+from semcal_cli.experiments.summary import NUMBER, Column, common, digits, grouped, median, of
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
@@ -85,25 +87,7 @@ class Timing(Process):
 
 
 @dataclass(frozen=True)
-class Summary(Process):
-    """Medians over all runs of a process."""
-
-    n: int
-    """Number of runs."""
-    seconds: tuple[float, float]
-    """Median and worst."""
-    peak_gib: float
-    """Largest resident memory of all runs."""
-    rotation_deg: float
-    """Largest rotation error of all runs."""
-    camera_center_cm: float
-    """Largest distance of the camera from its true place in all runs."""
-    against_plain_torch: float | None
-    """Ratio of the plain-torch process's time to this one's, with the same estimator and pairs."""
-
-
-@dataclass(frozen=True)
-class Experiment:
+class Runner:
     """Processes on synthetic drives in a folder; a call runs one."""
 
     folder: Path
@@ -160,35 +144,59 @@ class Experiment:
         ]
 
 
-def summarise(timings: Sequence[Timing]) -> list[Summary]:
-    """Summarise the runs of each process."""
-    groups = grouped(timings, lambda t: (t.name, t.num_pairs))
-    medians = {key: float(np.median([t.seconds for t in found])) for key, found in groups.items()}
-    summaries = []
-    for (name, num_pairs), found in groups.items():
-        seconds = medians[name, num_pairs]
+def columns(timings: Sequence[Timing]) -> tuple[Column, ...]:
+    """Columns of the table; the last one compares with the plain-torch process of the same estimator and pairs."""
+    groups = grouped(timings, lambda timing: (timing.name, timing.num_pairs))
+    medians = {key: of("seconds", median)(found) for key, found in groups.items()}
+
+    def against_plain_torch(found: Sequence[Timing]) -> float | None:
+        name, num_pairs = found[0].name, found[0].num_pairs
         plain = medians.get((name.replace("refine", PLAIN_TORCH), num_pairs)) if "refine" in name else None
-        summaries.append(
-            Summary(
-                name,
-                num_pairs,
-                len(found),
-                (seconds, max(t.seconds for t in found)),
-                max(t.peak_gib for t in found),
-                max(t.rotation_deg for t in found),
-                max(t.camera_center_cm for t in found),
-                None if plain is None else plain / seconds,
-            )
-        )
-    return summaries
+        return None if plain is None else plain / medians[name, num_pairs]
+
+    return (
+        common("name", "process"),
+        common("num_pairs", "pairs", "{:,}".format),
+        NUMBER,
+        Column(
+            "seconds: median, worst", {"seconds": of("seconds", lambda s: (median(s), max(s)))}, digits(2)
+        ),
+        Column("peak memory, GiB", {"peak_gib": of("peak_gib", max)}, digits(2)),
+        Column(
+            "error",
+            {"rotation_deg": of("rotation_deg", max), "camera_center_cm": of("camera_center_cm", max)},
+            "{:.4f} deg, {:.2f} cm".format,
+        ),
+        Column("times faster than plain torch", {"against_plain_torch": against_plain_torch}, digits(1)),
+    )
 
 
-def write_speed(timings: Sequence[Timing], folder: Path) -> list[Summary]:
-    """Write CSV, JSON, table and plot into a folder."""
-    summaries = summarise(timings)
-    document: dict[str, object] = {"experiment": "speed", "machine": machine()}
-    write_results(document, timings, summaries, markdown(summaries), lambda: _plot(timings), folder)
-    return summaries
+def report(timings: Sequence[Timing]) -> Report:
+    """Sum up the runs of each process."""
+    return Report.of(timings, columns(timings), lambda: _plot(timings))
+
+
+def experiment(
+    out: Path, repeats: int, street: SynthConfig, plain_torch: Path | None, commands: Sequence[str]
+) -> Experiment[Case, Timing]:
+    """Declare the experiment; drives of another size have a folder of their own.
+
+    Args:
+        out: Folder of all experiments.
+        repeats: Number of runs of each process.
+        street: The rendered drive.
+        plain_torch: Script to compare with, or None.
+        commands: Commands that are timed.
+
+    Raises:
+        InputError: there is no such script.
+    """
+    if plain_torch is not None and not plain_torch.is_file():
+        raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
+    of_size = "" if street == STREET else f"_{street.num_frames}_{street.width}x{street.height}"
+    folder = out / f"speed{of_size}"
+    run = Runner(folder, plain_torch and plain_torch.resolve(), street, commands)
+    return Experiment("speed", folder, run.cases(repeats), run, Timing, report, has_jobs=False)
 
 
 def _plot(timings: Sequence[Timing]) -> Figure:
@@ -239,21 +247,6 @@ def run_process(command: list[str]) -> Run:
     if code not in (0, 3):
         raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(messages.split()[-30:])}")
     return Run(perf_counter() - begin, usage.ru_maxrss / 2**20, messages)
-
-
-def markdown(summaries: Sequence[Summary]) -> str:
-    """Format the table."""
-    header = (
-        "| process | pairs | n | seconds: median, worst | peak memory, GiB | error "
-        "| times faster than plain torch |"
-    )
-    rows = []
-    for s in summaries:
-        ratio = "" if s.against_plain_torch is None else f"{s.against_plain_torch:.1f}"
-        seconds = ", ".join(f"{x:.2f}" for x in s.seconds)
-        error = f"{s.rotation_deg:.4f} deg, {s.camera_center_cm:.2f} cm"
-        rows.append((s.name, f"{s.num_pairs:,}", s.n, seconds, f"{s.peak_gib:.2f}", error, ratio))
-    return markdown_table(header, rows)
 
 
 def make_drive(folder: Path, count: int, street: SynthConfig = STREET) -> Path:

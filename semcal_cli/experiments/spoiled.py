@@ -10,19 +10,18 @@ import numpy as np
 
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import RIGS
-from semcal_cli.experiments.outcome import Case, Outcome, distance_in_limits, with_statement
-from semcal_cli.experiments.pool import NUM_FRAMES, Pool
-from semcal_cli.experiments.told import (
+from semcal_cli.experiments.diagnosis import (
+    Diagnosis,
     Run,
-    Told,
     attempt,
-    tells_copies,
-    tells_intrinsics,
-    tells_knock,
-    tells_leak,
-    tells_scale,
+    covers_intrinsics,
+    matches_one_frame,
+    names_knock,
+    names_leak,
+    names_scale,
 )
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.experiments.outcome import Case, Outcome, distance_in_limits, errors_of, with_statement
+from semcal_cli.experiments.pool import NUM_FRAMES, Pool, with_frames
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive
@@ -50,7 +49,7 @@ class Kind:
     """Function that spoils a good drive."""
     group: str
     """Name of the ways that are counted together."""
-    tell: Callable[[Run], Told] | None = None
+    diagnose: Callable[[Run], Diagnosis] | None = None
     """Function that decides whether the result says what is wrong; None if nothing is asked of it."""
     num_pairs: tuple[int, ...] = PAIRS
     """Numbers of pairs of the spoiled drives."""
@@ -60,8 +59,6 @@ class Kind:
     """Whether the second half of the frames is of another drive of the rig, whose camera looks elsewhere."""
     noises: tuple[float, ...] = NOISES
     """Shares of wrong labels of the good drives."""
-    is_subtle: bool = False
-    """Whether it belongs to the part `subtle`: what is wrong hardly shows, so that only the interval can tell."""
     has_pictures: bool = True
     """Whether the spoiled drive names its pictures."""
     has_point_labels: bool = True
@@ -69,15 +66,20 @@ class Kind:
     has_exact_intrinsics: bool = True
     """Whether it states that K is exact, as synthetic drives do, instead of stating nothing."""
 
+    @property
+    def is_subtle(self) -> bool:
+        """Whether it belongs to the part `subtle`: what is wrong hardly shows, so that only the interval can tell."""
+        return self.group in SUBTLE
+
 
 def _subtle(name: str, kind: Kind) -> dict[str, Kind]:
     """Declare a subtle kind by labels of both sides, and by segments."""
-    return {name: replace(kind, is_subtle=True), **_by_segments(name, kind)}
+    return {name: kind, **_by_segments(name, kind)}
 
 
 def _by_segments(name: str, kind: Kind) -> dict[str, Kind]:
     """Declare a subtle kind by labels of the pictures alone."""
-    segments = replace(kind, is_subtle=True, has_point_labels=False, has_pictures=False)
+    segments = replace(kind, has_point_labels=False, has_pictures=False)
     return {f"{name}, by segments": segments}
 
 
@@ -94,23 +96,24 @@ NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED = (
     "label pictures misplaced",
 )
 LEAKED, SINGLE, SEGMENTS = "leaked labels", "single frames", "good drives by segments"
+SUBTLE = (NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED, LEAKED, SINGLE, SEGMENTS)
+"""Groups of the part `subtle`."""
 SHARES = {"half of the frames": 0.5, "a quarter of the frames": 0.25, "some frames": None}
+TURNS = {f"turned by {angle:g} degrees": (angle, 0.0) for angle in (0.5, 1.0, 3.0)}
+MOVES = {f"moved by {100 * distance:.0f} cm": (0.0, distance) for distance in (0.1, 0.2)}
+"""Knocks of the camera: degrees and metres."""
 KINDS: dict[str, Kind] = {
     **{
-        f"{where} turned by {angle:g} degrees": Kind(
-            partial(spoiling.knocked, angle_deg=angle, share=share), KNOCKED, tells_knock
+        f"{where} {how}": Kind(
+            partial(spoiling.knocked, angle_deg=angle_deg, distance_m=distance_m, share=share),
+            KNOCKED,
+            names_knock,
         )
+        for knocks in (TURNS, MOVES)
         for where, share in SHARES.items()
-        for angle in (0.5, 1.0, 3.0)
+        for how, (angle_deg, distance_m) in knocks.items()
     },
-    **{
-        f"{where} moved by {100 * distance:.0f} cm": Kind(
-            partial(spoiling.knocked, distance_m=distance, share=share), KNOCKED, tells_knock
-        )
-        for where, share in SHARES.items()
-        for distance in (0.1, 0.2)
-    },
-    "two mountings, 1 degree apart": Kind(spoiling.as_it_is, KNOCKED, tells_knock, has_two_mountings=True),
+    "two mountings, 1 degree apart": Kind(spoiling.as_it_is, KNOCKED, names_knock, has_two_mountings=True),
     "each cloud turned by its own 0.7 to 1 degrees": Kind(spoiling.clouds_turned, "clouds turned"),
     **{
         f"point labels shifted by {entries}": Kind(
@@ -120,26 +123,23 @@ KINDS: dict[str, Kind] = {
     },
     "picture labels shifted by 3 to 4 px": Kind(spoiling.image_labels_shifted, "labels shifted"),
     "the same in every other frame": Kind(partial(spoiling.image_labels_shifted, step=2), "labels shifted"),
-    "cx wrong by 4 px": Kind(
-        partial(spoiling.principal_point_wrong, cx_px=4.0),
-        PRINCIPAL_POINT,
-        partial(tells_intrinsics, {"cx": 4.0}),
-    ),
-    "cy wrong by 15 px": Kind(
-        partial(spoiling.principal_point_wrong, cy_px=15.0),
-        PRINCIPAL_POINT,
-        partial(tells_intrinsics, {"cy": 15.0}),
-    ),
+    **{
+        what: Kind(spoil, PRINCIPAL_POINT, partial(covers_intrinsics, offsets))
+        for what, spoil, offsets in (
+            ("cx wrong by 4 px", partial(spoiling.principal_point_wrong, cx_px=4.0), {"cx": 4.0}),
+            ("cy wrong by 15 px", partial(spoiling.principal_point_wrong, cy_px=15.0), {"cy": 15.0}),
+        )
+    },
     "fx alone wrong by 3 %": Kind(partial(spoiling.focal_length_wrong, share=0.03), "focal length wrong"),
     **{
-        f"clouds {name}": Kind(partial(spoiling.clouds_scaled, scale=scale), SCALE, tells_scale)
+        f"clouds {name}": Kind(partial(spoiling.clouds_scaled, scale=scale), SCALE, names_scale)
         for name, scale in (("scaled by 0.95", 0.95), ("scaled by 1.2", 1.2), ("in feet", 1.0 / 0.3048))
     },
     **{
         f"one frame {times} times{words}": Kind(
             partial(spoiling.one_frame_again, times=times, noise_m=noise_m, is_renamed=times > 20),
             COPIES,
-            tells_copies,
+            matches_one_frame,
             (times,),
             1,
         )
@@ -168,24 +168,17 @@ KINDS: dict[str, Kind] = {
             Kind(partial(spoiling.pictures_late, late_s=LATE_S, speeds_m_s=speeds), LATE),
         ).items()
     },
-    **_subtle(
-        "f wrong by 1 %",
-        Kind(
-            partial(spoiling.zoom_wrong, share=0.01),
-            SLIGHTLY_WRONG_K,
-            partial(tells_intrinsics, {"fx": 10.0, "fy": 10.0}),
-            has_exact_intrinsics=False,
-        ),
-    ),
-    **_subtle(
-        "cy wrong by 10 px",
-        Kind(
-            partial(spoiling.principal_point_wrong, cy_px=10.0),
-            SLIGHTLY_WRONG_K,
-            partial(tells_intrinsics, {"cy": 10.0}),
-            has_exact_intrinsics=False,
-        ),
-    ),
+    **{
+        name: kind
+        for what, spoil, offsets in (
+            ("f wrong by 1 %", partial(spoiling.zoom_wrong, share=0.01), {"fx": 10.0, "fy": 10.0}),
+            ("cy wrong by 10 px", partial(spoiling.principal_point_wrong, cy_px=10.0), {"cy": 10.0}),
+        )
+        for name, kind in _subtle(
+            what,
+            Kind(spoil, SLIGHTLY_WRONG_K, partial(covers_intrinsics, offsets), has_exact_intrinsics=False),
+        ).items()
+    },
     **{
         name: kind
         for how, spoil in (
@@ -197,26 +190,25 @@ KINDS: dict[str, Kind] = {
             Kind(
                 spoil,
                 MISPLACED,
-                partial(tells_intrinsics, {"cx": MISPLACED_PX, "cy": MISPLACED_PX}),
+                partial(covers_intrinsics, {"cx": MISPLACED_PX, "cy": MISPLACED_PX}),
                 has_pictures=False,
                 has_exact_intrinsics=False,
             ),
         ).items()
     },
     "points labelled from pictures through a wrong transform": Kind(
-        spoiling.point_labels_from_pictures, LEAKED, tells_leak, is_subtle=True
+        spoiling.point_labels_from_pictures, LEAKED, names_leak
     ),
-    "a single frame": Kind(spoiling.as_it_is, SINGLE, num_pairs=(1,), is_subtle=True),
+    "a single frame": Kind(spoiling.as_it_is, SINGLE, num_pairs=(1,)),
     "a single frame with labels as by a network": Kind(
-        spoiling.labels_by_a_network, SINGLE, num_pairs=(1,), noises=(0.0,), is_subtle=True
+        spoiling.labels_by_a_network, SINGLE, num_pairs=(1,), noises=(0.0,)
     ),
     **_by_segments("a good drive", Kind(spoiling.as_it_is, SEGMENTS)),
     "points labelled from a network's pictures through a wrong transform": Kind(
         partial(spoiling.point_labels_from_pictures, is_by_a_network=True),
         LEAKED,
-        tells_leak,
+        names_leak,
         noises=(0.0,),
-        is_subtle=True,
     ),
 }
 """Ways to spoil a drive, by name."""
@@ -243,16 +235,9 @@ def run(case: Case, pool: Pool) -> Outcome:
         outcome = replace(outcome, reasons=str(found))
     else:
         outcome = with_statement(outcome, found, _nearest_errors(found, raw))
-    if kind.tell is None:
+    if kind.diagnose is None:
         return outcome
-    told = kind.tell(Run(raw, found, outcome))
-    return replace(
-        outcome,
-        is_told=told.is_told,
-        detail=told.detail,
-        has_frame=told.has_frame,
-        num_axes_inside=told.num_axes_inside,
-    )
+    return replace(outcome, **kind.diagnose(Run(raw, found, outcome))._asdict())
 
 
 def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> RawDrive:
@@ -264,8 +249,7 @@ def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> R
     drive, truth = pool.read(rig, RIGS[rig], case.seed)
     chosen = rng.choice(len(drive.frames), min(num_frames + 1, len(drive.frames)), replace=False)
     order = [*np.sort(chosen[:num_frames]).tolist(), *chosen[num_frames:].tolist()]
-    some = drive.model_copy(update={"frames": tuple(drive.frames[place] for place in order)})
-    raw = spoiling.wrong_labels(read_raw_drive(some, truth), rng, case.noise)
+    raw = spoiling.wrong_labels(read_raw_drive(with_frames(drive, order), truth), rng, case.noise)
     return replace(raw, frames=raw.frames[:num_frames], unused=raw.frames[num_frames:])
 
 
@@ -290,14 +274,10 @@ def _two_mountings(pool: Pool, rig: str, seed: int, num_frames: int) -> RawDrive
             "num_frames": min(NUM_FRAMES, max(PAIRS)) // 2,
         }
         drive, truth = pool.read(f"{rig}_at_{azimuth_deg:g}", changes, seed + half * SECOND_SEED)
-        some = drive.model_copy(update={"frames": drive.frames[: num_frames // 2]})
-        halves.append(read_raw_drive(some, truth, prefix=f"{half}_"))
+        halves.append(read_raw_drive(with_frames(drive, range(num_frames // 2)), truth, prefix=f"{half}_"))
     return halves[0].with_frames([frame for half in halves for frame in half.frames])
 
 
 def _nearest_errors(found: Calibration, raw: RawDrive) -> tuple[float, ...]:
     """Compute the errors (6,) from the nearest true pose, centimetres and degrees."""
-    errors = [compare_poses(found.pose, truth) for truth in raw.truths]
-    return min(
-        ((*error.camera_center_xyz_cm, *error.rotation_xyz_deg) for error in errors), key=distance_in_limits
-    )
+    return min((errors_of(found.pose, truth) for truth in raw.truths), key=distance_in_limits)

@@ -18,7 +18,7 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import CalibrationConfig, InitializationConfig
+from semcal_cli.config import InitializationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
@@ -26,15 +26,16 @@ from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.published import PublishedRow, published_rows
-from semcal_cli.experiments.result_files import machine, write_results
+from semcal_cli.experiments.result_files import Report, write_report
+from semcal_cli.experiments.rows import calibrate_from
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.files.images import write_image
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, mounting_rpy_deg, rotation_vector_deg
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
+from semcal_cli.pipeline import initialize
 from semcal_cli.report.overlay import Overlays, add_caption, draw_legend
-from semcal_cli.result.calibration import Calibration, Status
-from semcal_cli.result.stage import StageResult
+from semcal_cli.result.calibration import Status
 
 ORDER = (
     *("SOIC", "PMI as published", "PMI", "PMI, MINE and polish"),
@@ -107,7 +108,8 @@ def compare(
             seen = METHODS[method].prepare(scene)
             start = perf_counter()
             if method == "semcal":
-                poses[method], verdict = _calibrate(data, initial)
+                stages, verdict = calibrate_from(initial, data, RefinementConfig())
+                poses[method] = stages.T_camera_lidar
                 status, reasons = verdict.status, verdict.reasons
             else:
                 poses[method] = METHODS[method].find(scene, seen, T_init)
@@ -116,12 +118,6 @@ def compare(
             failures[method] = str(failure)
     published = published_rows(T_reference)
     return Comparison(data.drive, data.observations, poses, seconds, failures, status, reasons, published)
-
-
-def _calibrate(data: LoadedDrive, initial: StageResult) -> tuple[Pose, Calibration]:
-    config = CalibrationConfig()
-    stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)
-    return stages.T_camera_lidar, make_calibration(data, stages, config)
 
 
 def _check_frame(drive: Drive, frame: int) -> None:
@@ -190,23 +186,26 @@ def describe(found: Comparison) -> list[Row]:
 
 def markdown(found: Comparison, rows: Sequence[Row]) -> str:
     """Format the table."""
-    lines = [
+    header = (
         "| | rotation vector, deg | translation, m | roll, pitch, yaw, deg | off the reference | MI, nats "
-        "| distance, px | s |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+        "| distance, px | s |"
+    )
+    lines = []
     for row in rows:
-        off = f"{row.rotation_error_deg:.3f} deg, {row.camera_center_error_cm:.1f} cm"
+        error = f"{row.rotation_error_deg:.3f} deg, {row.camera_center_error_cm:.1f} cm"
+        off = "" if row.method == "reference" else error
         distance = "" if row.distance_px is None else f"{row.distance_px:.2f}"
         seconds = f"{found.seconds[row.method]:.1f}" if row.method in found.seconds else ""
-        lines.append(
-            f"| {' | '.join([row.method, *row.cells])} | {'' if row.method == 'reference' else off} "
-            f"| {row.mutual_information_nats:.4f} | {distance} | {seconds} |"
-        )
-    lines += [f"| {method} | failed: {_cell(text)} | | | | | | |" for method, text in found.failures.items()]
+        information = f"{row.mutual_information_nats:.4f}"
+        lines.append((row.method, *row.cells, off, information, distance, seconds))
+    table = markdown_table(header, lines)
+    # A row without an answer has empty cells of another width.
+    table += "".join(
+        f"| {method} | failed: {_cell(text)} | | | | | | |\n" for method, text in found.failures.items()
+    )
     notes = [LEGEND, *(f"{_cell(row.method).capitalize()}: {row.source}." for row in found.published)]
     verdict = f"semcal's own verdict: {'; '.join([found.status or 'failed', *found.reasons])}."
-    return "\n\n".join(["\n".join(lines), *notes, f"{verdict}\n"])
+    return "\n\n".join([table.rstrip("\n"), *notes, f"{verdict}\n"])
 
 
 def _cell(text: str) -> str:
@@ -222,9 +221,7 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
     """
     rows = describe(found)
     table = markdown(found, rows)
-    document: dict[str, object] = {
-        "experiment": "table",
-        "machine": machine(),
+    facts = {
         "drive": str(found.drive.path),
         "status": found.status,
         "reasons": found.reasons,
@@ -232,7 +229,7 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
         "failures": found.failures,
         "published": [vars(row) for row in found.published],
     }
-    write_results(document, rows, rows, table, None, folder)
+    write_report("table", rows, Report([vars(row) for row in rows], table, facts=facts), folder)
     _write_images(found, frame, folder)
     return table
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
+from semcal_cli.config import InitializationConfig, Limits, RefinementConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import LabelledCloud, Observations
@@ -17,12 +17,13 @@ from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments import spoiled
 from semcal_cli.experiments.accuracy import RIGS
-from semcal_cli.experiments.outcome import Case, Outcome, with_statement
+from semcal_cli.experiments.outcome import Case, Outcome, errors_of, with_statement
+from semcal_cli.experiments.parts import PARTS
 from semcal_cli.experiments.pool import Pool
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.experiments.rows import calibrate_from
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
+from semcal_cli.pipeline import initialize
 from semcal_cli.synthetic.label_noise import with_shared_errors, with_wrong_labels
 from semcal_cli.verification import verify
 
@@ -36,8 +37,6 @@ SHARED_PAIRS = (5, 20)
 MINE_PAIRS = 10
 MINE_EVERY = SPOILED_EVERY = 5
 """Step between the seeds whose drive is also calibrated with MINE, or spoiled; it covers all rigs in turn."""
-PARTS = ("good", "bad", "spoiled", "subtle", "verify")
-"""Parts of the experiment; MINE belongs to the good drives."""
 OTHER_DRIVE = len(RIGS)
 """Step to the seed whose drive replaces the images: the next one of the same rig."""
 LIMITS = Limits(rotation_deg=0.1, translation_m=0.02)
@@ -153,7 +152,7 @@ def _part(kind: str) -> str:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Runner:
     """Runs a case; it can be pickled for other processes."""
 
     pool: Pool
@@ -197,12 +196,9 @@ class Experiment:
 
 
 def _calibrate(outcome: Outcome, data: LoadedDrive, truth: Pose) -> Outcome:
-    config = CalibrationConfig(refinement=RefinementConfig("mine" if outcome.kind == "mine" else "exact"))
-    initial = initialize(data, config.initialization)
-    stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)
-    calibration = make_calibration(data, stages, config)
-    error = compare_poses(stages.T_camera_lidar, truth)
-    return with_statement(outcome, calibration, (*error.camera_center_xyz_cm, *error.rotation_xyz_deg))
+    config = RefinementConfig("mine" if outcome.kind == "mine" else "exact")
+    stages, calibration = calibrate_from(initialize(data, InitializationConfig()), data, config)
+    return with_statement(outcome, calibration, errors_of(stages.T_camera_lidar, truth))
 
 
 def _verify(outcome: Outcome, data: LoadedDrive, truth: Pose, rng: np.random.Generator) -> Outcome:

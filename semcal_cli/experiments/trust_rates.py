@@ -12,14 +12,27 @@ import numpy.typing as npt
 
 from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.distribution import MAX_FOR_DOTS, draw_values
-from semcal_cli.experiments.outcome import Outcome
+from semcal_cli.experiments.experiment import Experiment
+from semcal_cli.experiments.outcome import Case, Outcome
 from semcal_cli.experiments.plot_style import ACCENT, GREEN, WRONG
-from semcal_cli.experiments.rate import Rate, axes_inside, rate_of
-from semcal_cli.experiments.result_files import machine, markdown_table, write_results
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.rate import Rate, axes_inside, rate_of, rates_by
+from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.spoiled import KINDS
-from semcal_cli.experiments.spoiled_rates import spoiled_markdown, spoiled_rates
-from semcal_cli.experiments.subtle_rates import subtle_markdown, subtle_rates
-from semcal_cli.experiments.trust import BAD, MOVED, MOVED_M, NOISES, OFFSETS, PAIRS, SHARED, SHARED_PAIRS
+from semcal_cli.experiments.spoiled_rates import kinds_markdown, spoiled_rates, subtle_rates
+from semcal_cli.experiments.summary import markdown_table
+from semcal_cli.experiments.trust import (
+    BAD,
+    MOVED,
+    MOVED_M,
+    NOISES,
+    OFFSETS,
+    PAIRS,
+    SHARED,
+    SHARED_PAIRS,
+    Runner,
+    cases,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,58 +40,49 @@ if TYPE_CHECKING:
 
 def rates(findings: Sequence[Outcome]) -> list[Rate]:
     """Rates of all statements that semcal makes."""
-    good = [f for f in findings if f.kind == "good"]
     calibrated = [f for f in findings if f.kind not in OFFSETS and f.kind not in KINDS]
-    mine = [f for f in findings if f.kind == "mine"]
-    shared = [f for f in findings if f.kind == SHARED and f.status == "trusted"]
-    many = [f for f in good if f.num_pairs >= 10]
-    trusted = [f for f in good if f.status == "trusted"]
-    found = [
-        axes_inside("trusted: axes in the 95 % interval", trusted),
+    trusted = [f for f in calibrated if f.is_trusted]
+    good, mine = ([f for f in calibrated if f.kind == kind] for kind in ("good", "mine"))
+    trusted_good, trusted_mine, trusted_shared = (
+        [f for f in trusted if f.kind == kind] for kind in ("good", "mine", SHARED)
+    )
+    return [
+        axes_inside("trusted: axes in the 95 % interval", trusted_good),
         axes_inside("the same, trusted or not", good),
-    ]
-    found += [axes_inside(f"trusted, {n} pairs", [f for f in trusted if f.num_pairs == n]) for n in PAIRS]
-    found += [
-        axes_inside(f"trusted, {noise:.0%} wrong labels", [f for f in trusted if f.noise == noise])
-        for noise in NOISES
-    ]
-    found += [axes_inside(f"trusted, {rig}", [f for f in trusted if f.rig == rig]) for rig in RIGS]
-    found += [
-        *(
-            axes_inside(f"trusted, {SHARED}, {n} pairs", [f for f in shared if f.num_pairs == n])
-            for n in SHARED_PAIRS
-        ),
-        axes_inside("trusted, MINE, 10 pairs", [f for f in mine if f.status == "trusted"]),
+        *rates_by("trusted, {} pairs", trusted_good, lambda f: f.num_pairs, PAIRS),
+        *rates_by("trusted, {:.0%} wrong labels", trusted_good, lambda f: f.noise, NOISES),
+        *rates_by("trusted, {}", trusted_good, lambda f: f.rig, RIGS),
+        *rates_by(f"trusted, {SHARED}, {{}} pairs", trusted_shared, lambda f: f.num_pairs, SHARED_PAIRS),
+        axes_inside("trusted, MINE, 10 pairs", trusted_mine),
         rate_of("confident and wrong, of all", calibrated, lambda f: f.is_confidently_wrong),
+        rate_of("confident and wrong, of those trusted", trusted, lambda f: f.is_confidently_wrong),
+        rate_of("good drives are trusted, all", good, lambda f: f.is_trusted),
         rate_of(
-            "confident and wrong, of those trusted",
-            [f for f in calibrated if f.status == "trusted"],
-            lambda f: f.is_confidently_wrong,
+            "good drives are trusted, 10 pairs or more",
+            [f for f in good if f.num_pairs >= 10],
+            lambda f: f.is_trusted,
         ),
-        rate_of("good drives are trusted, all", good, lambda f: f.status == "trusted"),
-        rate_of("good drives are trusted, 10 pairs or more", many, lambda f: f.status == "trusted"),
-        rate_of("good drives are trusted, MINE, 10 pairs", mine, lambda f: f.status == "trusted"),
+        rate_of("good drives are trusted, MINE, 10 pairs", mine, lambda f: f.is_trusted),
+        *rates_by("not trusted or failed, {}", findings, lambda f: f.kind, BAD, lambda f: not f.is_trusted),
+        *_verified(findings),
+        *spoiled_rates(findings),
+        *subtle_rates(findings),
     ]
-    for kind in BAD:
-        found.append(
-            rate_of(
-                f"not trusted or failed, {kind}",
-                [f for f in findings if f.kind == kind],
-                lambda f: f.status != "trusted",
-            )
-        )
+
+
+def _verified(findings: Sequence[Outcome]) -> list[Rate]:
+    """Rates of the verdicts of `verify` on each offset, and on the three moves together."""
+    rates = []
     for name, kinds in (*((kind, (kind,)) for kind in OFFSETS), (f"{100 * MOVED_M:.0f} cm off, all", MOVED)):
-        of_kind = [f for f in findings if f.kind in kinds]
-        found.append(rate_of(f"verify fails, {name}", of_kind, lambda f: f.status == "fail"))
-        found.append(
-            rate_of(f"verify is inconclusive, {name}", of_kind, lambda f: f.status == "inconclusive")
-        )
-    return found + spoiled_rates(findings) + subtle_rates(findings)
+        found = [f for f in findings if f.kind in kinds]
+        rates.append(rate_of(f"verify fails, {name}", found, lambda f: f.status == "fail"))
+        rates.append(rate_of(f"verify is inconclusive, {name}", found, lambda f: f.status == "inconclusive"))
+    return rates
 
 
 def sharpness(findings: Sequence[Outcome]) -> float:
     """Ratio of the median stated standard error to the true root mean square error, if trusted; the worst axis."""
-    trusted = [f for f in findings if f.kind == "good" and f.status == "trusted"]
+    trusted = [f for f in findings if f.kind == "good" and f.is_trusted]
     if not trusted:
         return math.nan
     sigmas, errors = np.array([f.sigmas for f in trusted]), np.array([f.errors for f in trusted])
@@ -94,23 +98,27 @@ def markdown(findings: Sequence[Outcome]) -> str:
     ratio = sharpness(findings)
     if not math.isnan(ratio):
         table += f"| median stated sigma over true RMSE, worst axis | | | {ratio:.2f} | |\n"
-    for more in (spoiled_markdown(findings), subtle_markdown(findings)):
+    for is_subtle in (False, True):
+        more = kinds_markdown(findings, is_subtle=is_subtle)
         table += f"\n{more}" if more else ""
     return table
 
 
-def write_trust(findings: Sequence[Outcome], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON, table and, if there are good drives, a plot into a folder, and return the table."""
-    table = markdown(findings)
-    draw = (lambda: _plot(findings)) if any(f.kind == "good" for f in findings) else None
-    document = {
-        "experiment": "trust",
-        "machine": machine(),
-        "jobs": num_jobs,
-        "sharpness": None if math.isnan(ratio := sharpness(findings)) else ratio,
-    }
-    write_results(document, findings, rates(findings), table, draw, folder)
-    return table
+def report(findings: Sequence[Outcome]) -> Report:
+    """Sum up all outcomes; the plot is that of the good drives."""
+    ratio = sharpness(findings)
+    return Report(
+        [vars(rate) for rate in rates(findings)],
+        markdown(findings),
+        (lambda: _plot(findings)) if any(f.kind == "good" for f in findings) else None,
+        {"sharpness": None if math.isnan(ratio) else ratio},
+    )
+
+
+def experiment(out: Path, seeds: range, parts: Sequence[str]) -> Experiment[Case, Outcome]:
+    """Declare the experiment on some of `PARTS`."""
+    run = Runner(Pool(out / "pool"), Pool(out / "pool_with_pictures", has_pictures=True))
+    return Experiment("trust", out / "trust", cases(seeds, parts), run, Outcome, report)
 
 
 def _plot(findings: Sequence[Outcome]) -> Figure:
@@ -119,7 +127,7 @@ def _plot(findings: Sequence[Outcome]) -> Figure:
 
     figure = Figure(figsize=(8.0, 4.0))
     axes = figure.subplots()
-    trusted = [f for f in findings if f.kind == "good" and f.status == "trusted"]
+    trusted = [f for f in findings if f.kind == "good" and f.is_trusted]
     groups = [
         [e / h for f in trusted if f.num_pairs == n for e, h in zip(f.errors, f.half_widths, strict=True)]
         for n in PAIRS

@@ -133,12 +133,16 @@ def point_labels_from_pictures(
     """
     if is_by_a_network:
         raw = labels_by_a_network(raw, rng)
-    camera = core_camera(raw.drive.camera)
     off_deg, off_m = rng.uniform(*LEAK_DEG), rng.uniform(*LEAK_M)
-    T_wrong = displaced(raw.frames[0].T_camera_lidar, off_deg, off_m, rng)
+    return projected_labels(raw, displaced(raw.frames[0].T_camera_lidar, off_deg, off_m, rng))
 
-    def painted(frame: RawFrame) -> RawFrame:
-        projected = _core.project_points(camera, frame.points, T_wrong)
+
+def projected_labels(raw: RawDrive, T_camera_lidar: Pose) -> RawDrive:
+    """Label each point by the pixel that it lands on through a transform (4, 4); points outside have no label."""
+    camera = core_camera(raw.drive.camera)
+
+    def labelled(frame: RawFrame) -> RawFrame:
+        projected = _core.project_points(camera, frame.points, T_camera_lidar)
         is_seen = np.isfinite(projected.ranges)
         last = np.array(frame.image_labels.shape[::-1]) - 1
         pixels = np.where(is_seen[:, None], projected.pixels, 0.0)
@@ -146,7 +150,7 @@ def point_labels_from_pictures(
         labels = np.where(is_seen, frame.image_labels[row, column], UNLABELLED).astype(np.uint8)
         return replace(frame, point_labels=labels)
 
-    return raw.with_frames(map(painted, raw.frames))
+    return raw.with_frames(map(labelled, raw.frames))
 
 
 def point_labels_shifted(raw: RawDrive, rng: np.random.Generator, entries: int) -> RawDrive:

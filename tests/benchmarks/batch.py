@@ -23,9 +23,8 @@ from semcal_cli.batch.records import read_inputs, write_record
 from semcal_cli.batch.run import run_batch
 from semcal_cli.batch.tasks import Outcome, Task
 from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.speed import SEMCAL
 
-SEMCAL = (sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()")
-"""The installed command, wherever this is run: with `-I`, Python does not look for it in the working folder."""
 BARE = """
 import sys
 from semcal_cli.cli import run

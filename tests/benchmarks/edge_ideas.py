@@ -18,6 +18,7 @@ from typing import NamedTuple
 import click
 import cv2
 import numpy as np
+from profiles import AXES, Profile, draw_profiles, poses_along
 from real_data import real_drives
 
 from semcal_cli import _core
@@ -30,20 +31,17 @@ from semcal_cli.drive.edges import observe_edges
 from semcal_cli.drive.intensity import grey_values
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.result_files import markdown_table
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.geometry.twists import apply_twist, displaced
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import refine_pose
 from semcal_cli.refinement.several_starts import pyramid_of
 from semcal_cli.synthetic.synthesis import synthesize
 
-AXES = ("right, cm", "down, cm", "forward, cm", "pitch, deg", "yaw, deg", "roll, deg")
-UNITS = np.array([0.01, 0.01, 0.01, *np.radians([1.0, 1.0, 1.0])])
-REACH = np.array([40.0, 40.0, 40.0, 2.0, 2.0, 2.0])
 START_DEG, START_M = 2.0, 0.2
 SAME_DEG, SAME_CM = 0.5, 15.0
 """Errors within which an ascent has come back to the top."""
@@ -195,10 +193,9 @@ def measure(seen: Observations, T: Pose, num_starts: int) -> Figures:
     return Figures(error.rotation_deg, error.camera_center_cm, behind, sum(is_back))
 
 
-def profile(seen: Observations, T: Pose, axis: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def profile(seen: Observations, T: Pose, axis: int, steps: int) -> Profile:
     """Offsets along an axis, in its unit, and the mutual information there."""
-    offsets = np.linspace(-REACH[axis], REACH[axis], 2 * steps + 1)
-    poses = [apply_twist(T, offset * UNITS * np.eye(6)[axis]) for offset in offsets]
+    offsets, poses = poses_along(T, axis, steps)
     agreements = [_core.agreement(seen.core, pose) for pose in poses]
     return offsets, np.array([each.mutual_information - each.bias for each in agreements])
 
@@ -217,29 +214,6 @@ def drives(data: Path, folder: Path, only: str, num_frames: int) -> Iterator[tup
     if only in "synthetic":
         synthesize(SynthConfig(num_frames=min(num_frames, 12), seed=95000), folder / "synthetic")
         yield "synthetic, 12 pairs", read_drive(folder / "synthetic"), read_transform(folder / "synthetic")
-
-
-def draw(curves: dict[str, dict[str, list[tuple[np.ndarray, np.ndarray]]]], path: Path) -> None:
-    """A row for each drive, a column for each axis."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(14.0, 1.2 + 2.0 * len(curves)), layout="constrained")
-    grid = figure.subplots(len(curves), len(AXES), sharex="col", sharey=True, squeeze=False)
-    for axes, (name, ideas) in zip(grid, curves.items(), strict=True):
-        axes[0].set_ylabel(name)
-        for idea, along in ideas.items():
-            for ax, (offsets, nats) in zip(axes, along, strict=True):
-                ax.plot(
-                    offsets,
-                    (nats - nats[len(nats) // 2]) / max(np.ptp(nats), 1e-12),
-                    label=idea,
-                    linewidth=1.2,
-                )
-                ax.axvline(0.0, color="0.7", linewidth=0.8, zorder=0)
-    for ax, axis in zip(grid[-1], AXES, strict=True):
-        ax.set_xlabel(axis)
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    figure.savefig(path, dpi=90)
 
 
 @click.command()
@@ -262,7 +236,7 @@ def main(data: Path, output: Path, only: str, max_frames: int, starts: int, step
                 rows.append((name, idea, top, f"{found.behind:.1f}", f"{found.returned} of {starts}"))
                 curves[name][idea] = [profile(seen, T, axis, steps) for axis in range(len(AXES))]
     print(markdown_table("| drive | edges | top | other tops behind, sigmas | ascents that return |", rows))
-    draw(curves, output)
+    draw_profiles(curves, output, head=1.2, linewidth=1.2)
     print(f"written to {output}")
 
 

@@ -21,7 +21,7 @@ from semcal_cli.config import CalibrationConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.result_files import markdown_table
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose

@@ -27,9 +27,8 @@ from bags import NS, START_NS, BagWriter
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.speed import SEMCAL
 
-SEMCAL = (sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()")
-"""The installed command, wherever this is run."""
 RECORD = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")]
 KINDS = {"mcap": "mcap library", "ros1": "ros1", "sqlite3": "sqlite3"}
 BLOCK_BYTES = 1 << 20

@@ -9,22 +9,21 @@ that was stopped goes on where it was.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from semcal_cli import _core
 from semcal_cli.config import AlignmentConfig, InitializationConfig, SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.runner import run_cases
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, search_mountings
@@ -82,13 +81,22 @@ NUM_COMPARED = 10
 
 
 @dataclass(frozen=True)
+class Case:
+    """A variant under a condition on the drive of one seed."""
+
+    condition: str
+    variant: str
+    seed: int
+
+
+@dataclass(frozen=True)
 class Result:
     """One initial calibration."""
 
     condition: str
     seed: int
     variant: str
-    frames: tuple[int, ...]
+    frames: Sequence[int]
     rotation_deg: float
     camera_center_cm: float
     margin: float | None
@@ -120,16 +128,9 @@ def main() -> None:
     for condition in conditions:
         for seed in seeds:
             make_drive(arguments.pool, condition, seed, arguments.frames, arguments.width)
-    file = arguments.pool / f"results_{revision()}.jsonl"
-    done = read_results(file) if file.exists() else []
-    known = {(r.condition, r.seed, r.variant) for r in done}
-    missing = [case for case in cases(conditions, seeds) if case not in known]
-    with ProcessPoolExecutor(arguments.jobs, initializer=_core.set_num_threads, initargs=(1,)) as processes:
-        for results in processes.map(partial(run_case, arguments.pool), missing):
-            done += results
-            with file.open("a") as out:
-                out.writelines(json.dumps(asdict(result)) + "\n" for result in results)
-    done = [result for result in done if result.seed in seeds and result.condition in conditions]
+    chosen = cases(conditions, seeds)
+    folder = arguments.pool / f"results_{revision()}"
+    done = run_cases(chosen, partial(run_case, arguments.pool), Result, folder, arguments.jobs)
     print_conditions(done)
     print_variants(done)
 
@@ -146,11 +147,14 @@ def revision() -> str:
     return described.stdout.strip() or "unknown"
 
 
-def cases(conditions: list[str], seeds: range) -> Iterator[tuple[str, int, str]]:
-    for variant in VARIANTS:
-        for condition in [name for name in conditions if variant == "exact" or name in COMPARED]:
-            for seed in seeds if variant == "exact" else seeds[:NUM_COMPARED]:
-                yield condition, seed, variant
+def cases(conditions: list[str], seeds: range) -> list[Case]:
+    return [
+        Case(condition, variant, seed)
+        for variant in VARIANTS
+        for condition in conditions
+        if variant == "exact" or condition in COMPARED
+        for seed in (seeds if variant == "exact" else seeds[:NUM_COMPARED])
+    ]
 
 
 def drive_path(pool: Path, condition: str, seed: int) -> Path:
@@ -166,18 +170,12 @@ def make_drive(pool: Path, condition: str, seed: int, num_frames: int, width: in
             picture.unlink()
 
 
-def read_results(file: Path) -> list[Result]:
-    results = [Result(**json.loads(line)) for line in file.read_text().splitlines()]
-    return [replace(result, frames=tuple(result.frames)) for result in results]
-
-
-def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
+def run_case(pool: Path, case: Case) -> list[Result]:
     """Use all frames together, then each alone."""
-    condition, seed, variant = case
-    path = drive_path(pool, condition, seed)
+    path = drive_path(pool, case.condition, case.seed)
     observations, truth = load_observations(read_drive(path)), read_transform(path)
-    config = VARIANTS[variant]
-    if condition in ANY_ROLL:
+    config = VARIANTS[case.variant]
+    if case.condition in ANY_ROLL:
         config = replace(config, max_roll_deg=180.0)
     results = []
     every = tuple(range(observations.num_frames))
@@ -189,9 +187,9 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
         error = compare_poses(found.T_camera_lidar, truth)
         results.append(
             Result(
-                condition,
-                seed,
-                variant,
+                case.condition,
+                case.seed,
+                case.variant,
                 frames,
                 rotation_deg=error.rotation_deg,
                 camera_center_cm=error.camera_center_cm,
@@ -204,28 +202,33 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
 
 def print_conditions(results: list[Result]) -> None:
     num_frames = max(len(r.frames) for r in results)
-    print(
-        f"\n| | {num_frames} frames: right | not trusted | median error | 1 frame: right | wrong and trusted | "
-        "right and not trusted |\n|---|---|---|---|---|---|---|"
+    header = (
+        f"| | {num_frames} frames: right | not trusted | median error | 1 frame: right | wrong and trusted | "
+        "right and not trusted |"
     )
+    rows = []
     for condition in [name for name in CONDITIONS if any(r.condition == name for r in results)]:
         pooled, single = (split(results, condition, "exact", n) for n in (num_frames, 1))
-        print(
-            f"| {condition} | {share(r.is_right for r in pooled)} | {share(not r.is_trusted for r in pooled)} | "
-            f"{median_error(pooled)} | {share(r.is_right for r in single)} | "
-            f"{share(r.is_trusted and not r.is_right for r in single)} | "
-            f"{share(r.is_right and not r.is_trusted for r in single)} |"
+        of_pooled = share(r.is_right for r in pooled), share(not r.is_trusted for r in pooled)
+        of_single = (
+            share(r.is_right for r in single),
+            share(r.is_trusted and not r.is_right for r in single),
+            share(r.is_right and not r.is_trusted for r in single),
         )
+        rows.append((condition, *of_pooled, median_error(pooled), *of_single))
+    print(f"\n{markdown_table(header, rows)}", end="")
 
 
 def print_variants(results: list[Result]) -> None:
     compared = [r for r in results if r.seed < min(r.seed for r in results) + NUM_COMPARED]
-    print("\n| | frames | " + " | ".join(VARIANTS) + " |\n|---|---|" + "---|" * len(VARIANTS))
+    rows = []
     for condition in [name for name in COMPARED if any(r.condition == name for r in compared)]:
         for num_frames in (max(len(r.frames) for r in results), 1):
             found = [split(compared, condition, variant, num_frames) for variant in VARIANTS]
             cells = [f"{share(r.is_right for r in part)}, {median_error(part)}" for part in found]
-            print(f"| {condition} | {num_frames} | " + " | ".join(cells) + " |")
+            rows.append((condition, num_frames, *cells))
+    header = f"| | frames | {' | '.join(VARIANTS)} |"
+    print(f"\n{markdown_table(header, rows)}", end="")
 
 
 def split(results: list[Result], condition: str, variant: str, num_frames: int) -> list[Result]:

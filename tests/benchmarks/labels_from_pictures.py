@@ -33,6 +33,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
@@ -294,8 +295,9 @@ def main() -> None:
         synthesize(
             SynthConfig(seed=DRIVE_SEED + number, num_frames=asked.frames, width=width, height=height), truth
         )
-        command = [sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()", "label", str(truth)]
-        subprocess.run([*command, "--image-model", str(model), "-o", str(labelled), "-q"], check=True)
+        subprocess.run(
+            [*SEMCAL, "label", str(truth), "--image-model", str(model), "-o", str(labelled), "-q"], check=True
+        )
         text, found = row(number, labelled, truth, right_pixels(labelled, truth, class_ids))
         print(text, flush=True)
         errors.append(found)

@@ -6,16 +6,14 @@ python tests/benchmarks/report.py --frames 20
 import argparse
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 from semcal_cli.config import SynthConfig
 from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.synthetic.synthesis import synthesize
-
-SEMCAL = [sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()"]
 
 
 def main() -> None:

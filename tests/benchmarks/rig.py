@@ -20,8 +20,8 @@ import numpy as np
 
 from semcal_cli.config import SynthConfig
 from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.result_files import markdown_table
 from semcal_cli.experiments.speed import SEMCAL
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.files.documents import read_document
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 

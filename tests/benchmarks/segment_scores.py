@@ -9,12 +9,13 @@ the published pose, over its own range. The table says where each is largest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
+from profiles import AXES, Profile, draw_profiles, poses_along
 from real_data import real_drives
 
 from semcal_cli import _core
@@ -26,14 +27,10 @@ from semcal_cli.drive.cues import SEGMENTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.result_files import markdown_table
+from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.geometry.twists import apply_twist
 
-AXES = ("right, cm", "down, cm", "forward, cm", "pitch, deg", "yaw, deg", "roll, deg")
-UNITS = np.array([0.01, 0.01, 0.01, *np.radians([1.0, 1.0, 1.0])])
-REACH = np.array([40.0, 40.0, 40.0, 2.0, 2.0, 2.0])
 SCORES = ("mutual information", "uncertainty coefficient", "adjusted mutual information")
 DRIVES = ("KITTI jam, 13 pairs", "OpenCalib 1", "OpenCalib 3", "nuScenes back")
 
@@ -81,11 +78,10 @@ class Profiles:
         entropy = _entropy(joint.sum(axis=0))
         return entropy + _entropy(joint.sum(axis=1)) - _entropy(joint), entropy
 
-    def along(self, axis: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    def along(self, axis: int, steps: int) -> Profile:
         """Offsets (2 steps + 1,) along an axis, in its unit, and the scores there (2 steps + 1, 3)."""
-        offsets = np.linspace(-REACH[axis], REACH[axis], 2 * steps + 1)
-        twists = offsets[:, None] * UNITS * np.eye(6)[axis]
-        return offsets, np.array([self.at(apply_twist(self.T, twist)) for twist in twists])
+        offsets, poses = poses_along(self.T, axis, steps)
+        return offsets, np.array([self.at(pose) for pose in poses])
 
 
 def _entropy(shares: np.ndarray) -> float:
@@ -101,25 +97,6 @@ def drives(data: Path, folder: Path, only: str, max_frames: int) -> Iterator[tup
             drive = drive.model_copy(update={"frames": drive.frames[:max_frames]})
             found = load(drive, CalibrationConfig(cues=("segments",)))
             yield name, Profiles(found, read_transform(drive.path))
-
-
-def draw(curves: Mapping[str, list[tuple[np.ndarray, np.ndarray]]], path: Path) -> None:
-    """A row for each drive, a column for each axis."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(14.0, 1.0 + 2.0 * len(curves)), layout="constrained")
-    grid = figure.subplots(len(curves), len(AXES), sharex="col", sharey=True, squeeze=False)
-    for axes, (name, along) in zip(grid, curves.items(), strict=True):
-        axes[0].set_ylabel(name)
-        for ax, (offsets, scores) in zip(axes, along, strict=True):
-            lines = (scores - scores[len(scores) // 2]) / np.ptp(scores, axis=0)
-            for line, label in zip(lines.T, SCORES, strict=True):
-                ax.plot(offsets, line, label=label, linewidth=1.4)
-            ax.axvline(0.0, color="0.7", linewidth=0.8, zorder=0)
-    for ax, axis in zip(grid[-1], AXES, strict=True):
-        ax.set_xlabel(axis)
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(SCORES))
-    figure.savefig(path, dpi=90)
 
 
 @click.command()
@@ -141,7 +118,14 @@ def main(data: Path, output: Path, steps: int, only: str, max_frames: int) -> No
         for index, score in enumerate(SCORES)
     ]
     print(markdown_table(f"| drive | score | {' | '.join(AXES)} |", rows))
-    draw(curves, output)
+    by_score = {
+        name: {
+            score: [(offsets, scores[:, index]) for offsets, scores in along]
+            for index, score in enumerate(SCORES)
+        }
+        for name, along in curves.items()
+    }
+    draw_profiles(by_score, output, head=1.0, linewidth=1.4)
     print(f"written to {output}")
 
 

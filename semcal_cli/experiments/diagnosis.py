@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.outcome import Outcome
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.experiments.outcome import Outcome, errors_of
 from semcal_cli.pipeline import calibrate
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
@@ -34,10 +33,11 @@ class Knock(NamedTuple):
     """(6,) half widths of its 95 % intervals."""
 
 
-class Told(NamedTuple):
+class Diagnosis(NamedTuple):
     """What a result says of the spoiling: see the fields of `Outcome`."""
 
     is_told: bool
+    """Whether it says what is wrong."""
     detail: str = ""
     has_frame: bool | None = None
     num_axes_inside: int | None = None
@@ -84,24 +84,23 @@ def stated_cost(calibration: Calibration, name: str) -> tuple[float, ...]:
     return (*(100.0 * x for x in of_one.camera_center_m), *of_one.rotation_deg)
 
 
-def tells_knock(run: Run) -> Told:
+def names_knock(run: Run) -> Diagnosis:
     """Check that the knock is named with its frame, within one, and that all six axes lie within the intervals."""
     first = run.raw.knock
     stated = None if isinstance(run.found, SemcalError) else stated_knock(run.found)
     if stated is None:
-        return Told(False, f"frame {first}, none named", has_frame=False)
+        return Diagnosis(False, f"frame {first}, none named", has_frame=False)
     before, after = (run.raw.frames[place].T_camera_lidar for place in (0, first))
-    change = compare_poses(after, before)
-    true = (*change.camera_center_xyz_cm, *change.rotation_xyz_deg)
+    true = errors_of(after, before)
     inside = sum(
         abs(x - y) <= half for x, y, half in zip(stated.offset, true, stated.half_widths, strict=True)
     )
     has_frame = abs(stated.frame_index - first) <= 1
     detail = f"frame {first}, named {stated.frame_index}, {inside} of 6 axes inside"
-    return Told(has_frame and inside == len(true), detail, has_frame, inside)
+    return Diagnosis(has_frame and inside == len(true), detail, has_frame, inside)
 
 
-def tells_intrinsics(offsets: Mapping[str, float], run: Run) -> Told:
+def covers_intrinsics(offsets: Mapping[str, float], run: Run) -> Diagnosis:
     """Check that the interval, and what wrong intrinsics cost by the result's own figures, cover the error.
 
     Args:
@@ -109,7 +108,7 @@ def tells_intrinsics(offsets: Mapping[str, float], run: Run) -> Told:
         run: The run.
     """
     if isinstance(run.found, SemcalError):
-        return Told(False)
+        return Diagnosis(False)
     costs = np.zeros(6)
     for name, offset in offsets.items():
         costs += offset * np.abs(stated_cost(run.found, name))
@@ -117,33 +116,33 @@ def tells_intrinsics(offsets: Mapping[str, float], run: Run) -> Told:
     covered = [
         abs(error) <= half + cost for error, half, cost in zip(run.outcome.errors, halves, costs, strict=True)
     ]
-    return Told(all(covered), f"{sum(covered)} of 6 axes covered")
+    return Diagnosis(all(covered), f"{sum(covered)} of 6 axes covered")
 
 
-def tells_leak(run: Run) -> Told:
+def names_leak(run: Run) -> Diagnosis:
     """Check that a reason says that labels of points were made from those of pictures."""
-    return Told(not isinstance(run.found, SemcalError) and "leaked-labels" in run.found.topics)
+    return Diagnosis(not isinstance(run.found, SemcalError) and "leaked-labels" in run.found.topics)
 
 
-def tells_scale(run: Run) -> Told:
+def names_scale(run: Run) -> Diagnosis:
     """Check that a note or a reason speaks of scale or units."""
-    return Told(OF_SCALE.search(f"{run.outcome.reasons} {run.outcome.notes}") is not None)
+    return Diagnosis(OF_SCALE.search(f"{run.outcome.reasons} {run.outcome.notes}") is not None)
 
 
-def tells_copies(run: Run) -> Told:
+def matches_one_frame(run: Run) -> Diagnosis:
     """Check that copies of a frame have the interval and the verdict of the frame alone."""
     alone = attempt(run.raw.with_frames(run.raw.frames[:1]))
     if isinstance(alone, SemcalError) or isinstance(run.found, SemcalError):
         is_same = isinstance(alone, SemcalError) and isinstance(run.found, SemcalError)
-        return Told(is_same, f"alone {_status(alone)}")
+        return Diagnosis(is_same, f"alone {_status(alone)}")
     ratio = 1.0
     if alone.uncertainty is not None and run.found.uncertainty is not None:
         ratios = np.divide(run.found.uncertainty.half_widths, alone.uncertainty.half_widths)
         ratio = float(ratios[np.argmax(np.abs(np.log(ratios)))])
     elif (alone.uncertainty is None) != (run.found.uncertainty is None):
-        return Told(False, f"alone {alone.status}, one without intervals")
+        return Diagnosis(False, f"alone {alone.status}, one without intervals")
     is_as_wide = 1.0 / MAX_WIDTH_CHANGE <= ratio <= MAX_WIDTH_CHANGE
-    return Told(
+    return Diagnosis(
         is_as_wide and alone.status == run.found.status,
         f"alone {alone.status}, intervals {ratio:.2f} times as wide",
     )
