@@ -126,7 +126,7 @@ DOCUMENTS = {
     "a camera file of blank lines": Hostile(
         text("T.yml", "\n", 900_000, before="%YAML:1.0\n", after="CameraExtrinsicMat: 1\n"),
         ("convert", "T.yml", "--from", "opencv", "--direction", "lidar-to-camera", "--to", "kitti-odometry"),
-        r"^semcal: error: T.yml: CameraExtrinsicMat: found 1 numbers, needed 16 by rows, or 12$",
+        r"^semcal: error: T.yml: CameraExtrinsicMat: found 1, needed numbers$",
     ),
     "a drive of a million names of classes": Hostile(
         lambda folder: (folder / "drive.json").write_text(

@@ -187,7 +187,9 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     (folder / "start.yaml").write_text(yaml.safe_dump({"semcal_transform": 1, "T_camera_lidar": T.tolist()}))
     (folder / "cases.yaml").write_text(yaml.safe_dump(CASES, sort_keys=False))
     semcal = folder / "semcal"
-    semcal.write_text(f"#!{sys.executable}\nfrom semcal_cli.cli import main\nmain()\n")
+    # As pip writes it: processes that are spawned import it again.
+    lines = ("from semcal_cli.cli import main", 'if __name__ == "__main__":', "    main()")
+    semcal.write_text("\n".join([f"#!{sys.executable}", *lines, ""]))
     semcal.chmod(0o755)
     for name in ("pool", "out"):
         (folder / name).mkdir()

@@ -303,11 +303,11 @@ def test_names_are_no_markup_and_may_be_too_long(
 
 def test_what_cannot_be_printed_is_escaped(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """A key with a control sequence of a terminal."""
-    file = tmp_path / "calib.txt"
-    file.write_text("P\x1b[31m: 1\n\ufeffTr\x00: 2\n")
-    code, _, err = run(capfd, "convert", file, "--from", "kitti-odometry", "--to", "text")
+    file = tmp_path / "T.json"
+    file.write_text(json.dumps({"T\x1b[31m\x00": 1}))
+    code, _, err = run(capfd, "convert", file, "--from", "semcal", "--to", "text")
     assert code == EXIT_FAILURE
-    assert err.endswith("calib.txt: found no key 'Tr', needed one of: P\\x1b[31m, \\ufeffTr\\x00\n")
+    assert "T.json: unknown key 'T\\x1b[31m\\x00'" in err
     assert str(InputError("a\nb\u2028c: found nothing")) == "a b c: found nothing"
 
 

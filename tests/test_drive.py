@@ -116,7 +116,7 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (edit("semcal_drive", to=True), "semcal_drive: found true, needed 1"),
         (edit("semcal_drive", to="1"), "semcal_drive: found '1', needed 1"),
         (edit("frame", to=[]), "unknown key 'frame'; the nearest known key is 'frames'"),
-        (edit(3, to=[]), "unknown key 3; the nearest known key is 'time_offset_s'"),
+        (edit(3, to=[]), "unknown key 3; the nearest known key is 'time_offset_sigma_s'"),
         (edit("camera", "widht", to=1), "camera: unknown key 'widht'; the nearest known key is 'width'"),
         (edit("camera", to=None), "camera: found nothing, needed a mapping"),
         (

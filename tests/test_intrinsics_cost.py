@@ -106,9 +106,10 @@ def test_labels_with_stated_errors_of_k_weigh_less_than_a_prior(
     unsure = fuse_with_priors(replace(street_observations, camera=camera), polished, [prior])
     assert sure.uncertainty is not None
     assert unsure.uncertainty is not None
-    assert (np.array(unsure.uncertainty.half_widths) > np.array(sure.uncertainty.half_widths)).all()
+    of_unsure, of_sure = (np.sqrt(np.diag(found.uncertainty.covariance)) for found in (unsure, sure))
+    assert (of_unsure > of_sure).all()
     assert np.trace(unsure.label_gain) < np.trace(sure.label_gain)
-    assert (np.sqrt(np.diag(unsure.uncertainty.covariance)) < prior.sigmas).all()
+    assert (of_unsure < prior.sigmas).all()
 
 
 def test_a_good_camera_is_not_doubted(street_observations: Observations, polished: Pose) -> None:

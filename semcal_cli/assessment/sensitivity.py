@@ -63,7 +63,8 @@ class Scatter(NamedTuple):
     def degrees_of_freedom(self) -> npt.NDArray[np.float64]:
         """Satterthwaite's degrees of freedom (m,) of the variances, as if squares and classes were independent.
 
-        What classes share is a difference, which is as uncertain as the scatter of the classes that it is part of.
+        What classes share is a difference, which is as uncertain as the scatter of the classes that it is part of. They
+        are no fewer than those of the smaller number of parts, as those of any sum of variances.
         """
         of_squares, of_classes = np.diag(self.of_squares), np.diag(self.of_classes)
         by_square = _effective_number(self.squares, self.num_alike)
@@ -71,7 +72,8 @@ class Scatter(NamedTuple):
         found = _effective_number(self.classes, np.ones(len(self.classes)))
         by_class = found.clip(min(LEAST_CLASSES, most), most)
         spread = of_squares**2 / by_square + (self.classes**2).sum(axis=0) ** 2 / by_class
-        return np.asarray((of_squares + of_classes) ** 2 / np.maximum(spread, np.finfo(float).tiny))
+        found = (of_squares + of_classes) ** 2 / np.maximum(spread, np.finfo(float).tiny)
+        return np.asarray(np.maximum(found, np.minimum(by_square, by_class)))
 
 
 def _effective_number(influences: Matrix, num_alike: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

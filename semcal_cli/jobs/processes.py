@@ -51,8 +51,6 @@ class Worker:
     """A process that one thread at a time asks; it begins with the first question, and is replaced when it ends."""
 
     def __init__(self) -> None:
-        # On Python 3.10, new processes still look for the standard library in the working folder first.
-        os.environ.setdefault("PYTHONSAFEPATH", "1")
         self._pool, self._is_stopped = _make_pool(), False
         self._answer: Future[Any] | None = None
 
