@@ -35,6 +35,8 @@ from semcal_cli.cli.worker import run_task
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 
+pytestmark = pytest.mark.slow
+
 NUM_DRIVES = 9
 TIMEOUT_S = 20.0
 ENDS = {"000": signal.SIGKILL, "003": signal.SIGTERM, "004": signal.SIGSEGV}

@@ -21,6 +21,8 @@ from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.synthetic.synthesis import synthesize
 
+pytestmark = pytest.mark.slow
+
 BENCHMARKS = ROOT / "tests/benchmarks"
 
 SMALL = SynthConfig(num_frames=2, seed=5, width=320, height=180)

@@ -35,6 +35,8 @@ from semcal_cli.jobs.pace import Pace
 from semcal_cli.jobs.resume import locked
 from semcal_cli.synthetic.synthesis import synthesize
 
+pytestmark = pytest.mark.slow
+
 
 @dataclass(frozen=True)
 class Case:

@@ -16,6 +16,8 @@ from semcal_cli.errors import InputError
 from semcal_cli.extras import check_installed, is_installed
 from semcal_cli.result.calibration import read_calibration
 
+pytestmark = pytest.mark.slow
+
 NEEDED = "needed the extra 'mine': pip install 'semcal[mine]', in a clone: pip install '.[mine]'"
 BARE = '''
 import contextlib, importlib.metadata, io, json, sys

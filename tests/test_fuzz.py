@@ -18,6 +18,8 @@ from targets import TARGETS, Target, check, task_of  # noqa: E402
 from semcal_cli.batch.records import read_outcome  # noqa: E402
 from semcal_cli.errors import InputError  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 CORPUS = FUZZ / "corpus"
 MUTATIONS = 20
 MAX_FILES, MAX_BYTES, MAX_FILE_BYTES = 150, 300_000, 4096

@@ -13,6 +13,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from semcal_cli.cli import semcal
 
+pytestmark = pytest.mark.slow
+
 SOUND = """<!doctype html><html lang="en"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>sound</title><body style="background: #fff; color: #333"><p>Text</p>
 <label>Number <input type="number" value="1"></label>{}</body></html>"""

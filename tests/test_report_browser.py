@@ -24,6 +24,8 @@ from semcal_cli.report import read_report_input, write_report
 from semcal_cli.report.overlay import points_in_image
 from semcal_cli.report.palette import depth_levels, level_colors
 
+pytestmark = pytest.mark.slow
+
 SCREEN = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
 PIXELS = """
     const view = document.querySelector("#first .after");

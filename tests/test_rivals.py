@@ -24,6 +24,8 @@ from semcal_cli.files.images import read_image, write_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting
 
+pytestmark = pytest.mark.slow
+
 FLAT_PX = 0.1
 """Distance between borders that may differ among machines on this frame."""
 FLAT_NATS = 0.02

@@ -22,6 +22,8 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
+pytestmark = pytest.mark.slow
+
 
 def outcome(kind: str, status: str, error_deg: float, **more: Any) -> Outcome:
     errors = (0.0, 0.0, 0.0, 0.0, error_deg, 0.0)
