@@ -45,8 +45,6 @@ class Ending(NamedTuple):
 
 def main() -> None:
     """Run the command line."""
-    # Processes that are started later do not look for the standard library in the working folder (Python 3.11 on).
-    os.environ.setdefault("PYTHONSAFEPATH", "1")
     # Imports make many objects and no garbage.
     gc.set_threshold(GARBAGE_AFTER)
     exit_code = run(sys.argv[1:]).exit_code
