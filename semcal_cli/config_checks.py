@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import Any, get_args
 
-from semcal_cli.config import CalibrationConfig, Cue, JointlyConfig, Limits
+from semcal_cli.config import CalibrationConfig, Cue, JointlyConfig
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_torch
 from semcal_cli.files.messages import one_of
@@ -32,15 +32,6 @@ def check_config(config: CalibrationConfig) -> None:
     if config.refinement.estimator == "mine":
         check_torch("estimator 'mine'")
     _check_sigmas(config.refinement.jointly)
-
-
-def check_limits(limits: Limits) -> None:
-    """Check how far a transform may be off.
-
-    Raises:
-        InputError: a limit is no number from 0 on.
-    """
-    check_settings(limits)
 
 
 def check_settings(config: Any) -> None:

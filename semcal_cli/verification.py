@@ -20,7 +20,7 @@ from semcal_cli.config import (
     Limits,
     RefinementConfig,
 )
-from semcal_cli.config_checks import check_limits
+from semcal_cli.config_checks import check_settings
 from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -133,7 +133,7 @@ def verify(
         CalibrationError: the drive cannot be calibrated at all.
     """
     config, limits = config or CalibrationConfig(), limits or Limits()
-    check_limits(limits)
+    check_settings(limits)
     stated = _initial_pose(transform)
     data = load(_as_result_sees(drive, stated), config, on_event)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:

@@ -224,7 +224,7 @@ def fit_part(
     if around is None:
         return None
     # What the points of a class share moves the poses of all parts alike, and parts are only compared.
-    noise = around.noise(np.asarray(np.linalg.inv(around.curvature), np.float64))
+    noise = around.noise(around.influence)
     return Part(frames, T, Uncertainty.from_covariance(T, *noise))
 
 

@@ -274,7 +274,7 @@ class Problem:
         if around is None:
             return None
         # What classes share does not make the climb less steep: it is part of the covariance at its end.
-        noise, _ = around.noise(np.asarray(np.linalg.inv(around.curvature), np.float64))
+        noise, _ = around.noise(around.influence)
         return 6.0 / float(np.trace(noise @ around.curvature))
 
     def _covariance(

@@ -31,7 +31,7 @@ def decide_in_full(
     """Decide by what refines poses between mountings that ground and objects alone cannot tell apart.
 
     The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
-    are ascended and finished are refined in full, and the best one is taken.
+    are ascended and finished are refined in full, and the better one is taken, up to the first that stays unclear.
 
     Args:
         data: The drive, whose cues are refined from several starts.
@@ -68,5 +68,7 @@ def decide_in_full(
             if behind < 0.0:
                 taken, refined = rival, found
             is_clear &= abs(behind) >= least
+        if not is_clear:
+            break  # The mounting is doubted, whichever of the others is best.
     initial_findings = () if is_clear else initial.findings
     return replace(led_by(initial, taken, data.for_search), findings=initial_findings), refined

@@ -130,9 +130,14 @@ class Sensitivity:
         """Step (n,) of Newton's method to the optimum."""
         return np.asarray(np.linalg.solve(self.curvature, self.scores.sum(axis=0)))
 
+    @property
+    def influence(self) -> Matrix:
+        """Influence (n, n) of a score on the optimum: the inverse of the curvature."""
+        return np.asarray(np.linalg.inv(self.curvature), np.float64)
+
     def sandwich(self) -> tuple[Matrix, npt.NDArray[np.float64]]:
         """Compute the covariance (n, n) of all variables and Satterthwaite's degrees of freedom (n,)."""
-        found = self.scatter(np.asarray(np.linalg.inv(self.curvature), np.float64))
+        found = self.scatter(self.influence)
         return found.covariance, found.degrees_of_freedom
 
     def scatter(self, influence: Matrix) -> Scatter:

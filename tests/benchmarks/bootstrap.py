@@ -59,7 +59,7 @@ def ratios(
     around = sensitivity(observations, T, SensitivityConfig(edge_band_px=EDGE_BAND_PX))
     if around is None or not around.is_determined:
         return np.full(6, np.nan)
-    noise, _ = around.noise(np.asarray(np.linalg.inv(around.curvature)))
+    noise, _ = around.noise(around.influence)
     found = [
         twist(newton(resampled(observations, rng), T, CONFIG, polished.inverse_curvature).T_camera_lidar, T)
         for _ in range(num_resamples)
