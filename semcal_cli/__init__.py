@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from semcal_cli.errors import CalibrationError as CalibrationError
     from semcal_cli.errors import InputError as InputError
     from semcal_cli.errors import SemcalError as SemcalError
+    from semcal_cli.formats import convert as convert
     from semcal_cli.formats import read_transform as read_transform
     from semcal_cli.formats import write_transform as write_transform
     from semcal_cli.geometry.pose_error import compare_poses as compare_poses
-    from semcal_cli.library import convert as convert
-    from semcal_cli.library import split as split
     from semcal_cli.pipeline import calibrate as calibrate
+    from semcal_cli.pipeline.parts import split as split
+    from semcal_cli.pipeline.verification import verify as verify
     from semcal_cli.result.calibration import Calibration as Calibration
     from semcal_cli.result.calibration import read_calibration as read_calibration
     from semcal_cli.result.calibration import write_calibration as write_calibration
-    from semcal_cli.verification import verify as verify
 
     __version__: str
 
@@ -47,13 +47,13 @@ _MODULES = {
     "SemcalError": "errors",
     "calibrate": "pipeline",
     "compare_poses": "geometry.pose_error",
-    "convert": "library",
+    "convert": "formats",
     "load": "drive.loading",
     "read_calibration": "result.calibration",
     "read_drive": "drive.document",
     "read_transform": "formats",
-    "split": "library",
-    "verify": "verification",
+    "split": "pipeline.parts",
+    "verify": "pipeline.verification",
     "write_calibration": "result.calibration",
     "write_transform": "formats",
 }

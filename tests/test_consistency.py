@@ -7,7 +7,6 @@ import pytest
 from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.intrinsics import around_intrinsics, wrong_intrinsics
-from semcal_cli.checks.check import findings_among
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
@@ -15,6 +14,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import refine_pose
+from semcal_cli.result.checks.check import findings_among
 
 
 def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:

@@ -14,7 +14,6 @@ from semcal_cli.assessment.frame_scores import FrameScores
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
-from semcal_cli.checks.check import findings_among
 from semcal_cli.config import RefinementConfig
 from semcal_cli.drive.alike import alike_frames
 from semcal_cli.drive.document import read_drive
@@ -26,6 +25,7 @@ from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.report.plots import frames_plots
+from semcal_cli.result.checks.check import findings_among
 from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, RawFrame, write_raw_drive

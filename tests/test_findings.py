@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 import semcal_cli
-from semcal_cli.checks import belonging, camera, convergence, determination, mounting, stated
-from semcal_cli.checks.check import Check
-from semcal_cli.checks.table import CHECKS
+from semcal_cli.result.checks import belonging, camera, convergence, determination, mounting, stated
+from semcal_cli.result.checks.check import Check
+from semcal_cli.result.checks.table import CHECKS
 from semcal_cli.result.stage import Finding
 
 PACKAGE = Path(semcal_cli.__file__).parent
@@ -90,7 +90,7 @@ def test_only_checks_make_findings() -> None:
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and "Finding" in map(ast.unparse, [node.func, *node.args])
     }
-    assert makers == {"checks/check"}
+    assert makers == {"result/checks/check"}
 
 
 def test_every_check_makes_a_finding() -> None:

@@ -15,13 +15,13 @@ from semcal_cli.assessment.intrinsics import (
 )
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.assessment.uncertainty import MANY, Matrix, estimate_uncertainty
-from semcal_cli.checks.check import findings_among
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import Camera, IntrinsicsSigma
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.refinement.polish import newton
+from semcal_cli.result.checks.check import findings_among
 
 CONFIG = PolishConfig()
 SIGMA = IntrinsicsSigma(fx=2.0, fy=2.0, cx=2.0, cy=2.0)

@@ -19,8 +19,8 @@ from semcal_cli.files.images import read_image, write_image
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
+from semcal_cli.pipeline.verification import verify
 from semcal_cli.synthetic.label_noise import as_by_a_network, with_ragged_things, with_wrong_labels
-from semcal_cli.verification import verify
 
 Labels = npt.NDArray[np.uint8]
 

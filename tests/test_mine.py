@@ -147,7 +147,7 @@ def test_mine_loads_no_compiler(street: Path) -> None:
     # torch's compiler takes longer to load than several levels take.
     script = f"""
 import sys
-from semcal_cli.refinement.mine_config import MineConfig
+from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform

@@ -12,6 +12,7 @@ from semcal_cli.baselines import paper
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.baselines.paper import calibrate_as_published
 from semcal_cli.config import CalibrationConfig
+from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_observations
@@ -20,7 +21,6 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate
-from semcal_cli.refinement.mine_config import MineConfig
 from semcal_cli.result.calibration import read_calibration
 
 CLEAN_DEG, CLEAN_CM = 0.15, 3.0

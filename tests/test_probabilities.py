@@ -7,6 +7,7 @@ from scipy.ndimage import uniform_filter
 
 from semcal_cli import _core
 from semcal_cli.config import CalibrationConfig, ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
@@ -22,7 +23,6 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine import MineEstimator
-from semcal_cli.refinement.mine_config import MineConfig
 from semcal_cli.refinement.polish import polish_pose
 from semcal_cli.refinement.pyramid import LevelOptimizer, refine_pose
 

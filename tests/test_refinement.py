@@ -6,6 +6,7 @@ import torch
 from conftest import make_pose
 
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
+from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
@@ -13,7 +14,6 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine import MineEstimator
-from semcal_cli.refinement.mine_config import MineConfig
 from semcal_cli.refinement.pyramid import LevelOptimizer, pyramid_factors, refine_pose
 
 # Three times what four frames of 640 x 360 were measured to end at.

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli import _core
 from semcal_cli.cli import semcal
 from semcal_cli.config import Cue, SynthConfig
+from semcal_cli.config.synthetic import Lens
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -45,7 +46,6 @@ from semcal_cli.report.words import (
     verdict_of,
 )
 from semcal_cli.result.calibration import read_calibration, write_calibration
-from semcal_cli.synth_config import Lens
 from semcal_cli.synthetic.synthesis import synthesize
 
 T_ANY = make_pose((0.4, -1.1, 0.7), (0.3, -0.2, 1.4))

@@ -15,7 +15,6 @@ from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.assessment.rivals import check_rivals
-from semcal_cli.checks.check import findings_among
 from semcal_cli.config import SEGMENT_STARTS, CalibrationConfig, Cue, ExactConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues import SEGMENTS, load_cues
@@ -30,6 +29,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at
 from semcal_cli.refinement.several_starts import SeveralStarts
+from semcal_cli.result.checks.check import findings_among
 
 FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 """2 degrees and 0.2 m."""

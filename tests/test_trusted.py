@@ -13,7 +13,6 @@ from semcal_cli import _core
 from semcal_cli.assessment.information import InformationBySquares
 from semcal_cli.assessment.leaked_labels import check_leaks
 from semcal_cli.assessment.limits import hotelling_quantile
-from semcal_cli.checks.check import findings_among
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -25,8 +24,9 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
+from semcal_cli.pipeline.verification import verify
+from semcal_cli.result.checks.check import findings_among
 from semcal_cli.result.uncertainty import Uncertainty
-from semcal_cli.verification import verify
 
 LABELS_ALONE = CalibrationConfig(cues=("labels",))
 

@@ -14,8 +14,6 @@ from commands import invoke
 from conftest import make_pose, run
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.checks.check import Limit
-from semcal_cli.checks.determination import OVERLAP
 from semcal_cli.cli import semcal
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
@@ -25,8 +23,10 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.pipeline.verification import LOOKS_LIKE, recognise
 from semcal_cli.result.calibration import read_calibration, write_calibration
-from semcal_cli.verification import LOOKS_LIKE, recognise
+from semcal_cli.result.checks.check import Limit
+from semcal_cli.result.checks.determination import OVERLAP
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 GREEN, RED = "\x1b[1;32m", "\x1b[1;31m"

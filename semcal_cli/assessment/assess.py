@@ -29,9 +29,6 @@ from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
 from semcal_cli.assessment.stages import Assessment, Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
-from semcal_cli.checks.check import Measured
-from semcal_cli.checks.determination import NOT_DETERMINED, NOT_DETERMINED_TOGETHER
-from semcal_cli.checks.mounting import FEW_SCENES
 from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, sigma_of, with_intrinsics
@@ -40,6 +37,9 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.camera import RefinedCamera
+from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.checks.determination import NOT_DETERMINED, NOT_DETERMINED_TOGETHER
+from semcal_cli.result.checks.mounting import FEW_SCENES
 from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 

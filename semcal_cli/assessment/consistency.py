@@ -15,11 +15,6 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.information import compared_by, information_by_squares, paired_gain
-from semcal_cli.checks.belonging import WRONG_PAIRING
-from semcal_cli.checks.camera import WRONG_CLOCKS, WRONG_FOCAL_LENGTH
-from semcal_cli.checks.check import Measured
-from semcal_cli.checks.determination import NOTHING_LABELLED, ONE_CLASS
-from semcal_cli.checks.mounting import OTHER_AZIMUTH
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.alike import shares_alike
 from semcal_cli.drive.camera import core_camera
@@ -29,6 +24,11 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import refine_exactly
+from semcal_cli.result.checks.belonging import WRONG_PAIRING
+from semcal_cli.result.checks.camera import WRONG_CLOCKS, WRONG_FOCAL_LENGTH
+from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.checks.determination import NOTHING_LABELLED, ONE_CLASS
+from semcal_cli.result.checks.mounting import OTHER_AZIMUTH
 from semcal_cli.threads import thread_pool
 
 NUM_FRAMES = 4

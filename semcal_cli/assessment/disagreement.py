@@ -21,8 +21,6 @@ from semcal_cli.assessment.information import compared_by
 from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
 from semcal_cli.assessment.sensitivity import determined_sensitivity
-from semcal_cli.checks.belonging import FRAMES_DISAGREE, MOVED_CAMERA
-from semcal_cli.checks.check import Measured, findings_among
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
@@ -31,6 +29,8 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.refinement.polish import newton
+from semcal_cli.result.checks.belonging import FRAMES_DISAGREE, MOVED_CAMERA
+from semcal_cli.result.checks.check import Measured, findings_among
 from semcal_cli.result.parts import DrivePart, Movement
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty

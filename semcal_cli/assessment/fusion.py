@@ -25,14 +25,14 @@ from semcal_cli.assessment.intrinsics import (
 from semcal_cli.assessment.measurement import Measurement, measure, no_information, sum_of
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
-from semcal_cli.checks.convergence import FUSION_NOT_SETTLED
-from semcal_cli.checks.stated import PRIOR
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
 from semcal_cli.drive.document import IntrinsicsSigma
 from semcal_cli.drive.intrinsics import sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.result.checks.convergence import FUSION_NOT_SETTLED
+from semcal_cli.result.checks.stated import PRIOR
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, bending, sensitivity
-from semcal_cli.checks.camera import WRONG_INTRINSICS
-from semcal_cli.checks.check import Measured
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.document import Camera, IntrinsicsSigma
 from semcal_cli.drive.intrinsics import DEFAULT_FOCAL_SIGMA, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.checks.camera import WRONG_INTRINSICS
+from semcal_cli.result.checks.check import Measured
 from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")

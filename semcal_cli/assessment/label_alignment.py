@@ -19,12 +19,12 @@ from semcal_cli import _core
 from semcal_cli.assessment.displacement import Displaced, find_displaced
 from semcal_cli.assessment.frame_names import frame_list
 from semcal_cli.assessment.picture_alignment import Move, find_moved_pixels
-from semcal_cli.checks.belonging import SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
-from semcal_cli.checks.check import Check, Measured, findings_among
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError
+from semcal_cli.result.checks.belonging import SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
+from semcal_cli.result.checks.check import Check, Measured, findings_among
 from semcal_cli.result.stage import Finding
 
 MAX_ENTRIES = 32

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.checks.belonging import LEAKED_LABELS
-from semcal_cli.checks.check import Measured
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.checks.belonging import LEAKED_LABELS
+from semcal_cli.result.checks.check import Measured
 
 NUM_FRAMES = 5
 """Number of frames that are looked at."""

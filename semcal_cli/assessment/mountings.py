@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 
 from semcal_cli.assessment.rivals import sigmas_behind
-from semcal_cli.checks.mounting import FEW_SCENES, OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError
@@ -17,6 +16,7 @@ from semcal_cli.initialization.search import Initialization, is_rival, led_by
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Refinement
 from semcal_cli.refinement.several_starts import SeveralStarts
+from semcal_cli.result.checks.mounting import FEW_SCENES, OTHER_POSE
 
 
 def decide_in_full(

@@ -12,10 +12,10 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.information import information_by_squares
-from semcal_cli.checks.belonging import ODD_FRAMES
-from semcal_cli.checks.check import Measured
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.checks.belonging import ODD_FRAMES
+from semcal_cli.result.checks.check import Measured
 
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""

@@ -13,8 +13,6 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
-from semcal_cli.checks.check import Measured
-from semcal_cli.checks.mounting import CUES_DISAGREE, OTHER_POSE
 from semcal_cli.config import EDGE_BAND_PX, ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
@@ -24,6 +22,8 @@ from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.exact import exact_config
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import pyramid_factors
+from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.checks.mounting import CUES_DISAGREE, OTHER_POSE
 from semcal_cli.result.uncertainty import Uncertainty
 
 NUM_RIVALS, NUM_FRAMES = 16, 5

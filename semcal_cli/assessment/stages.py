@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
-from semcal_cli.checks.check import Measured, findings_among
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.result.calibration import Quality, Repeatability, Stage
+from semcal_cli.result.checks.check import Measured, findings_among
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty

@@ -25,10 +25,10 @@ from semcal_cli.datasets.writing import Options, Written, write_drive
 from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.files.messages import os_reason
 from semcal_cli.files.reading import is_folder, is_same_file
 from semcal_cli.files.writing import make_folder
 from semcal_cli.formats.intrinsics import read_intrinsics
+from semcal_cli.messages import os_reason
 
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""

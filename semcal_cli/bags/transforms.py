@@ -10,9 +10,9 @@ import numpy as np
 
 from semcal_cli.bags.messages import plain_frame
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import listed
 from semcal_cli.formats.values import MAX_WORLD_M, rigid
 from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
+from semcal_cli.messages import listed
 
 TF_STATIC = "/tf_static"
 Edge = tuple[str, str]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from semcal_cli.config import FAR_DEG, InitializationConfig, PyramidConfig
-from semcal_cli.refinement.mine_config import MineConfig
+from semcal_cli.config.mine import MineConfig
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from semcal_cli import _core
 from semcal_cli.assessment.pose_checks import check_distance
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.baselines.config import SoicConfig
-from semcal_cli.checks.convergence import SOIC
 from semcal_cli.config import CalibrationConfig, PnpConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
@@ -37,6 +36,7 @@ from semcal_cli.initialization.pnp import solve_pnp
 from semcal_cli.initialization.search import GIVEN
 from semcal_cli.pipeline import make_calibration
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.checks.convergence import SOIC
 from semcal_cli.result.stage import StageResult, announced
 
 BINS_PER_SECTOR = 4

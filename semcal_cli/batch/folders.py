@@ -19,9 +19,9 @@ from semcal_cli.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.kinds import FILE, FOLDER, LINK, check_own_file, kind_of
-from semcal_cli.files.messages import os_reason
 from semcal_cli.files.reading import read_start, read_text
 from semcal_cli.jobs.resume import locked, open_own
+from semcal_cli.messages import os_reason
 
 LOCK, MARKER = ".lock", ".semcal_batch"
 """Markers of the folder of all results and of a drive's."""

@@ -189,7 +189,7 @@ def convert(
     from semcal_cli.errors import InputError
     from semcal_cli.files.reading import is_same_file
     from semcal_cli.files.streams import STANDARD_OUTPUT, check_descriptor, descriptor
-    from semcal_cli.formats import convert_file
+    from semcal_cli.formats import convert as convert_file
     from semcal_cli.formats.format import FormatOptions
 
     if into is not None and descriptor(into) is not None:
@@ -207,6 +207,6 @@ def convert(
     read_files = [drive_file(source), source.with_name("sensor.json")]
     if output is not None and any(is_same_file(output, path) for path in read_files):
         raise InputError(f"{output}: found the file that is read, needed another name")
-    content = convert_file(source, to, output, from_, read, written)
+    content = convert_file(source, to, output, from_format=from_, read_options=read, write_options=written)
     if output is None:
         click.echo(content, nl=False)

@@ -19,8 +19,8 @@ from semcal_cli.config import (
     Limits,
     RefinementConfig,
 )
+from semcal_cli.config.setting import settings_of
 from semcal_cli.files.streams import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
-from semcal_cli.setting import settings_of
 
 
 class _Finite(click.ParamType[float]):

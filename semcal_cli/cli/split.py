@@ -11,7 +11,7 @@ from semcal_cli.cli.drive import loaded_drive
 from semcal_cli.cli.tables import labelled
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.errors import CalibrationError, SemcalError
-from semcal_cli.library import split
+from semcal_cli.pipeline.parts import split
 
 if TYPE_CHECKING:
     from pathlib import Path

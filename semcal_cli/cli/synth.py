@@ -22,8 +22,8 @@ from semcal_cli.cli.options import (
     with_options,
 )
 from semcal_cli.config import SynthConfig
+from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import InputError
-from semcal_cli.setting import settings_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.loading import LoadedDrive
     from semcal_cli.initialization.initial_pose import InitialPose
-    from semcal_cli.verification import Verification
+    from semcal_cli.pipeline.verification import Verification
 
 
 @click.command(
@@ -105,7 +105,7 @@ def verify(
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.files.writing import write_text
-    from semcal_cli.verification import verify as check
+    from semcal_cli.pipeline.verification import verify as check
 
     start, subject = perf_counter(), f"{drive}, {options['calibration']}"
     # The JUnit file must not replace an input; neither must a log.

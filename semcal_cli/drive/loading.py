@@ -8,7 +8,7 @@ from pathlib import Path
 from time import perf_counter
 
 from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, Cue
-from semcal_cli.config_checks import check_config
+from semcal_cli.config.checking import check_config
 from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.cues import choose_frames, chosen, load_cues, maximised
 from semcal_cli.drive.document import Camera, Drive, Motion, read_drive

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.checks.check import LIMITS, Evidence, Limit
-from semcal_cli.checks.table import CHECKS
 from semcal_cli.experiments.experiment import Experiment
 from semcal_cli.experiments.limits import (
     BAD_OF,
@@ -26,6 +24,8 @@ from semcal_cli.experiments.limits import (
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.summary import markdown_table
+from semcal_cli.result.checks.check import LIMITS, Evidence, Limit
+from semcal_cli.result.checks.table import CHECKS
 
 LIMITS_FILE = "limits.json"
 MARGIN = 1.25

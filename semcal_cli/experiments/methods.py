@@ -12,6 +12,7 @@ from semcal_cli.baselines import paper
 from semcal_cli.baselines.config import PaperConfig, SoicConfig
 from semcal_cli.baselines.soic import Soic
 from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig
+from semcal_cli.config.mine import MINE_WITH_VECTORS
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
@@ -21,7 +22,6 @@ from semcal_cli.experiments.plot_style import ACCENT, GREEN, GREY, INK, ORANGE, 
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize, refine_and_polish, start_at
-from semcal_cli.refinement.mine_config import MINE_WITH_VECTORS
 from semcal_cli.result.stage import StageResult
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 

@@ -24,8 +24,8 @@ from semcal_cli.experiments.rows import calibrate_from
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize
+from semcal_cli.pipeline.verification import verify
 from semcal_cli.synthetic.label_noise import with_shared_errors, with_wrong_labels
-from semcal_cli.verification import verify
 
 PAIRS = (1, 2, 3, 5, 10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)

@@ -6,9 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import os_reason
 from semcal_cli.files.reading import read_reason
 from semcal_cli.files.streams import descriptor, write_to_descriptor, write_to_special
+from semcal_cli.messages import os_reason
 
 
 def write_text(text: str, path: Path) -> None:

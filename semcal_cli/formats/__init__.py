@@ -11,7 +11,6 @@ import numpy as np
 
 from semcal_cli.drive.document import Camera, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import describe, listed
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import semcal
 from semcal_cli.formats.editing import edited
@@ -20,6 +19,7 @@ from semcal_cli.formats.lenses import UnnamedLensError, tell_clock
 from semcal_cli.formats.table import FORMATS as FORMATS
 from semcal_cli.formats.table import find_format as find_format
 from semcal_cli.geometry.poses import Pose, as_transform
+from semcal_cli.messages import describe, listed
 from semcal_cli.result.calibration import Calibration
 
 DOCUMENTS = (".yaml", ".yml", ".json")
@@ -174,15 +174,24 @@ def write_transform(
     return content
 
 
-def convert_file(
-    source: Path,
+def convert(
+    source: Path | str,
     to: str,
-    output: Path | None,
+    output: Path | str | None = None,
+    *,
     from_format: str | None = None,
     read_options: FormatOptions | None = None,
     write_options: FormatOptions | None = None,
 ) -> bytes:
-    """Write the transform of a file in another format, with the intrinsics of its camera where that holds them.
+    """Convert the transform of a file into another format, with the intrinsics of its camera where that holds them.
+
+    Args:
+        source: A file of any known format, or a drive with a reference. Calibrations and drives have a camera, too.
+        to: Name of the format to write: see `semcal convert --formats`.
+        output: File to write; None writes no file.
+        from_format: Name of the source's format; None recognises it by its content.
+        read_options: Options for what the source leaves open, such as its direction.
+        write_options: Options for what the written format leaves open.
 
     Returns:
         The content of the file.
@@ -190,6 +199,7 @@ def convert_file(
     Raises:
         InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
     """
+    source, path = Path(source), None if output is None else Path(output)
     written, record = write_options or FormatOptions(), None
     if find_format(to).has_transform:
         found = read_extrinsic(source, from_format, read_options)
@@ -205,7 +215,7 @@ def convert_file(
             raise InputError(
                 f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
             )
-    text = write_transform(T_camera_lidar, output, to, replace(written, intrinsics=camera))
+    text = write_transform(T_camera_lidar, path, to, replace(written, intrinsics=camera))
     if is_doubted(record):
         written.note(DOUBTED.format(source))
     return text

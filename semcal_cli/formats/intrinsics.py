@@ -7,7 +7,6 @@ from typing import Any
 
 from semcal_cli.drive.lenses import DISTORTION_COUNTS, PARAMETERS
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import describe
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
 from semcal_cli.formats.format import Source
@@ -16,6 +15,7 @@ from semcal_cli.formats.node import Node
 from semcal_cli.formats.storage import is_storage
 from semcal_cli.formats.table import FORMATS
 from semcal_cli.formats.values import camera_block
+from semcal_cli.messages import describe
 
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"

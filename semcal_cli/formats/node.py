@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import describe, listed
 from semcal_cli.files.validation import key_part
 from semcal_cli.formats.values import image_side, number
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.messages import describe, listed
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import one_of
 from semcal_cli.formats import (
     autoware,
     camera_entries,
@@ -25,6 +24,7 @@ from semcal_cli.formats import (
     urdf,
 )
 from semcal_cli.formats.format import Format
+from semcal_cli.messages import one_of
 
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,

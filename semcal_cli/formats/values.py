@@ -15,9 +15,9 @@ import numpy as np
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import describe, one_of
 from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
+from semcal_cli.messages import describe, one_of
 
 MAX_SIDE = 0xFFFF
 """Largest number of pixels along a side of an image in a drive."""

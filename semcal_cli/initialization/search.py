@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.checks.mounting import NOTHING_TO_COMPARE, OTHER_MOUNTING
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
@@ -20,6 +19,7 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.registration import Candidate, register
+from semcal_cli.result.checks.mounting import NOTHING_TO_COMPARE, OTHER_MOUNTING
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 

@@ -11,7 +11,7 @@ from typing import BinaryIO, TypeVar
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.kinds import check_own_file
-from semcal_cli.files.messages import os_reason
+from semcal_cli.messages import os_reason
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")

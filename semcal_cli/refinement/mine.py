@@ -15,13 +15,13 @@ import torch
 from torch import Tensor
 
 from semcal_cli import _core
+from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.baseline import within_baseline
 from semcal_cli.geometry.poses import Pose, nearest_rigid
 from semcal_cli.refinement.feature_points import FeaturePoints, feature_vectors
 from semcal_cli.refinement.labelled_points import LabelledPoints
-from semcal_cli.refinement.mine_config import MineConfig
 from semcal_cli.refinement.network import DonskerVaradhan, SeparableNetwork, StatisticsNetwork
 from semcal_cli.refinement.optimizers import Adam, GradientDescent
 from semcal_cli.refinement.pyramid import Level

@@ -11,7 +11,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from semcal_cli.refinement.mine_config import MineConfig
+from semcal_cli.config.mine import MineConfig
 
 MAX_STATISTIC = 30.0
 """The exponential of a larger statistic would overflow in float32 sums, and mean nothing."""

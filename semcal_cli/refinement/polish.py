@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.checks.convergence import POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
-from semcal_cli.checks.determination import NO_DIRECTION
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import HeldOut
+from semcal_cli.result.checks.convergence import POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
+from semcal_cli.result.checks.determination import NO_DIRECTION
 from semcal_cli.result.stage import Finding, StageResult
 
 HELD_OUT = 3

@@ -20,7 +20,6 @@ from dataclasses import asdict, dataclass
 from typing import Protocol
 
 from semcal_cli import _core
-from semcal_cli.checks.convergence import REFINEMENT_NOT_SETTLED
 from semcal_cli.config import PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -28,6 +27,7 @@ from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.checks.convergence import REFINEMENT_NOT_SETTLED
 from semcal_cli.result.stage import Finding, StageResult
 
 

@@ -10,6 +10,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.files.writing import write_text
 from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline.verification import Verification
 from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlay import Overlays
@@ -19,7 +20,6 @@ from semcal_cli.report.template import render_page
 from semcal_cli.report.words import Verdict, linked
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.axes import CHECK_NAMES
-from semcal_cli.verification import Verification
 
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
 FOUND = "found on this drive"

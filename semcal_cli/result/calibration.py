@@ -11,7 +11,6 @@ from semcal_cli.drive.document import Camera, Drive
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.dialect import Format, document_text
 from semcal_cli.files.documents import output_format, read_document
-from semcal_cli.files.messages import mismatch
 from semcal_cli.files.validation import (
     Count,
     Figure,
@@ -30,6 +29,7 @@ from semcal_cli.files.validation import (
 )
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
+from semcal_cli.messages import mismatch
 from semcal_cli.result.camera import Clock, RefinedCamera
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.parts import DrivePart

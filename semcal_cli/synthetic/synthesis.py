@@ -14,6 +14,7 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, Lens
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera
 from semcal_cli.drive.lenses import CameraModel
@@ -21,7 +22,6 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
-from semcal_cli.synth_config import SYNTH_MIN_BASELINE_M, Lens
 from semcal_cli.synthetic.frame_files import (
     PICTURE_FOLDERS,
     SWEEP_FOLDERS,

@@ -14,7 +14,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from semcal_cli.errors import InputError, SemcalError
-from semcal_cli.files.messages import os_reason
+from semcal_cli.messages import os_reason
 from semcal_cli.report.template import render_page
 from semcal_cli.result.axes import AXIS_NAMES
 from semcal_cli.view.session import Session

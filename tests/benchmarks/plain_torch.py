@@ -21,12 +21,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
+from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.refinement.mine_config import MineConfig
 from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork
 from semcal_cli.refinement.projection import Projection
 from semcal_cli.refinement.pyramid import pyramid_factors

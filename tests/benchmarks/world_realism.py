@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import Lens
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS, class_table
 from semcal_cli.drive.document import read_drive
@@ -25,7 +26,6 @@ from semcal_cli.drive.observations import FrameObservation, LabelledCloud, Label
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.synth_config import Lens
 from semcal_cli.synthetic.frame_files import UNLABELED
 from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting
 

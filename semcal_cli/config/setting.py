@@ -1,6 +1,6 @@
 """A setting that a user chooses: its help and its limits, which stand beside its default in a configuration.
 
-The command line makes its options of these, and `config_checks` checks with them what a program gives. Nothing heavy is
+The command line makes its options of these, and `checking` checks with them what a program gives. Nothing heavy is
 imported here.
 """
 

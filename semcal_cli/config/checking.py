@@ -6,10 +6,10 @@ from dataclasses import fields, is_dataclass
 from typing import Any, get_args
 
 from semcal_cli.config import CalibrationConfig, Cue, JointlyConfig
+from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_torch
-from semcal_cli.files.messages import one_of
-from semcal_cli.setting import settings_of
+from semcal_cli.messages import one_of
 
 LEAST_SIGMA = 1e-11
 """Smallest standard deviation of intrinsics that are estimated: squares of smaller ones vanish."""

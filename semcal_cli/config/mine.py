@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from semcal_cli.config import EDGE_BAND_PX, MAX_BASELINE_M
-from semcal_cli.setting import setting
+from semcal_cli.config.setting import setting
 
 Optimizer: TypeAlias = Literal["adam", "sgd"]
 

@@ -1,6 +1,6 @@
 """Checks of the camera, the clocks and the motion."""
 
-from semcal_cli.checks.check import Check
+from semcal_cli.result.checks.check import Check
 
 WRONG_FOCAL_LENGTH = Check(
     topic="focal-length",

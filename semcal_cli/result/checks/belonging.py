@@ -1,6 +1,6 @@
 """Checks of the files: whether sweeps, pictures and labels belong together."""
 
-from semcal_cli.checks.check import Check
+from semcal_cli.result.checks.check import Check
 
 WRONG_PAIRING = Check(
     topic="wrong-pairing",

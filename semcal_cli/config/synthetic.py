@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, Literal, TypeAlias
 
-from semcal_cli.setting import MAX_SEED, setting
+from semcal_cli.config.setting import MAX_SEED, setting
 
 Pattern: TypeAlias = Literal["spinning", "rosette"]
 Lens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectional", "equirectangular"]

@@ -1,7 +1,7 @@
 """All checks, by the sections of docs/troubleshooting.md."""
 
-from semcal_cli.checks import belonging, camera, convergence, determination, mounting, stated
-from semcal_cli.checks.check import Check
+from semcal_cli.result.checks import belonging, camera, convergence, determination, mounting, stated
+from semcal_cli.result.checks.check import Check
 
 SECTIONS: dict[str, tuple[Check, ...]] = {
     title: tuple(value for value in vars(module).values() if isinstance(value, Check))

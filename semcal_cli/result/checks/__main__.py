@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from semcal_cli.checks.page import page
+from semcal_cli.result.checks.page import page
 
 (name,) = sys.argv[1:]
 Path(name).write_text(page(), encoding="utf-8")

@@ -1,6 +1,6 @@
 """Checks of the mounting: whether another pose explains the data as well."""
 
-from semcal_cli.checks.check import Check
+from semcal_cli.result.checks.check import Check
 
 OTHER_MOUNTING = Check(
     topic="other-mounting",

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
 from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.checks.belonging import OWN_DRIVE
 from semcal_cli.config import (
     AlignmentConfig,
     CalibrationConfig,
@@ -20,7 +19,7 @@ from semcal_cli.config import (
     Limits,
     RefinementConfig,
 )
-from semcal_cli.config_checks import check_settings
+from semcal_cli.config.checking import check_settings
 from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -38,9 +37,10 @@ from semcal_cli.geometry.poses import (
     quaternion_xyzw,
 )
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import assess, initialize, refine_and_polish, start_at
+from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.checks.belonging import OWN_DRIVE
 from semcal_cli.result.stage import Finding, StageResult
 
 NEAR_DEG = 5.0

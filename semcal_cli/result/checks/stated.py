@@ -1,6 +1,6 @@
 """Checks of what the user stated."""
 
-from semcal_cli.checks.check import Check
+from semcal_cli.result.checks.check import Check
 
 PRIOR = Check(
     topic="prior",

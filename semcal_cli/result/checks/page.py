@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import textwrap
 
-from semcal_cli.checks.check import Check, Evidence, Limit
-from semcal_cli.checks.table import SECTIONS
+from semcal_cli.result.checks.check import Check, Evidence, Limit
+from semcal_cli.result.checks.table import SECTIONS
 
 WIDTH = 120
 HEAD = """\
 # Troubleshooting: the reasons of a verdict
 
-<!-- Written from the table of checks by `python -m semcal_cli.checks docs/troubleshooting.md`. -->
+<!-- Written from the table of checks by `python -m semcal_cli.result.checks docs/troubleshooting.md`. -->
 
 A verdict of `not_trusted` or `inconclusive` names each reason with its figure, and after the colon what to do.
 Every reason has an entry here, quoted as it is printed; the figures in quotes are examples. Where there are

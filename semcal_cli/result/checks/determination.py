@@ -1,7 +1,7 @@
 """Checks of what labels tell: whether they determine a pose at all, and how well."""
 
-from semcal_cli.checks.check import Check, Limit
 from semcal_cli.config import MIN_OVERLAP
+from semcal_cli.result.checks.check import Check, Limit
 
 NOT_DETERMINED = Check(
     topic="not-determined",

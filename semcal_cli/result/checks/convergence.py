@@ -1,7 +1,7 @@
 """Checks of the search: whether each stage came to its end."""
 
-from semcal_cli.checks.check import Check, Limit
 from semcal_cli.config import PolishConfig, PyramidConfig
+from semcal_cli.result.checks.check import Check, Limit
 
 REFINEMENT_NOT_SETTLED = Check(
     topic="refinement-not-settled",
