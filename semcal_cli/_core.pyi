@@ -17,7 +17,7 @@ from semcal_cli.config import (
     SensitivityConfig,
     SynthConfig,
 )
-from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.labelling.card import NeighborsConfig
 
 _Float64: TypeAlias = NDArray[np.float64]

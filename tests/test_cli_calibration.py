@@ -17,7 +17,7 @@ from semcal_cli.assessment.pose_checks import check_distance, check_motion, chec
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
-from semcal_cli.drive.cues import choose_frames
+from semcal_cli.drive.cues.table import choose_frames
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.files.dialect import document_text

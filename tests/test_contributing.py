@@ -1,9 +1,9 @@
-"""The format and the data set of CONTRIBUTING.md work as they stand there."""
+"""The format, the cue and the data set of CONTRIBUTING.md work as they stand there."""
 
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 import pytest
@@ -13,6 +13,9 @@ from dataset_trees import write, write_cloud, write_ids
 from documentation import ROOT, blocks
 from format_files import T_ANY
 
+from semcal_cli.config import CueName
+from semcal_cli.drive.cues.table import CUES, files_of
+from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import put_transform, read_transform, table, write_transform
 
@@ -35,6 +38,19 @@ def test_the_format_is_read_written_and_set(tmp_path: Path, monkeypatch: pytest.
     path.write_text("# ours\n" + path.read_text())
     put_transform(np.eye(4), path)
     assert path.read_text() == "# ours\nmounting:\n  q: [1.0, 0.0, 0.0, 0.0]\n  t: [0.0, 0.0, 0.0]\n"
+
+
+def test_the_cue_is_compared_alone_and_beside_labels(street: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CUES, "brightness", example("grey_values")["CUE"])
+    assert "brightness" not in get_args(CueName)
+    drive, names = read_drive(street), cast(list[CueName], ["labels", "brightness"])
+    alone, labels = (load_cues(drive, [name]) for name in names[::-1])
+    assert alone.point_class_names == ["near", "far"]
+    assert {len(np.unique(each.classes)) for each in alone.clouds} == {2}
+    both = load_cues(drive, names)
+    assert both.num_cues == 2
+    assert both.point_class_names == [*labels.point_class_names, "near", "far"]
+    assert files_of(names) == ["points", "point_labels", "image_labels", "image"]
 
 
 def test_the_data_set_is_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from semcal_cli.config import (
     SynthConfig,
 )
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose

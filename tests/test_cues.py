@@ -12,7 +12,7 @@ from semcal_cli.assessment.joint import fit_jointly
 from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.config import (
     CalibrationConfig,
-    Cue,
+    CueName,
     InitializationConfig,
     JointlyConfig,
     PolishConfig,
@@ -32,7 +32,7 @@ from semcal_cli.pipeline import calibrate
 from semcal_cli.refinement.polish import split
 from semcal_cli.synthetic.synthesis import synthesize
 
-PAIRS: tuple[tuple[Cue, Cue], ...] = (
+PAIRS: tuple[tuple[CueName, CueName], ...] = (
     ("labels", "segments"),
     ("labels", "intensity"),
     ("segments", "intensity"),
@@ -45,7 +45,7 @@ NEAR_FOCAL = 0.01
 NEAR_DEG, NEAR_M = 0.5, 0.05
 """Errors that all of these calibrations stay within, with few points and small pictures."""
 
-Case = tuple[tuple[Cue, Cue], int]
+Case = tuple[tuple[CueName, CueName], int]
 CASES: list[Case] = list(product(PAIRS, COUNTS))
 
 

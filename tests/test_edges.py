@@ -13,11 +13,11 @@ from conftest import make_pose
 
 from semcal_cli import _core
 from semcal_cli.assessment.rivals import check_guide
-from semcal_cli.config import AUTO, EDGE_STARTS, CalibrationConfig, ExactConfig, PolishConfig
+from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cues import EDGES, chosen
+from semcal_cli.drive.cues.edges import EDGES, NO_EDGE, STARTS, edges_of_sweeps, observe_edges
+from semcal_cli.drive.cues.table import chosen
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.edges import NO_EDGE, edges_of_sweeps, observe_edges
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_clouds
@@ -135,7 +135,7 @@ def test_a_start_two_degrees_off_comes_back_and_few_scenes_are_not_trusted(
 
 def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_truth: Pose) -> None:
     start = make_pose((0.05, 0.05, 0.05), (0.2, 0.2, 0.2)) @ street_truth
-    single = replace(EDGE_STARTS, num_starts=(1,))
+    single = replace(STARTS, num_starts=(1,))
     several = SeveralStarts(seen, ExactConfig(), 0, single, others=[street_truth])
     T = start
     for factor in (2, 1):

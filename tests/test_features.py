@@ -12,9 +12,9 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
 from semcal_cli.config import CalibrationConfig, RefinementConfig
-from semcal_cli.drive.cues import FEATURES, load_cues
+from semcal_cli.drive.cues.features import FEATURES, observe_features
+from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.features import observe_features
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError

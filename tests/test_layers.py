@@ -24,8 +24,8 @@ WITH_TORCH = {
 }
 WITH_OPENCV = {
     "files/images",
-    "drive/intensity",
-    "drive/edges",
+    "drive/cues/intensity",
+    "drive/cues/edges",
     "labelling/views",
     "bags/pictures",
     "labelling/sides",

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.config import CalibrationConfig, Cue
-from semcal_cli.drive.cues import files_of
+from semcal_cli.config import CalibrationConfig, CueName
+from semcal_cli.drive.cues.table import files_of
 from semcal_cli.drive.loading import load
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -18,7 +18,7 @@ CHOSEN = [3, 1]
 
 @pytest.mark.parametrize("cues", [("labels",), ("intensity",), ("labels", "intensity")])
 def test_a_calibration_of_some_frames_records_these(
-    street: Path, street_truth: Pose, cues: tuple[Cue, ...]
+    street: Path, street_truth: Pose, cues: tuple[CueName, ...]
 ) -> None:
     config = CalibrationConfig(cues=cues)
     data = load(street, config)

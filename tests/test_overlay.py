@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from semcal_cli.cli import semcal
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cues import load_cues
+from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import Camera, Drive, Frame, read_drive
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations

@@ -17,13 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
-from semcal_cli.config import Cue, SynthConfig
+from semcal_cli.config import CueName, SynthConfig
 from semcal_cli.config.synthetic import Lens
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cues.edges import NO_EDGE
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.edges import NO_EDGE
 from semcal_cli.formats import find_format
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.geometry.poses import camera_center, pose_from_mounting
@@ -378,7 +378,7 @@ def test_a_page_states_no_interval_that_is_not_believed(made: Path, street: Path
 # Of a calibration by edges.
 
 
-def by_cues(made: Path, folder: Path, *cues: Cue) -> Path:
+def by_cues(made: Path, folder: Path, *cues: CueName) -> Path:
     """Write the calibration as if it had been made by other cues."""
     record = read_calibration(made / "c.yaml")
     options = {**record.settings.options, "cues": {cue: {} for cue in cues}}
@@ -398,7 +398,7 @@ def by_cues(made: Path, folder: Path, *cues: Cue) -> Path:
     ],
 )
 def test_what_is_shown_is_what_the_pose_was_refined_by(
-    made: Path, street: Path, tmp_path: Path, cues: tuple[Cue, ...], by: str
+    made: Path, street: Path, tmp_path: Path, cues: tuple[CueName, ...], by: str
 ) -> None:
     found = read_report_input(read_drive(street), by_cues(made, tmp_path, *cues))
     overlays = found.overlays(2)

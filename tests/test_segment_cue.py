@@ -15,13 +15,13 @@ from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.assessment.rivals import check_rivals
-from semcal_cli.config import SEGMENT_STARTS, CalibrationConfig, Cue, ExactConfig
+from semcal_cli.config import CalibrationConfig, CueName, ExactConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cues import SEGMENTS, load_cues
+from semcal_cli.drive.cues.segments import KINDS, SEGMENTS, STARTS, observe_segments
+from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import LabelledCloud, Observations
-from semcal_cli.drive.segments import KINDS, observe_segments
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
@@ -122,7 +122,9 @@ def with_points(seen: Observations, points: list[np.ndarray]) -> Observations:
 
 
 @pytest.mark.parametrize("cues", [("segments",), ("labels", "segments")])
-def test_a_start_two_degrees_off_comes_back(street: Path, street_truth: Pose, cues: tuple[Cue, ...]) -> None:
+def test_a_start_two_degrees_off_comes_back(
+    street: Path, street_truth: Pose, cues: tuple[CueName, ...]
+) -> None:
     config = CalibrationConfig(cues=cues)
     data = load(read_drive(street), config)
     initial = start_at(data, InitialPose(FAR @ street_truth, "start"))
@@ -157,14 +159,14 @@ def test_the_same_bytes_with_any_number_of_threads(bare: Path, street_truth: Pos
 
 def test_beside_intensity_segments_weigh_less_and_are_searched_alone(street: Path) -> None:
     drive = read_drive(street)
-    cues: tuple[Cue, ...] = ("segments", "intensity")
+    cues: tuple[CueName, ...] = ("segments", "intensity")
     both = load_cues(drive, cues)
     weights = [{each.weight for each in both.of_cue(cue).frame_observations} for cue in range(2)]
     assert weights == [{SEGMENTS.weight_by_intensity}, {1.0}]
     searched = LoadedDrive(drive, both, cues).for_search
     assert searched.num_frames == len(drive.frames)
     assert not searched.has_segments
-    assert both.starts == SEGMENT_STARTS
+    assert both.starts == STARTS
 
 
 def test_pictures_of_unsure_labels_are_exchanged_as_sure_as_their_own(
@@ -231,14 +233,14 @@ def test_a_right_pose_has_no_rival_and_a_wrong_one_has(seen: Observations, stree
 
 
 def test_starts_that_meet_go_on_as_one(seen: Observations, street_truth: Pose) -> None:
-    starts = SeveralStarts(seen, ExactConfig(), 0, SEGMENT_STARTS)
+    starts = SeveralStarts(seen, ExactConfig(), 0, STARTS)
     level = starts.ascend(8, street_truth, visible_only=False)
     assert compare_poses(level.T_camera_lidar, street_truth).rotation_deg < 0.5
-    assert len(starts.poses) < SEGMENT_STARTS.num_starts[0] // 2
+    assert len(starts.poses) < STARTS.num_starts[0] // 2
 
 
 def test_a_level_without_tops_in_reach_stays_where_it_was(seen: Observations, street_truth: Pose) -> None:
-    nowhere = replace(SEGMENT_STARTS, farthest_m=0.0)
+    nowhere = replace(STARTS, farthest_m=0.0)
     level = SeveralStarts(seen, ExactConfig(), 0, nowhere).ascend(8, street_truth, visible_only=False)
     assert np.array_equal(level.T_camera_lidar, street_truth)
 

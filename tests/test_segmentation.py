@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from semcal_cli import _core
 from semcal_cli.config import SynthConfig
-from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.drive.cues.segments import SegmentationConfig
 
 CONFIG = SegmentationConfig()
 SMALL = SynthConfig(num_frames=2, seed=5100, width=64, height=48)

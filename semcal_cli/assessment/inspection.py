@@ -17,12 +17,12 @@ from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.scale import check_scale, judge_scale
 from semcal_cli.config import MAX_FRAMES, InitializationConfig
 from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.cues.segments import KINDS, kinds_of_segments
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import motion_error_px
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
-from semcal_cli.drive.segments import KINDS, kinds_of_segments
 from semcal_cli.drive.shutter import shutter_error_px
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image

@@ -15,7 +15,7 @@ from semcal_cli.config import (
     AUTO,
     MAX_POINTS,
     CalibrationConfig,
-    Cue,
+    CueName,
     Limits,
     RefinementConfig,
 )
@@ -252,7 +252,7 @@ class CueList(click.ParamType[tuple[str, ...]]):
         return tuple(name for name in CUES if name in names)
 
 
-CUES = get_args(Cue)
+CUES = get_args(CueName)
 
 cue_option = click.option(
     "--cue",
@@ -291,7 +291,7 @@ class ResultOptions(RunOptions):
     log: Path | None
     seed: int
     max_frames: int
-    cues: tuple[Cue, ...]
+    cues: tuple[CueName, ...]
     as_json: bool = False
     """Whether the result is printed as JSON, whatever else it is written to."""
 

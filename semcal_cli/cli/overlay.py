@@ -20,7 +20,7 @@ from semcal_cli.cli.rules import Options, refuse
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from semcal_cli.config import Cue
+    from semcal_cli.config import CueName
     from semcal_cli.drive.document import Drive
     from semcal_cli.drive.observations import Observations
     from semcal_cli.report.overlay import Overlays
@@ -64,7 +64,7 @@ def overlay(
     output: Path,
     against: Path | None,
     by: Coloring | None,
-    cues: tuple[Cue, ...],
+    cues: tuple[CueName, ...],
     max_frames: int,
     max_points: int,
     quiet: bool,
@@ -103,7 +103,7 @@ def _overlays(
     calibration: Path,
     against: Path | None,
     by: Coloring | None,
-    cues: tuple[Cue, ...],
+    cues: tuple[CueName, ...],
     folder: Path,
     max_frames: int,
     console: Console,
@@ -141,7 +141,7 @@ def _few(drive: Drive, max_frames: int, folder: Path, read: list[Path]) -> Drive
 
 
 def _observe(
-    drive: Drive, by: Coloring | None, cues: tuple[Cue, ...], of_classes: Coloring
+    drive: Drive, by: Coloring | None, cues: tuple[CueName, ...], of_classes: Coloring
 ) -> tuple[Coloring, Observations]:
     """Load what colours show of the frames of a drive.
 
@@ -156,7 +156,8 @@ def _observe(
         CalibrationError: the points or the pixels carry no information.
     """
     from semcal_cli.config import AUTO, LABELS
-    from semcal_cli.drive.cues import chosen, load_cues, maximised
+    from semcal_cli.drive.cues.table import chosen, maximised
+    from semcal_cli.drive.cues.together import load_cues
     from semcal_cli.drive.reading import load_points
     from semcal_cli.files.point_clouds import Sweeps
 

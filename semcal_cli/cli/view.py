@@ -26,7 +26,7 @@ from semcal_cli.config import CalibrationConfig
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from semcal_cli.config import Cue
+    from semcal_cli.config import CueName
     from semcal_cli.drive.document import Drive
     from semcal_cli.files.point_clouds import Sweeps
     from semcal_cli.geometry.poses import Pose
@@ -73,7 +73,7 @@ def view(
     threads: int | None,
     max_frames: int,
     max_points: int,
-    cues: tuple[Cue, ...],
+    cues: tuple[CueName, ...],
     quiet: bool,
 ) -> None:
     """Show a drive on a page where it is moved by hand."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from semcal_cli.config.common import AUTO, MAX_FRAMES, Cue
+from semcal_cli.config.constants import AUTO, MAX_FRAMES, CueName
 from semcal_cli.config.initialization import InitializationConfig
 from semcal_cli.config.refinement import RefinementConfig
 from semcal_cli.config.setting import MAX_SEED, setting
@@ -17,7 +17,7 @@ class CalibrationConfig:
     seed: int = setting(
         0, "Seed of every random choice: the same seed gives the same bytes.", least=0, most=MAX_SEED
     )
-    cues: tuple[Cue, ...] = AUTO
+    cues: tuple[CueName, ...] = AUTO
     """What points and pixels are compared by."""
     max_frames: int = setting(
         MAX_FRAMES, "Use at most N frames of a longer drive, those whose label images differ most.", least=1

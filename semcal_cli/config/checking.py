@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import Any, get_args
 
-from semcal_cli.config import CalibrationConfig, Cue, JointlyConfig
+from semcal_cli.config import CalibrationConfig, CueName, JointlyConfig
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_torch
@@ -26,8 +26,8 @@ def check_config(config: CalibrationConfig) -> None:
     if "auto" in config.cues and len(config.cues) > 1:
         raise InputError(f"cues: found {config.cues!r}, needed auto alone")
     for cue in config.cues:
-        if cue not in get_args(Cue):
-            raise InputError(f"cues: found {cue!r}, needed {one_of(str(cue), get_args(Cue))}")
+        if cue not in get_args(CueName):
+            raise InputError(f"cues: found {cue!r}, needed {one_of(str(cue), get_args(CueName))}")
     check_settings(config)
     if config.refinement.estimator == "mine":
         check_torch("estimator 'mine'")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from semcal_cli.config.common import MAX_BASELINE_M, MIN_OVERLAP, Zoom
+from semcal_cli.config.constants import MAX_BASELINE_M, MIN_OVERLAP, Zoom
 from semcal_cli.config.setting import setting
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from semcal_cli.config.common import EDGE_BAND_PX, MAX_BASELINE_M, Device, Estimator
+from semcal_cli.config.constants import EDGE_BAND_PX, MAX_BASELINE_M, Device, Estimator
 from semcal_cli.config.setting import setting
 
 
@@ -75,32 +75,6 @@ class StartsConfig:
     coarse: ExactConfig | None = None
     """Steps and points of all levels but the finest, which only have to tell tops apart; None takes those of the
     finest."""
-
-
-SEGMENT_STARTS = StartsConfig(
-    coarsest_block_deg=0.9,
-    min_blocks=16,
-    num_starts=(10, 6, 4, 2),
-    spread_deg=(1.5, 1.5),
-    spread_m=(0.15, 0.15),
-    farthest_deg=6.0,
-    first_frames=6,
-)
-"""For segments. The initial calibration, by their kinds, ends up to 3 degrees off. Of ten runs on a real jam by
-segments and intensity, from 2 degrees and 0.2 m, 8 came back with six at first, and 6 from one start. Intensity alone
-takes the same starts, with which it was not measured."""
-EDGE_STARTS = StartsConfig(
-    coarsest_block_deg=2.6,
-    min_blocks=8,
-    num_starts=(64, 24, 12, 6, 4, 3),
-    spread_deg=(1.0, 5.0),
-    spread_m=(0.1, 0.3),
-    farthest_deg=9.0,
-    num_rounds=1,
-    coarse=ExactConfig(steps=40, batch_size=2048, max_points=60_000),
-)
-"""For edges. On blocks of 2.6 degrees, single ascents on three real drives came back from 2 degrees and 0.2 m in 75 to
-97 % of 40 runs, and from 5 degrees and 0.3 m in 15 to 65 %; the one that ended highest was always right."""
 
 
 @dataclass(frozen=True)

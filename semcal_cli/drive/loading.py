@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, Cue
+from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, CueName
 from semcal_cli.config.checking import check_config
 from semcal_cli.drive.alike import copied_frames
-from semcal_cli.drive.cues import choose_frames, chosen, load_cues, maximised
+from semcal_cli.drive.cues.table import choose_frames, chosen, maximised
+from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import Camera, Drive, Motion, read_drive
 from semcal_cli.drive.intrinsics import stating
 from semcal_cli.drive.observations import Observations
@@ -29,7 +30,7 @@ class LoadedDrive:
     """Document of the drive, with the used frames."""
     observations: Observations
     """Points and pixels of these frames, by each cue by which a pose is refined."""
-    cues: tuple[Cue, ...] = LABELS
+    cues: tuple[CueName, ...] = LABELS
     guide: Observations | None = None
     """Points and pixels by segments that only bring a pose near, where edges make it exact; None without them."""
     max_frames: int = MAX_FRAMES
@@ -57,7 +58,7 @@ class LoadedDrive:
         observations = unrolled(self.observations, T_camera_lidar)
         return self if observations is self.observations else replace(self, observations=observations)
 
-    def check_cues(self, cues: tuple[Cue, ...]) -> None:
+    def check_cues(self, cues: tuple[CueName, ...]) -> None:
         """Check that the drive was loaded by the cues that are asked for.
 
         Raises:
@@ -117,7 +118,7 @@ class LoadedDrive:
             return self.of_cue("labels")
         return self.of_cue("segments").of_classes if "segments" in self.cues else self.observations
 
-    def of_cue(self, cue: Cue) -> Observations:
+    def of_cue(self, cue: CueName) -> Observations:
         """Observations of one of the cues by which the drive was loaded."""
         used = maximised(self.cues)
         if self.guide is not None and cue == "segments":

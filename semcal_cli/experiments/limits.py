@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.config import CalibrationConfig, Cue
+from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import SemcalError
@@ -87,7 +87,7 @@ KINDS: dict[str, Spoil] = {
 }
 """Ways to change a good drive."""
 BY_SEGMENTS = (GOOD, FEW, ANOTHER_DRIVE, WRONG_K, ANOTHER_MOMENT, TURNED)
-OF_CUES: dict[Cue, tuple[str, ...]] = {"labels": (*KINDS, MOVING, LATE), "segments": BY_SEGMENTS}
+OF_CUES: dict[CueName, tuple[str, ...]] = {"labels": (*KINDS, MOVING, LATE), "segments": BY_SEGMENTS}
 """Kinds that are run by each cue."""
 MOTIONS = {MOVING: 0.0, LATE: DELAY_MS}
 """Delay of the pictures of drives with a known motion, in milliseconds."""
@@ -115,7 +115,7 @@ class Case:
 
     kind: str
     """Key of `KINDS` or of `MOTIONS`."""
-    cue: Cue
+    cue: CueName
     seed: int
     num_pairs: int
     noise: float
@@ -197,7 +197,7 @@ class Runner:
         return read_raw_drive(with_frames(drive, chosen), truth)
 
 
-def _calibrate(drive: Path | Drive, cue: Cue) -> Stages:
+def _calibrate(drive: Path | Drive, cue: CueName) -> Stages:
     config = CalibrationConfig(cues=(cue,))
     data = load(drive, config)
     stages = refine_and_polish(data, initialize(data, config.initialization), config.refinement)

@@ -13,7 +13,7 @@ from semcal_cli.baselines.config import PaperConfig, SoicConfig
 from semcal_cli.baselines.soic import Soic
 from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig
 from semcal_cli.config.mine import MINE_WITH_VECTORS
-from semcal_cli.drive.cues import load_cues
+from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations

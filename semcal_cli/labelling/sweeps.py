@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.errors import InputError
 from semcal_cli.labelling.card import NeighborsConfig, PointCard
 from semcal_cli.labelling.model import Model

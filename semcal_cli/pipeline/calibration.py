@@ -32,7 +32,7 @@ from semcal_cli.config import (
     PyramidConfig,
     RefinementConfig,
 )
-from semcal_cli.drive.cues import describe_cues, files_of
+from semcal_cli.drive.cues.table import CUES, files_of
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
@@ -374,7 +374,7 @@ def _options(data: LoadedDrive, initial_pose: InitialPose | None) -> dict[str, o
     """Collect the options that changed the answer before any stage."""
     options: dict[str, object] = {"max_frames": data.max_frames}
     if data.cues != LABELS:
-        options["cues"] = describe_cues(data.cues)
+        options["cues"] = {cue: CUES[cue].settings for cue in data.cues}
     if initial_pose is not None and initial_pose.source is None:
         options["given"] = initial_pose.name
     if initial_pose is not None and initial_pose.direction is not None:

@@ -1,4 +1,4 @@
-"""Edges of sweeps drawn on the edges of pictures, as the cue compares them: see `semcal_cli.drive.edges`."""
+"""Edges of sweeps drawn on the edges of pictures, as the cue compares them: see `semcal_cli.drive.cues.edges`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cues import EDGES
+from semcal_cli.drive.cues.edges import EDGES, NO_EDGE, gradients
+from semcal_cli.drive.cues.intensity import grey_values, lens_mask
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.edges import NO_EDGE, gradients
-from semcal_cli.drive.intensity import grey_values, lens_mask
 from semcal_cli.drive.observations import Observations
 from semcal_cli.report.colors import NO_EDGE_NAME, STEP_COLORS
 

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import AUTO, MAX_FRAMES, Cue
-from semcal_cli.drive.cues import choose_frames, chosen, load_cues, maximised, recorded
+from semcal_cli.config import AUTO, MAX_FRAMES, CueName
+from semcal_cli.drive.cues.table import choose_frames, chosen, maximised, recorded
+from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
@@ -201,7 +202,7 @@ def _distinct(
     return tuple(distinct.values())
 
 
-def _cues(record: Calibration | None, drive: Drive, sweeps: Sweeps) -> tuple[Cue, ...]:
+def _cues(record: Calibration | None, drive: Drive, sweeps: Sweeps) -> tuple[CueName, ...]:
     """Cue that the frames are read with: that of the calibration, or the best that the files of the drive allow.
 
     It is the first one by which the pose was refined, and no other: pixels of one cue share no information with points

@@ -16,7 +16,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.drive.document import Camera, Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image

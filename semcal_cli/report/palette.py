@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.edges import NO_EDGE
+from semcal_cli.drive.cues.edges import NO_EDGE
 from semcal_cli.drive.observations import Observations
 from semcal_cli.report.colors import Colors, Legend, hex_color, palettes
 from semcal_cli.report.edges import EDGE_LEGEND, coloring_of

@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets
 from semcal_cli.documentation import entry_address
-from semcal_cli.drive.cues import maximised, recorded
+from semcal_cli.drive.cues.table import maximised, recorded
 from semcal_cli.drive.document import Camera
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.messages import listed

@@ -25,7 +25,7 @@ from semcal_cli import _core
 from semcal_cli.cli.options import CueList
 from semcal_cli.config import CalibrationConfig, SynthConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.cues import summed
+from semcal_cli.drive.cues.together import summed
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_frame_image

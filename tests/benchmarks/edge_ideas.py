@@ -23,12 +23,11 @@ from real_data import real_drives
 
 from semcal_cli import _core
 from semcal_cli.assessment.rivals import sigmas_behind
-from semcal_cli.config import EDGE_STARTS, PolishConfig, SynthConfig
+from semcal_cli.config import PolishConfig, SynthConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cues import EDGES
+from semcal_cli.drive.cues.edges import EDGES, STARTS, observe_edges
+from semcal_cli.drive.cues.intensity import grey_values
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.edges import observe_edges
-from semcal_cli.drive.intensity import grey_values
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.summary import markdown_table
@@ -178,7 +177,7 @@ class Figures(NamedTuple):
 
 def measure(seen: Observations, T: Pose, num_starts: int) -> Figures:
     """Find the top near the published pose, and ascend from poses around it."""
-    pyramid, coarse = pyramid_of(EDGE_STARTS), EDGE_STARTS.coarse
+    pyramid, coarse = pyramid_of(STARTS), STARTS.coarse
     assert coarse is not None
     top = newton(seen, T, PolishConfig()).T_camera_lidar
     starts = [displaced(T, START_DEG, START_M, np.random.default_rng(seed)) for seed in range(num_starts)]

@@ -17,7 +17,7 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.config import SynthConfig
-from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.experiments.page_tables import run_script
 
 SEED = 5100

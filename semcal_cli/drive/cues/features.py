@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.drive.cue_config import FeaturesConfig
+from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
@@ -30,6 +31,19 @@ Vectors = npt.NDArray[np.float16]
 SAMPLES = 20_000
 """Number of vectors from which the centres are computed."""
 MAX_CHANNELS = 4096
+
+
+@dataclass(frozen=True)
+class FeaturesConfig:
+    """How feature vectors become codes (k-means)."""
+
+    num_codes: int = 24
+    """Number of codes, which take the place of classes."""
+    iterations: int = 20
+    """Iterations of k-means."""
+
+
+FEATURES = FeaturesConfig()
 
 
 def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None = None) -> Observations:
@@ -140,3 +154,10 @@ def _coded(
 
     with thread_pool() as pool:
         return list(pool.map(of_frame, vectors))
+
+
+CUE = Cue(
+    observe=lambda drive, sweeps, _: observe_features(drive, FEATURES, sweeps),
+    files=("point_features", "image_features"),
+    config=FEATURES,
+)

@@ -9,7 +9,7 @@ The values are divided into equally frequent levels, which take the place of cla
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
@@ -19,7 +19,8 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cue_config import IntensityConfig
+from semcal_cli.drive.cues.cue import Cue
+from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.motion import Compensated, compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
@@ -40,6 +41,23 @@ LEAST_SPREAD = 0.02
 """Smallest spread of surroundings, as a share of the spread of all values. Smaller spreads are noise."""
 SAMPLES = 200_000
 """Number of values from which the limits of the levels are computed."""
+
+
+@dataclass(frozen=True)
+class IntensityConfig:
+    """How intensities become levels.
+
+    With 16 levels and surroundings of 4 degrees, 10 of 10 refinements on two development drives of 20 pairs from 2
+    degrees and 0.2 m came back; with intensities as they are, 5 of 10.
+    """
+
+    num_levels: int = 16
+    """Number of levels, which take the place of classes."""
+    surroundings_deg: float = 4.0
+    """Standard deviation of the window over which mean and contrast are taken."""
+
+
+INTENSITY = IntensityConfig()
 
 
 def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None) -> Observations:
@@ -221,3 +239,10 @@ def _limits(drive: Drive, side: str, values: Values, config: IntensityConfig) ->
             f"{drive.path}: {side} is nearly the same everywhere: it says nothing of the pose"
         )
     return limits
+
+
+def _observe(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:
+    return (observe_raw_intensity if is_raw else observe_intensity)(drive, INTENSITY, sweeps)
+
+
+CUE = Cue(observe=_observe, files=("image",), config=INTENSITY, starts=STARTS)

@@ -8,12 +8,15 @@ share, and takes the two kinds of segments: ground and objects.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import StartsConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cue_config import SegmentsConfig
+from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, Observations
@@ -23,6 +26,41 @@ from semcal_cli.files.point_clouds import Sweeps
 
 KINDS = {_core.GROUND: "ground", _core.OBJECT: "objects"}
 """Names of the kinds of segments."""
+
+
+@dataclass(frozen=True)
+class SegmentationConfig:
+    """Settings of the segmentation of sweeps by geometry."""
+
+    ground_tolerance_m: float = 0.2
+    """A point is ground if it lies no farther than this above or below the ground's surface."""
+    ground_cell_m: float = 3.0
+    """Longest extent of a segment of the ground."""
+    object_gap_m: float = 0.25
+    """Returns with less than this between them belong together, however near the sensor."""
+    object_gap_rays: float = 1.5
+    """Factor on the distance of neighbouring rays at a return's range, which adds to `object_gap_m`."""
+    object_cell_m: float = 3.0
+    """Longest extent of a segment of an object."""
+    min_points: int = 20
+    """Least number of points of a segment of a dense sweep."""
+
+
+@dataclass(frozen=True)
+class SegmentsConfig:
+    """How the segments of sweeps are compared with the labels of pictures."""
+
+    num_turns: int = 4
+    """Null partitions: the segments as if the sweep had been turned by this many equal parts of what it covers."""
+    weight_by_intensity: float = 0.3
+    """Weight of each point beside intensity. Labels of neighbouring points depend on one another far more than
+    intensities do, which are measured against their surroundings: weighed alike, segments outvote them. On a real jam,
+    the median error from 2 degrees and 0.2 m is 1.0 degrees with weight 1, and 0.3 with 0.1 to 0.3."""
+    segmentation: SegmentationConfig = field(default_factory=SegmentationConfig)
+    """Settings of the segmentation."""
+
+
+SEGMENTS = SegmentsConfig()
 
 
 def observe_segments(
@@ -70,3 +108,23 @@ def _kinds(sweep: _core.SegmentedSweep) -> npt.NDArray[np.uint8]:
     """Kind of the segment of each point (N,), or `NO_CLASS`."""
     kinds = np.append(sweep.kinds, NO_CLASS).astype(np.uint8)
     return np.asarray(kinds[np.minimum(sweep.ids, sweep.num_segments)])
+
+
+STARTS = StartsConfig(
+    coarsest_block_deg=0.9,
+    min_blocks=16,
+    num_starts=(10, 6, 4, 2),
+    spread_deg=(1.5, 1.5),
+    spread_m=(0.15, 0.15),
+    farthest_deg=6.0,
+    first_frames=6,
+)
+"""The initial calibration, by kinds of segments, ends up to 3 degrees off. Of ten runs on a real jam by segments and
+intensity, from 2 degrees and 0.2 m, 8 came back with six starts at first, and 6 with one. Intensity alone takes the
+same starts, with which it was not measured."""
+CUE = Cue(
+    observe=lambda drive, sweeps, is_raw: observe_segments(drive, SEGMENTS, sweeps, is_raw=is_raw),
+    files=("image_labels",),
+    config=SEGMENTS,
+    starts=STARTS,
+)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
-Cue: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
+CueName: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
 """What points and pixels are compared by; auto takes the best of what the files of a drive allow."""
 Estimator: TypeAlias = Literal["exact", "mine"]
 """How mutual information is estimated: by the histogram of classes, or by a network's lower bound."""
@@ -13,8 +13,8 @@ Device: TypeAlias = Literal["cpu", "cuda"]
 Zoom: TypeAlias = Literal["exact", "paper"]
 """How a label image is brought to the LiDAR's angular grid: through K and the lens, or as the paper does."""
 
-LABELS: tuple[Cue, ...] = ("labels",)
-AUTO: tuple[Cue, ...] = ("auto",)
+LABELS: tuple[CueName, ...] = ("labels",)
+AUTO: tuple[CueName, ...] = ("auto",)
 MAX_FRAMES = 70
 """Frames of a longer drive that are used. More of them make an answer hardly better: its error is then that of the
 labels' borders."""

@@ -9,6 +9,7 @@ weighs them by what the data say. Edges between rings are left out: they are hal
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -16,11 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import ExactConfig, StartsConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cue_config import EdgesConfig
+from semcal_cli.drive.cues.cue import Cue
+from semcal_cli.drive.cues.intensity import grey_values, lens_mask
 from semcal_cli.drive.document import Camera, Drive, Frame
-from semcal_cli.drive.intensity import grey_values, lens_mask
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
@@ -38,6 +40,34 @@ LEAST_GRADIENT = 2.0
 """Gradient of grey values, per pixel, that adds to the surroundings': less is noise of the sensor."""
 BLOCKS_A_SIGMA = 8.0
 """Blocks per standard deviation of the blur with which the surroundings of pixels are summed up."""
+
+
+@dataclass(frozen=True)
+class EdgesConfig:
+    """How steps along the scans of sweeps, and gradients of pictures, become classes."""
+
+    range_steps_m: tuple[float, ...] = (0.3, 1.0, 3.0)
+    """Least steps in range of the levels, metres."""
+    range_share: float = 0.01
+    """Share of a point's range that adds to them."""
+    intensity_shares: tuple[float, ...] = (0.1, 0.05, 0.02)
+    """Shares of the points that have the largest steps in intensity, of the levels."""
+    same_surface_m: float = 0.3
+    """Neighbours that differ by less than this in range lie on one surface, whose intensity may step."""
+    plain_per_edge: float = 3.0
+    """Number of points without an edge that are compared for each one with an edge; more cost time and tell little."""
+    num_levels: int = 8
+    """Number of equally frequent levels of the gradient of a picture."""
+    blur_rays: float = 0.5
+    """Standard deviation of the blur of a picture before and after its gradient is taken, in angles between
+    neighbouring rays: a step lies anywhere between two."""
+    least_blur_px: float = 0.7
+    """Smallest such deviation, pixels."""
+    surroundings_deg: float = 6.0
+    """Standard deviation of the window over which the mean of the gradients is taken."""
+
+
+EDGES = EdgesConfig()
 
 
 def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = None) -> Observations:
@@ -209,3 +239,23 @@ def gradients(
     weights = np.maximum(mean_around(is_inside.astype(np.float32)), np.finfo(np.float32).tiny)
     beside = strength / (mean_around(strength) / weights + LEAST_GRADIENT)
     return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px), np.float32), is_inside
+
+
+STARTS = StartsConfig(
+    coarsest_block_deg=2.6,
+    min_blocks=8,
+    num_starts=(64, 24, 12, 6, 4, 3),
+    spread_deg=(1.0, 5.0),
+    spread_m=(0.1, 0.3),
+    farthest_deg=9.0,
+    num_rounds=1,
+    coarse=ExactConfig(steps=40, batch_size=2048, max_points=60_000),
+)
+"""On blocks of 2.6 degrees, single ascents on three real drives came back from 2 degrees and 0.2 m in 75 to 97 % of 40
+runs, and from 5 degrees and 0.3 m in 15 to 65 %; the one that ended highest was always right."""
+CUE = Cue(
+    observe=lambda drive, sweeps, _: observe_edges(drive, EDGES, sweeps),
+    files=("image",),
+    config=EDGES,
+    starts=STARTS,
+)

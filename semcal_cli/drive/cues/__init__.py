@@ -1,0 +1,1 @@
+"""The cues: what points and pixels are compared by."""
