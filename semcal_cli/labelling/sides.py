@@ -60,21 +60,8 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         InputError: the model cannot be read.
     """
     model = labeller.model
-    card = model.card
     named = {value for ids in model.classes.values() for value in ids}
     ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
-    settings = {
-        "model": hash_model(model.network.path),
-        "size": card.size,
-        "fit": card.fit,
-        "color": card.color,
-        "numbers": (card.scale, card.mean, card.std),
-        "outputs": model.outputs,
-        "kind": card.kind,
-        "align_corners": card.align_corners,
-        "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
-        "probabilities": has_probabilities,
-    }
 
     def label(drive: Drive, frame: Frame) -> bytes:
         if frame.image is None:
@@ -107,10 +94,27 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         suffix=".npz" if has_probabilities else ".png",
         classes=model.classes,
         ignore=tuple(value for value in ignored if value not in named),
-        settings=settings,
+        settings=_picture_settings(labeller, has_probabilities=has_probabilities),
         label=label,
         is_whole=is_whole,
     )
+
+
+def _picture_settings(labeller: PictureLabeller, *, has_probabilities: bool) -> dict[str, object]:
+    """Tell what the labels depend on beside the pictures."""
+    model, card = labeller.model, labeller.model.card
+    return {
+        "model": hash_model(model.network.path),
+        "size": card.size,
+        "fit": card.fit,
+        "color": card.color,
+        "numbers": (card.scale, card.mean, card.std),
+        "outputs": model.outputs,
+        "kind": card.kind,
+        "align_corners": card.align_corners,
+        "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
+        "probabilities": has_probabilities,
+    }
 
 
 def sweep_side(labeller: SweepLabeller) -> Side:
