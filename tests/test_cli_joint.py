@@ -93,7 +93,7 @@ def test_cameras_of_a_rig_have_intrinsics_of_their_own(
 def test_what_cannot_be_estimated_is_told_before_the_search(
     street: Path, monkeypatch: pytest.MonkeyPatch, jointly: JointlyConfig, message: str
 ) -> None:
-    monkeypatch.setattr(pipeline, "initialize", lambda *_: pytest.fail("searched"))
+    monkeypatch.setattr(pipeline.calibration, "initialize", lambda *_: pytest.fail("searched"))
     config = CalibrationConfig(refinement=RefinementConfig(jointly=jointly))
     with pytest.raises(InputError, match=message):
         pipeline.calibrate(street, config)

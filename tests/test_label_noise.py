@@ -14,6 +14,7 @@ from semcal_cli.synthetic.label_noise import (
     mislabel,
     with_disjoint_ontologies,
     with_ragged_things,
+    with_shared_errors,
     with_wrong_labels,
 )
 
@@ -49,6 +50,17 @@ def test_a_networks_labels_are_wrong_at_borders_and_in_blobs(street_observations
     assert mend(noisy).speckle < 0.01
     points = share_changed(street_observations.clouds[0].classes, noisy.clouds[0].classes)
     assert points == pytest.approx(POINT_SHARE, abs=0.01)
+
+
+def test_errors_that_all_frames_share_are_alike_in_all_frames(street_observations: Observations) -> None:
+    """Frames of one picture stay frames of one picture, and every class keeps its neighbours: borders move."""
+    one = street_observations.images[0]
+    same = street_observations.with_images(one for _ in street_observations.images)
+    first, *others = (image.classes for image in with_shared_errors(same, np.random.default_rng(4)).images)
+    for other in others:
+        np.testing.assert_array_equal(first, other)
+    assert 0.005 < share_changed(one.classes, first) < 0.1
+    assert set(np.unique(first)) <= set(np.unique(one.classes))
 
 
 def test_disjoint_ontologies_share_nothing_and_merge_otherwise(street_observations: Observations) -> None:

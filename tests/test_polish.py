@@ -10,6 +10,7 @@ from conftest import make_pose
 from semcal_cli import _core, pipeline
 from semcal_cli.config import PolishConfig, PyramidConfig, RefinementConfig
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
@@ -59,14 +60,16 @@ def test_regions_that_are_held_out_are_whole(street_observations: Observations) 
         assert 0.25 < (other != NO_CLASS).sum() / (whole != NO_CLASS).sum() < 0.42
 
 
-def test_held_out_data_reject_what_only_the_kept_data_like(
-    street_observations: Observations, street_truth: Pose
-) -> None:
+@pytest.fixture(scope="module")
+def torn(street_observations: Observations) -> Observations:
     """The kept frames are labelled as a turned camera would see them, the held-out one, the third, is not."""
-    torn = street_observations.with_images(
+    return street_observations.with_images(
         image if index == 2 else image.with_classes(np.roll(image.classes, 4, axis=1))
         for index, image in enumerate(street_observations.images)
     )
+
+
+def test_held_out_data_reject_what_only_the_kept_data_like(torn: Observations, street_truth: Pose) -> None:
     config = dataclasses.replace(CONFIG, min_frames=3)
     polished = polish_pose(torn, street_truth, config)
     assert not polished.is_accepted
@@ -78,6 +81,17 @@ def test_held_out_data_reject_what_only_the_kept_data_like(
     np.testing.assert_array_equal(polished.T_camera_lidar, street_truth)
     assert polished.held_out.held_out_sigma_nats is not None
     assert polished.held_out.held_out_gain_nats < -config.max_loss * polished.held_out.held_out_sigma_nats
+
+
+def test_the_best_of_several_tops_may_lose_more(torn: Observations, street_truth: Pose) -> None:
+    """Held-out data took part in its choice, so they lose by any other."""
+    config = dataclasses.replace(CONFIG, min_frames=3)
+    check = polish_pose(torn, street_truth, config).held_out
+    assert check.held_out_sigma_nats is not None
+    loss = -check.held_out_gain_nats / check.held_out_sigma_nats
+    between = dataclasses.replace(config, max_loss=0.9 * loss, max_loss_of_tops=1.1 * loss)
+    assert not polish_pose(torn, street_truth, between).is_accepted
+    assert polish_pose(dataclasses.replace(torn, starts=STARTS), street_truth, between).is_accepted
 
 
 @pytest.mark.parametrize("blank", [{0, 1, 3}, {2}])
@@ -134,8 +148,8 @@ def test_the_pose_that_counts_is_the_one_that_has_to_settle(
         PolishConfig, max_loss=3.0 if accepted else -1e6, settled_px=0.1 if settled else -1.0
     )
     pyramid = partial(PyramidConfig, max_final_drift=1e6 if converged else -1.0)
-    monkeypatch.setattr("semcal_cli.config.PolishConfig", polish_config)
-    monkeypatch.setattr(pipeline, "PyramidConfig", pyramid)
+    monkeypatch.setattr("semcal_cli.config.refinement.PolishConfig", polish_config)
+    monkeypatch.setattr(pipeline.calibration, "PyramidConfig", pyramid)
     data = LoadedDrive(read_drive(street), street_observations)
     initial = pipeline.start_at(data, InitialPose(street_truth, "truth"))
     stages = pipeline.refine_and_polish(data, initial, RefinementConfig())

@@ -1,0 +1,64 @@
+"""Mountings that the search leaves open, decided by the refinement."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from semcal_cli.assessment.mountings import decide_in_full
+from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, InitializationConfig, RefinementConfig
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.events import ignore
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.search import Initialization, led_by
+from semcal_cli.pipeline import initialize, refine
+from semcal_cli.refinement.pyramid import Refinement
+from semcal_cli.result.checks.mounting import OTHER_MOUNTING
+
+OPEN = OTHER_MOUNTING.measured(0.0, "a mounting explains the labels as well").findings
+
+
+@pytest.fixture(scope="module")
+def data(street: Path) -> LoadedDrive:
+    return load(street, CalibrationConfig(cues=("segments", "edges")))
+
+
+@pytest.fixture(scope="module")
+def found(data: LoadedDrive) -> Initialization:
+    return initialize(data, InitializationConfig())
+
+
+def test_the_right_mounting_is_taken_though_another_led(
+    data: LoadedDrive, found: Initialization, street_truth: Pose
+) -> None:
+    other = found.hypotheses[1]
+    led = led_by(found, other, data.for_search)
+    wrong = replace(led, hypotheses=led.hypotheses[:2], findings=OPEN)
+    again = partial(refine, data, config=RefinementConfig())
+    start = again(other.pose)
+    assert compare_poses(start.T_camera_lidar, street_truth).rotation_deg > 10.0
+    initial, refined = decide_in_full(data, wrong, start, again, MAX_BASELINE_M, 0, ignore)
+    assert compare_poses(refined.T_camera_lidar, street_truth).rotation_deg < 0.15
+    assert compare_poses(initial.T_camera_lidar, street_truth).rotation_deg < 3.0
+    assert initial.findings == ()
+
+
+def test_a_mounting_that_another_explains_as_well_stays_doubted(
+    data: LoadedDrive, found: Initialization
+) -> None:
+    best = found.hypotheses[0]
+    twins = (best, *(best.model_copy(update={"rotation_from_best_deg": 90.0}) for _ in range(2)))
+    refined = refine(data, best.pose, RefinementConfig())
+    asked: list[Pose] = []
+
+    def again(T_camera_lidar: Pose) -> Refinement:
+        asked.append(T_camera_lidar)
+        return refined
+
+    twin = replace(found, hypotheses=twins, findings=OPEN)
+    initial, same = decide_in_full(data, twin, refined, again, MAX_BASELINE_M, 0, ignore)
+    assert same is refined
+    assert initial.findings == OPEN
+    assert len(asked) == 1, "the first that stays unclear decides"
