@@ -17,16 +17,19 @@ from scipy.spatial.transform import Rotation
 from selenium import webdriver
 
 from semcal_cli.cli import main, semcal
-from semcal_cli.config import SynthConfig
+from semcal_cli.config import CalibrationConfig, SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.drive.reading import load_observations, read_clouds
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
+from semcal_cli.view.session import Session
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
 settings.load_profile("semcal")
@@ -52,12 +55,17 @@ def document() -> dict[str, Any]:
     return yaml.safe_load(DRIVE)
 
 
+def real(name: str) -> Path:
+    """A file or folder of real frames; a test is left out where they are not there."""
+    path = (TEST_DATA / name).resolve()
+    if not path.exists():
+        pytest.skip(f"no real frames: {path} does not exist; set SEMCAL_TEST_DATA")
+    return path
+
+
 @pytest.fixture
 def rellis3d() -> Path:
-    folder = TEST_DATA / "rellis3d_000104"
-    if not folder.is_dir():
-        pytest.skip(f"no real frames: {folder} does not exist; set SEMCAL_TEST_DATA")
-    return folder
+    return real("rellis3d_000104")
 
 
 def make_pose(rotation_vector: tuple[float, ...], translation: tuple[float, ...]) -> Pose:
@@ -251,3 +259,26 @@ def browser() -> Iterator[webdriver.Chrome]:
     chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
     yield chrome
     chrome.quit()
+
+
+@pytest.fixture(scope="module")
+def T_off(street_truth: Pose) -> Pose:
+    """The truth, turned by 1.5 degrees."""
+    return apply_twist(street_truth, np.array([0.0, 0.0, 0.0, 0.0, np.radians(1.5), 0.0]))
+
+
+@pytest.fixture(scope="module")
+def session(street: Path, T_off: Pose, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """What `semcal view` shows, from `T_off` on."""
+    config = CalibrationConfig()
+    data = load(read_drive(street), config)
+    output = tmp_path_factory.mktemp("view") / "init.yaml"
+    return Session(data, read_clouds(data.drive), config, T_off, output)
+
+
+@pytest.fixture(scope="module")
+def by_edge(street: Path, street_truth: Pose) -> Session:
+    """The same by edges, from the truth on."""
+    config = CalibrationConfig(cues=("segments", "edges"))
+    data = load(read_drive(street), config)
+    return Session(data, read_clouds(data.drive), config, street_truth)

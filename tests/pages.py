@@ -5,11 +5,20 @@ from pathlib import Path
 
 from selenium import webdriver
 
+from semcal_cli.drive.document import read_drive
+from semcal_cli.report import read_report_input, write_report
+
 PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
 DESK = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
 
 FINDINGS = (Path(__file__).parent / "pages.js").read_text()
 """Function body: the findings in the page as it stands, as strings."""
+
+
+def page_of(drive: Path, calibration: Path, folder: Path) -> str:
+    """The page about a calibration on a drive."""
+    write_report(read_report_input(read_drive(drive), calibration), folder / "r.html")
+    return (folder / "r.html").read_text()
 
 
 def serious_findings(browser: webdriver.Chrome) -> list[str]:

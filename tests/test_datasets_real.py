@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import TEST_DATA
+from conftest import real
 from dataset_imports import run_import
 from scipy.spatial.transform import Rotation
 
@@ -23,13 +23,6 @@ SAME_NAMES_AT_REFERENCE = 0.75
 SAME_NAMES_BACKWARDS = 0.5
 PRINTED = 1e-9  # decimals of the reference in the drive.yaml of the real frame
 LIDAR2CAM = 1e-6  # calib.json is of single precision
-
-
-def real(name: str) -> Path:
-    folder = (TEST_DATA / name).resolve()
-    if not folder.is_dir():
-        pytest.skip(f"no real frames: {folder} does not exist; set SEMCAL_TEST_DATA")
-    return folder
 
 
 def link(source: Path, target: Path) -> None:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import TEST_DATA
+from conftest import real
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
@@ -29,13 +29,6 @@ TURN_DEG = 4.0
 BETTER = 0.03
 """Edges are on stronger edges of the picture by so much of its pixels: 0.77 and 0.78 here, 0.59 to 0.70 turned."""
 LEAST_POINTS = 20
-
-
-def real(name: str) -> Path:
-    folder = TEST_DATA / name
-    if not folder.is_dir():
-        pytest.skip(f"no real frames: {folder} does not exist; set SEMCAL_TEST_DATA")
-    return folder
 
 
 def turned(T: Pose, axis: int, angle_deg: float) -> Pose:

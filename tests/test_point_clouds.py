@@ -7,7 +7,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
-from conftest import DRIVE, TEST_DATA
+from conftest import DRIVE, real
 from hypothesis import given
 from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
@@ -17,13 +17,6 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import read_point_clouds
-
-
-def real(name: str) -> Path:
-    path = TEST_DATA / name
-    if not path.exists():
-        pytest.skip(f"no real frames: {path} does not exist; set SEMCAL_TEST_DATA")
-    return path
 
 
 def read(points: Path, labels: Path | None = None) -> _core.PointCloud:

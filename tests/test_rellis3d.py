@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from conftest import real
 
 from semcal_cli import _core
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
@@ -23,11 +24,7 @@ SEMCAL = Path(sysconfig.get_path("scripts")) / "semcal"
 @pytest.fixture(scope="module")
 def rellis(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder for results, and in it the drive without its reference."""
-    from conftest import TEST_DATA
-
-    source = (TEST_DATA / "rellis3d_000104").resolve()
-    if not source.is_dir():
-        pytest.skip(f"no real frames: {source} does not exist; set SEMCAL_TEST_DATA")
+    source = real("rellis3d_000104")
     folder = tmp_path_factory.mktemp("rellis")
     document = yaml.safe_load((source / "drive.yaml").read_text())
     del document["T_camera_lidar"]

@@ -1,7 +1,6 @@
 """The page about a calibration: what it says, and its figures."""
 
 import base64
-import io
 import re
 import shutil
 from dataclasses import replace
@@ -9,20 +8,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import PIL.Image
 import pytest
 from click.testing import CliRunner
 from conftest import make_pose
+from pages import page_of
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
-from semcal_cli.config import CueName, SynthConfig
+from semcal_cli.config import SynthConfig
 from semcal_cli.config.synthetic import Lens
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cues.edges import NO_EDGE
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import find_format
 from semcal_cli.formats.format import FormatOptions, Source
@@ -34,13 +31,9 @@ from semcal_cli.report.colors import class_colors
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.palette import color_tables
-from semcal_cli.report.pictures import MAX_POINTS, few_points, make_pictures
-from semcal_cli.report.points import frame_points
 from semcal_cli.report.words import (
     NOT_BELIEVED,
     Reason,
-    polish_sentences,
     uncertainty_sentences,
     verdict,
     verdict_of,
@@ -55,12 +48,6 @@ MAX_BYTES = 5_000_000
 @pytest.fixture(scope="module")
 def report(made: Path, street: Path) -> ReportInput:
     return read_report_input(read_drive(street), made / "c.yaml")
-
-
-def page_of(drive: Path, calibration: Path, folder: Path) -> str:
-    """The page about a calibration on a drive."""
-    write_report(read_report_input(read_drive(drive), calibration), folder / "r.html")
-    return (folder / "r.html").read_text()
 
 
 # What it says.
@@ -376,72 +363,3 @@ def test_a_page_states_no_interval_that_is_not_believed(made: Path, street: Path
 
 
 # Of a calibration by edges.
-
-
-def by_cues(made: Path, folder: Path, *cues: CueName) -> Path:
-    """Write the calibration as if it had been made by other cues."""
-    record = read_calibration(made / "c.yaml")
-    options = {**record.settings.options, "cues": {cue: {} for cue in cues}}
-    settings = record.settings.model_copy(update={"options": options})
-    write_calibration(record.model_copy(update={"settings": settings}), folder / "c.yaml")
-    return folder / "c.yaml"
-
-
-@pytest.mark.parametrize(
-    ("cues", "by"),
-    [
-        (("edges",), "edge"),
-        (("segments", "edges"), "edge"),
-        (("edges", "intensity"), "edge"),
-        (("segments", "intensity"), "class"),
-        (("labels", "edges"), "class"),
-    ],
-)
-def test_what_is_shown_is_what_the_pose_was_refined_by(
-    made: Path, street: Path, tmp_path: Path, cues: tuple[CueName, ...], by: str
-) -> None:
-    found = read_report_input(read_drive(street), by_cues(made, tmp_path, *cues))
-    overlays = found.overlays(2)
-    assert overlays.by == by
-    assert len(overlays.poses) == 2
-    assert ("range step 3" in found.observations.point_class_names) == (by == "edge")
-
-
-def test_a_page_of_edges_shows_them_on_those_of_the_picture(made: Path, street: Path, tmp_path: Path) -> None:
-    file = by_cues(made, tmp_path, "segments", "edges")
-    page, found = page_of(street, file, tmp_path), read_report_input(read_drive(street), file)
-    assert '<input type="radio" name="colors" value="edge" checked>' in page
-    assert 'name="colors" value="class"' not in page
-    assert page.count('class="picture edges"') == 4
-    assert 'id="worst"' not in page
-    assert "<dt>edges agree</dt>" in page
-    shown = make_pictures(found.overlays(1)).best
-    picture = np.array(PIL.Image.open(io.BytesIO(base64.b64decode(shown.uri.split(",")[1])))).astype(int)
-    assert np.abs(picture - picture.mean(axis=2, keepdims=True)).max() < 3.0  # grey, but for the encoder
-
-
-def test_points_without_an_edge_have_no_colour_and_make_room_for_the_others(
-    made: Path, street: Path, tmp_path: Path
-) -> None:
-    found = read_report_input(read_drive(street), by_cues(made, tmp_path, "edges"))
-    observations = found.observations
-    table = color_tables(observations)["edge"]
-    assert table[NO_EDGE] is None
-    assert all(color is not None for color in table[NO_EDGE + 1 :])
-    points = frame_points(list(found.overlays(1).views.values()), 0, np.ones((7, 8), bool))
-    num_edges = int(((points.classes != NO_EDGE) & (points.classes != NO_CLASS)).sum())
-    assert 100 < num_edges < len(points.classes) < MAX_POINTS
-    few = few_points(observations, points, num_edges + 10)
-    assert len(few.classes) == num_edges + 10
-    assert int(((few.classes != NO_EDGE) & (few.classes != NO_CLASS)).sum()) == num_edges
-    np.testing.assert_array_equal(few.indices, points.indices[np.isin(points.indices, few.indices)])
-    assert len(few_points(observations, points, 50).classes) == 50
-
-
-def test_what_edges_gained_is_in_nats(made: Path, tmp_path: Path) -> None:
-    """They are what segments beside them are not: refined by."""
-    for cues, unit in ((("segments", "edges"), "nats"), (("segments", "intensity"), "AMI")):
-        record = read_calibration(by_cues(made, tmp_path, *cues))
-        assert record.polish is not None
-        polish = record.polish.model_copy(update={"held_out_sigma_nats": 0.01})
-        assert unit in polish_sentences(record.model_copy(update={"polish": polish}))[0]

@@ -82,10 +82,9 @@ def check(target: Target, content: bytes, folder: Path) -> None:
     path = folder / target.name(content)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), refusing(folder):
         warnings.simplefilter("error")
-        with refusing(folder):
-            target.read(path)
+        target.read(path)
 
 
 @contextmanager
@@ -347,7 +346,6 @@ def transform_target(format: Format) -> Target:
 
 
 def write_drive(folder: Path) -> None:
-    """Write a drive."""
     camera = {"model": "plumb_bob", "width": 8, "height": 8, "K": [[4, 0, 4], [0, 4, 4], [0, 0, 1]]}
     document = {"semcal_drive": 1, "camera": camera, "frames": [{"points": "a.bin", "points_stamp": 1.5}]}
     (folder / "drive.yaml").write_text(json.dumps(document))

@@ -1,0 +1,69 @@
+"""What is said of a pose by itself: its distance, the motion, and other seeds."""
+
+import numpy as np
+import pytest
+from conftest import make_pose
+from scipy.spatial.transform import Rotation
+
+from semcal_cli import _core
+from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_pose
+from semcal_cli.assessment.repeatability import compare_seeds
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.result.uncertainty import Uncertainty
+
+
+def test_motion_and_limits_that_hold_a_pose_are_said(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    assert check_motion(None) == check_motion(3.0) == ()
+    (moved,) = check_motion(7.04)
+    assert moved.sentence == (
+        "the LiDAR's motion is not compensated, half of the points are 7.0 pixels off or more, needed at most 3: give "
+        "motion.poses or motion.twist in the drive, or record at lower speed"
+    )
+    agreement = _core.agreement(street_observations.core, street_truth)
+    T = np.eye(4)
+    T[:3, 3] = [0.0, 0.9, 0.0]
+    assert check_pose(T, agreement, 1.0) == check_pose(T, agreement) == ()
+    (held,) = check_pose(T, agreement, 0.9)
+    assert held.sentence.startswith(
+        "the camera is held at 0.9 m from the LiDAR, the limit of --max-baseline-m"
+    )
+    assert check_distance(T, 1.0) == ()
+    (far,) = check_distance(T, 0.8)
+    assert far.found == "the camera is 0.9 m from the LiDAR, --max-baseline-m allows 0.8 m"
+
+
+def test_seeds_that_lead_elsewhere_are_said() -> None:
+    stated = Uncertainty(
+        covariance=((0.0,) * 6,) * 6,
+        degrees_of_freedom=(9.0,) * 6,
+        sigma_camera_center_m=(0.1,) * 3,
+        sigma_translation_m=(0.1,) * 3,
+        sigma_rotation_deg=(0.5,) * 3,
+        half_width_95_camera_center_m=(0.3, 0.2, 0.0),
+        half_width_95_rotation_deg=(1.0,) * 3,
+    )
+    T = make_pose((0.3, -1.2, 0.5), (0.4, -0.2, 0.1))
+    moved = make_pose((0.0, 0.0, 0.0), (-0.2, 0.0, 0.0)) @ T
+    turned = T.copy()
+    turned[:3, :3] = Rotation.from_euler("z", 1.5, degrees=True).as_matrix() @ T[:3, :3]
+    turned[:3, 3] = -turned[:3, :3] @ camera_center(T)
+    found, findings = compare_seeds(T, [moved, None, turned], stated)
+    assert [finding.found for finding in findings] == [
+        "1 of 4 seeds gave no answer",
+        "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
+    ]
+    assert (found.num_seeds, found.num_failed) == (4, 1)
+    assert found.spread_camera_center_m == pytest.approx((np.std([0.0, 0.2, 0.0], ddof=1), 0.0, 0.0))
+    assert found.spread_rotation_deg == pytest.approx((0.0, 0.0, np.std([0.0, 0.0, 1.5], ddof=1)))
+    assert found.farthest_camera_center_m == pytest.approx(0.2)
+    assert found.farthest_rotation_deg == pytest.approx(1.5)
+    # Of 30 cm along x the clock, which all seeds share, makes 25.
+    of_clock = np.diag([(0.25 / 1.96) ** 2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    _, (alone,) = compare_seeds(T, [moved], stated, of_clock)
+    assert alone.found == "1 of 2 seeds lead beyond the 95 % interval, up to 20 cm and 0 degrees away"
+    assert compare_seeds(T, [moved], stated)[1] == ()
+    none, findings = compare_seeds(T, [None], None)
+    assert (none.num_failed, none.spread_camera_center_m, len(findings)) == (1, None, 1)

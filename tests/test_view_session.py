@@ -1,0 +1,108 @@
+"""What moves points by hand, without its page: scores, points and pictures of a session."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.reading import load_points, read_clouds
+from semcal_cli.errors import InputError
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, camera_center, mounting_rpy_deg, pose_from_mounting
+from semcal_cli.view.session import Placed, Session
+
+ZERO = [0.0] * 6
+
+
+def test_offsets_are_along_and_about_the_axes_of_the_camera(street_truth: Pose) -> None:
+    """Camera 20 cm forward: the same way as its optical axis. Turned: in place, and by the given angle."""
+    shifted = Placed(street_truth, np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])).T_camera_lidar
+    np.testing.assert_allclose(
+        camera_center(shifted) - camera_center(street_truth), 0.2 * street_truth[2, :3]
+    )
+    turned = Placed(street_truth, np.array([0.0, 0.0, 0.0, 1.0, -2.0, 0.5])).T_camera_lidar
+    error = compare_poses(turned, street_truth)
+    assert error.camera_center_cm == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(error.rotation_xyz_deg, (1.0, -2.0, 0.5), atol=1e-9)
+
+
+def test_positive_turns_are_those_that_the_page_names() -> None:
+    """Pitch looks down, yaw looks left, roll leans left: of a camera that looks along x, upright."""
+    T = pose_from_mounting((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    for axis, (roll, pitch, yaw) in ((3, (0, 1, 0)), (4, (0, 0, 1)), (5, (-1, 0, 0))):
+        offsets = np.zeros(6)
+        offsets[axis] = 1.0
+        found = mounting_rpy_deg(Placed(T, offsets).T_camera_lidar)
+        np.testing.assert_allclose(found, (roll, pitch, yaw), atol=1e-9)
+
+
+def test_the_score_is_best_at_the_truth(session: Session, street_truth: Pose, T_off: Pose) -> None:
+    at = [session.points({"base": T.tolist(), "offsets": ZERO, "frame": 0}) for T in (T_off, street_truth)]
+    assert at[0]["mutual_information"] < at[1]["mutual_information"]
+    assert at[0]["agreement"] < at[1]["agreement"] > 0.95
+    assert at[0]["agreement_of_frame"] < at[1]["agreement_of_frame"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"base": None}, "found .* needed 4 x 4 and 6 numbers"),
+        ({"base": [[1.0]]}, "found .* needed 4 x 4 and 6 numbers"),
+        ({"base": [[2.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}, "view: base: "),
+        ({"offsets": [1e300] * 6}, "offsets: found .* needed at most 10000"),
+        ({"offsets": ["a"] * 6}, "needed 4 x 4 and 6 numbers"),
+        ({"frame": 4}, "frame: found 4, needed one of 0 to 3"),
+        ({"frame": -1}, "frame: found -1, needed one of 0 to 3"),
+        ({"frame": True}, "frame: found True, needed one of 0 to 3"),
+        ({"frame": [0]}, r"frame: found \[0\], needed one of 0 to 3"),
+    ],
+)
+def test_wrong_questions(session: Session, T_off: Pose, change: dict[str, Any], message: str) -> None:
+    asked = {"base": T_off.tolist(), "offsets": ZERO, "frame": 0} | change
+    with pytest.raises(InputError, match=message):
+        session.points(asked)
+
+
+def test_a_drive_without_labels_is_shown_and_refines_nothing(street: Path, T_off: Pose) -> None:
+    drive = read_drive(street)
+    bare = Session(
+        LoadedDrive(drive, load_points(drive)),
+        read_clouds(drive),
+        CalibrationConfig(),
+        unlabelled="no labels here",
+    )
+    assert bare.page["choices"] == ["depth", "intensity"]
+    asked = {"base": T_off.tolist(), "offsets": ZERO, "frame": 0}
+    assert bare.points(asked)["num_visible"] > 1000
+    with pytest.raises(InputError, match="no labels here"):
+        bare.refine(asked)
+
+
+def test_a_drive_by_edges_is_shown_by_edge(by_edge: Session, street_truth: Pose) -> None:
+    assert by_edge.page["choices"] == ["edge", "depth", "intensity", "agreement"]
+    assert by_edge.page["palette"]["edge"][0] is None
+    assert "range step 3" in by_edge.page["legends"]["edge"]
+    assert "no edge" not in by_edge.page["legends"]["edge"]
+    at = [
+        by_edge.points({"base": street_truth.tolist(), "offsets": [0.0] * 4 + [yaw, 0.0], "frame": 0})
+        for yaw in (-1.0, 0.0, 1.0)
+    ]
+    assert at[1]["mutual_information"] > max(at[0]["mutual_information"], at[2]["mutual_information"])
+
+
+def test_the_picture_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Session) -> None:
+    shown = [
+        cv2.imdecode(np.frombuffer(by_edge.picture(0, by_edge=each), np.uint8), cv2.IMREAD_COLOR).astype(int)
+        for each in (False, True)
+    ]
+    color = [int(np.abs(each - each.mean(axis=2, keepdims=True)).max()) for each in shown]
+    assert color[0] > 30
+    assert color[1] <= 2
+    assert shown[0].shape == shown[1].shape
+    with pytest.raises(InputError, match="frame: found 4, needed one of 0 to 3"):
+        by_edge.picture(4, by_edge=True)
