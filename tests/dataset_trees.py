@@ -94,6 +94,21 @@ def rellis3d(root: Path, num_frames: int = 3) -> Tree:
     return Tree(root, (), T, classes, classes, ([0], [0]))
 
 
+def kitti_object(root: Path) -> Tree:
+    """Two frames of one day, and one of another; camera 2 stands 0.1 m left of camera 0, and looks the same way."""
+    folder = root / "training"
+    for number, focal in enumerate((50, 50, 60)):
+        lines = [
+            f"P{camera}: {focal} 0 31.5 {camera * 0.05 * focal} 0 {focal} 15.5 0 0 0 1 0"
+            for camera in range(4)
+        ]
+        lines += ["R0_rect: 1 0 0 0 1 0 0 0 1", f"Tr_velo_to_cam: {numbers(FORWARD[:3])}"]
+        write(folder / f"calib/{number:06d}.txt", "\n".join(lines))
+        write_cloud(folder / f"velodyne/{number:06d}.bin")
+        write_ids(folder / f"image_2/{number:06d}.png")
+    return Tree(root, (), moved(FORWARD, 0.1, 0.0, 0.0), {}, {}, ([], []))
+
+
 def opencalib(root: Path) -> Tree:
     """T is LiDAR to camera."""
     T = moved(FORWARD, 0.1, 0.2, 0.3)
@@ -338,6 +353,7 @@ TREES: dict[str, Callable[[Path], Tree]] = {
     "kitti-odometry": kitti_odometry,
     "semantickitti": semantickitti,
     "kitti-raw": kitti_raw,
+    "kitti-object": kitti_object,
     "kitti-360": kitti_360,
     "carla": carla,
 }

@@ -1,6 +1,7 @@
 """`semcal import` of every data set: the drive it writes, its options, and what it says of a wrong file."""
 
 import json
+import shutil
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,24 @@ def test_every_import_takes_labels_of_points_from_a_folder(tmp_path: Path, name:
     assert not drive.classes or not drive.classes.points
     assert not drive.ignore or not drive.ignore.points
     check_files(drive)
+
+
+def test_frames_of_one_calibration_make_a_drive(tmp_path: Path) -> None:
+    """Those of most frames, or of the frame that is named; one file may be that of all frames."""
+    tree = TREES["kitti-object"](tmp_path / "tree")
+    said = run_import("kitti-object", tree.root, "-o", tmp_path / "most")
+    assert "the 2 frames with the calibration of 000000 are taken; others by --sequence" in said
+    assert "which names a frame: 000002 (1)" in said
+    run_import("kitti-object", tree.root, "--sequence", "000002", "-o", tmp_path / "named")
+    most, named = (read_drive(tmp_path / name) for name in ("most", "named"))
+    assert [len(drive.frames) for drive in (most, named)] == [2, 1]
+    assert [drive.camera.K[0][0] for drive in (most, named)] == [50.0, 60.0]
+    folder = tree.root / "training"
+    (folder / "calib/000001.txt").rename(folder / "calib.txt")
+    shutil.rmtree(folder / "calib")
+    said = run_import("kitti-object", folder, "-o", tmp_path / "all")
+    assert "--sequence" not in said
+    assert len(read_drive(tmp_path / "all").frames) == 3
 
 
 # Options
@@ -179,6 +198,11 @@ def test_class_tables(name: str) -> None:
         ("rellis-3d", ["--sequence", "00007"], ": sequence: found '00007', needed 00000"),
         ("opencalib", [], ": sequence: none given, needed one of: 1, 3"),
         ("opencalib", ["--sequence", "2"], ": sequence: found '2', needed one of: 1, 3"),
+        (
+            "kitti-object",
+            ["--sequence", "7"],
+            "/training: sequence: found '7', needed one of: 000000, 000001, 000002",
+        ),
         ("kitti-odometry", ["--camera", "image_3"], "/sequences/00: camera: found 'image_3', needed image_2"),
         ("nuscenes", ["--camera", "CAM_LEFT"], ": camera: found 'CAM_LEFT', needed CAM_FRONT"),
         ("nuscenes", ["--sequence", "scene-1"], ": sequence: found 'scene-1', needed scene-0061"),

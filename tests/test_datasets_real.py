@@ -16,6 +16,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import Pose, inverse
 
 SAME_NAMES_AT_REFERENCE = 0.75
@@ -65,6 +66,17 @@ def same_names(observations: Observations, T_camera_lidar: Pose) -> float:
     labelled = (on_points != NO_CLASS) & (on_image != NO_CLASS)
     names_points = np.array(observations.point_class_names)[on_points[labelled]]
     return float(np.mean(names_points == np.array(observations.image_class_names)[on_image[labelled]]))
+
+
+def test_kitti_object(tmp_path: Path) -> None:
+    """The 14 frames have one calibration, which is read as `convert` reads it."""
+    source = real("kitti_object")
+    labels = ("--image-labels", source / "image_labels", "--image-classes", "cityscapes-train")
+    run_import("kitti-object", source, *labels, "-o", tmp_path / "drive")
+    drive = read_drive(tmp_path / "drive")
+    assert (len(drive.frames), drive.camera.width, drive.camera.height) == (14, 1242, 375)
+    published = read_transform(source / "calib.txt", options=FormatOptions(camera="P2"))
+    np.testing.assert_allclose(np.array(drive.T_camera_lidar), published, atol=PRINTED)
 
 
 @pytest.mark.parametrize(("sequence", "count"), [("1", 4), ("2", 4), ("3", 5)])

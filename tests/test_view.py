@@ -91,7 +91,9 @@ def test_a_body_that_is_no_question_is_answered_in_one_line(server: ViewServer, 
     assert "needed" in json.loads(found)["error"]
 
 
-def test_a_picture_is_the_frame_s(server: ViewServer, street: Path) -> None:
+def test_a_picture_is_the_frame_s(
+    server: ViewServer, street: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     drive = read_drive(street)
     status, content = request(server, f"/{server.token}/picture/1")
     assert status == 200
@@ -103,6 +105,7 @@ def test_a_picture_is_the_frame_s(server: ViewServer, street: Path) -> None:
     assert (
         request(server, f"/{server.token}/edges/1")[1] == server.session.picture(1, by_edge=True) != content
     )
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_body_that_is_too_large_is_not_read(server: ViewServer) -> None:

@@ -16,6 +16,8 @@ DATASETS = {
     "semantickitti": "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels.",
     "kitti-raw": "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, "
     "image_02 if not given.",
+    "kitti-object": "KITTI object: ROOT/training/velodyne; frames of one calibration, cameras image_2 and image_3, "
+    "image_2 if not given.",
     "kitti-360": "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, "
     "image_00 if not given.",
     "rellis-3d": "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node.",

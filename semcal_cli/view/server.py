@@ -143,17 +143,22 @@ class Handler(BaseHTTPRequestHandler):
         try:
             found = ask()
         except SemcalError as error:
-            found = {"error": " ".join(str(error).splitlines())}
+            why = " ".join(str(error).splitlines())
         except OSError as error:
-            found = {"error": f"{error.filename or 'view'}: {os_reason(error)}"}
+            why = f"{error.filename or 'view'}: {os_reason(error)}"
         except Exception as error:  # a defect: the page says so, and the server goes on
-            found = {"error": f"semcal failed unexpectedly: {type(error).__name__}: {error}"[:MAX_ERROR]}
-        if isinstance(found, bytes):
-            self._send(HTTPStatus.OK, "image/jpeg", found)
+            why = f"semcal failed unexpectedly: {type(error).__name__}: {error}"[:MAX_ERROR]
         else:
-            status = HTTPStatus.BAD_REQUEST if "error" in found else HTTPStatus.OK
-            self._send(status, "application/json", json.dumps(found, allow_nan=False).encode())
-        return "error" not in found
+            if isinstance(found, bytes):
+                self._send(HTTPStatus.OK, "image/jpeg", found)
+            else:
+                self._send_json(HTTPStatus.OK, found)
+            return True
+        self._send_json(HTTPStatus.BAD_REQUEST, {"error": why})
+        return False
+
+    def _send_json(self, status: HTTPStatus, found: Any) -> None:
+        self._send(status, "application/json", json.dumps(found, allow_nan=False).encode())
 
     def _refuse(self, status: HTTPStatus) -> None:
         self.close_connection = True
