@@ -9,7 +9,20 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from bag_imports import COLORS, STAMP_S, Maker, cloud, done, image, imported, info, nothing, refused, small
+from bag_imports import (
+    COLORS,
+    STAMP_S,
+    Maker,
+    cloud,
+    done,
+    image,
+    imported,
+    info,
+    nothing,
+    refused,
+    remarks,
+    small,
+)
 from bags import START_NS, BagWriter, Messages, jpeg, png
 
 from semcal_cli.bags.clouds import read_sweep
@@ -209,6 +222,27 @@ def test_points_without_a_range_have_no_times() -> None:
 
 def compressed(content: bytes) -> Maker:
     return lambda bag, index, stamp: bag.compressed(content, "jpeg", stamp)
+
+
+def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
+    again = {"cam/image_raw/compressed": compressed(cv2.imencode(".jpg", COLORS)[1].tobytes())}
+    path = small(tmp_path, **again)
+    told = (
+        "/cam/image_raw/compressed is not taken: its messages are those of /cam/image_raw in another encoding"
+    )
+    assert told in remarks(path, tmp_path / "raw")
+    named = remarks(path, tmp_path / "named", image="/cam/image_raw/compressed")
+    assert "is not taken" not in named
+    suffixes = [
+        {Path(str(frame.image)).suffix for frame in read_drive(tmp_path / name).frames}
+        for name in ("raw", "named")
+    ]
+    assert suffixes == [{".png"}, {".jpg"}]
+    two = small(tmp_path / "two", **again, **{"other/image_raw": image()})
+    found = (
+        "found 2 topics of pictures (Image, CompressedImage), needed one of: /cam/image_raw, /other/image_raw"
+    )
+    assert f"--image: {found}" in refused(two, tmp_path / "none")
 
 
 LIES: dict[str, tuple[dict[str, Maker], str]] = {

@@ -74,7 +74,10 @@ class _Import:
         self.read = (*bag.files, *intrinsics)
         self.info: CameraInfo | None = None
         self.trajectory: Trajectory | None = None
-        self.remarks: list[str] = []
+        self.remarks = [
+            f"{topic.name} is not taken: its messages are those of {topic.name.rpartition('/')[0]} in another encoding"
+            for topic in self.topics.again
+        ]
         self.left_out: Counter[str] = Counter()
 
     def run(self) -> ImportedDrive:

@@ -60,6 +60,8 @@ class Topics:
     """The intrinsics; None if a file holds them."""
     is_beside: bool = True
     """Whether the intrinsics are those that lie beside the pictures, or that the user names."""
+    again: tuple[Topic, ...] = ()
+    """Topics that nobody named, and that hold the same sweeps or pictures in another encoding; see `_others_of`."""
 
     @property
     def is_rectified(self) -> bool:
@@ -85,14 +87,20 @@ def choose_topics(bag: Bag, request: Request) -> Topics:
     """
     points = _choose(bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg)")
     image = _choose(bag, PICTURES, request.image, "--image", "pictures (Image, CompressedImage)")
+    again = (
+        *(_others_of(bag.of_types(CLOUDS), points) if request.points is None else ()),
+        *(_others_of(bag.of_types(PICTURES), image) if request.image is None else ()),
+    )
     if request.intrinsics is not None:
-        return Topics(points, image, None)
+        return Topics(points, image, None, again=again)
     beside = _info_beside(bag, image) if request.camera_info is None else None
     needed = "; needed one, or --intrinsics FILE"
     info = beside or _choose(
         bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)", needed
     )
-    return Topics(points, image, info, is_beside=beside is not None or request.camera_info is not None)
+    return Topics(
+        points, image, info, is_beside=beside is not None or request.camera_info is not None, again=again
+    )
 
 
 def _choose(
@@ -108,9 +116,20 @@ def _choose(
     if not known:
         others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
         raise InputError(f"{bag.paths[0]}: found no topic of {what}, only {others}{advice}")
+    again = {other for topic in known for other in _others_of(known, topic)}
+    known = [topic for topic in known if topic not in again]
     if len(known) > 1:
+        names = listed(topic.name for topic in known)
         raise InputError(f"{option}: found {len(known):,} topics of {what}, needed one of: {names}")
     return known[0]
+
+
+def _others_of(known: Sequence[Topic], topic: Topic) -> list[Topic]:
+    """List the topics that hold the messages of a topic in another encoding.
+
+    image_transport and point_cloud_transport publish them below it, as image_raw/compressed.
+    """
+    return [other for other in known if other.name.rpartition("/")[0] == topic.name]
 
 
 def _info_beside(bag: Bag, image: Topic) -> Topic | None:
