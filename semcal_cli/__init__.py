@@ -12,11 +12,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from semcal_cli.assessment.priors import Prior as Prior
     from semcal_cli.config import CalibrationConfig as CalibrationConfig
     from semcal_cli.config import InitializationConfig as InitializationConfig
     from semcal_cli.config import JointlyConfig as JointlyConfig
     from semcal_cli.config import Limits as Limits
     from semcal_cli.config import RefinementConfig as RefinementConfig
+    from semcal_cli.drive.document import Drive as Drive
     from semcal_cli.drive.document import read_drive as read_drive
     from semcal_cli.drive.loading import load as load
     from semcal_cli.errors import CalibrationError as CalibrationError
@@ -25,7 +27,9 @@ if TYPE_CHECKING:
     from semcal_cli.formats import convert as convert
     from semcal_cli.formats import read_transform as read_transform
     from semcal_cli.formats import write_transform as write_transform
+    from semcal_cli.formats.format import FormatOptions as FormatOptions
     from semcal_cli.geometry.pose_error import compare_poses as compare_poses
+    from semcal_cli.initialization.initial_pose import InitialPose as InitialPose
     from semcal_cli.pipeline import calibrate as calibrate
     from semcal_cli.pipeline.parts import split as split
     from semcal_cli.pipeline.verification import verify as verify
@@ -39,10 +43,14 @@ _MODULES = {
     "Calibration": "result.calibration",
     "CalibrationConfig": "config",
     "CalibrationError": "errors",
+    "Drive": "drive.document",
+    "FormatOptions": "formats.format",
+    "InitialPose": "initialization.initial_pose",
     "InitializationConfig": "config",
     "InputError": "errors",
     "JointlyConfig": "config",
     "Limits": "config",
+    "Prior": "assessment.priors",
     "RefinementConfig": "config",
     "SemcalError": "errors",
     "calibrate": "pipeline",

@@ -1,4 +1,4 @@
-"""A clock that nothing checks, where only the speed is stated: what 20 ms of it may cost is part of the interval."""
+"""A clock that nothing checks, where all frames move alike: what 20 ms of it may cost is part of the interval."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,6 +14,7 @@ from semcal_cli.assessment.clock_error import KNOW_MOTION, covariance_of_clock, 
 from semcal_cli.assessment.fusion import fuse_with_priors
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import CalibrationConfig, PolishConfig, SynthConfig
+from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Drive, Motion, Twist, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
@@ -45,43 +46,89 @@ def at_speed(drive: Drive, speed_m_s: float) -> Drive:
     return with_motion(drive, Motion(speed_m_s=speed_m_s))
 
 
+def moving(data: LoadedDrive, *twists: Sequence[float], motion: Motion | None = None) -> LoadedDrive:
+    """The drive, by poses that tell of these motions (6,) a second by turns."""
+    frames = data.observations.frame_observations
+    moved = tuple(replace(each, twist_per_s=twists[index % len(twists)]) for index, each in enumerate(frames))
+    drive = with_motion(data.drive, motion or Motion(poses="poses.txt"))
+    return replace(data, drive=drive, observations=replace(data.observations, frame_observations=moved))
+
+
 def found_by(data: LoadedDrive | Drive, start: Pose) -> Calibration:
     return calibrate(data, CONFIG, initial_pose=InitialPose(start, "start"))
 
 
-def test_the_place_may_be_off_along_any_level_direction(synthetic: Drive) -> None:
+@pytest.fixture(scope="module")
+def loaded(street: Path) -> LoadedDrive:
+    return load(street, CONFIG)
+
+
+def test_the_place_may_be_off_along_any_level_direction(loaded: LoadedDrive) -> None:
     """At 8 m/s it is 16 cm, along any direction across the LiDAR's axis and none along it; no rotation."""
-    covariance = covariance_of_clock(at_speed(synthetic, 8.0), T)
+
+    def at(speed_m_s: float) -> LoadedDrive:
+        return replace(loaded, drive=at_speed(loaded.drive, speed_m_s))
+
+    covariance = covariance_of_clock(at(8.0), T)
     assert covariance is not None
     assert not covariance[3:].any()
     assert not covariance[:, 3:].any()
     in_lidar = T[:3, :3].T @ covariance[:3, :3] @ T[:3, :3]
     np.testing.assert_allclose(in_lidar, np.diag([0.0256, 0.0256, 0.0]), atol=1e-12)
     # A LiDAR that is turned about its axis, which no motion is stated along, makes no difference.
-    turned = covariance_of_clock(at_speed(synthetic, 8.0), T @ make_pose((0.0, 0.0, 1.1), (0.0, 0.0, 0.0)))
+    turned = covariance_of_clock(at(8.0), T @ make_pose((0.0, 0.0, 1.1), (0.0, 0.0, 0.0)))
     np.testing.assert_allclose(turned, covariance, atol=1e-12)
-    twice = covariance_of_clock(at_speed(synthetic, 16.0), T, 0.5 * np.eye(6))
+    twice = covariance_of_clock(at(16.0), T, 0.5 * np.eye(6))
     np.testing.assert_allclose(twice, covariance)
 
 
-def test_one_twist_moves_the_place_along_it(synthetic: Drive) -> None:
+@pytest.mark.parametrize("by_poses", [True, False])
+def test_one_twist_moves_the_place_along_it(loaded: LoadedDrive, by_poses: bool) -> None:
     """A picture that is late by its standard deviation is taken from where the LiDAR will be."""
     twist = Twist(linear_m_s=(9.0, -1.0, 0.5), angular_rad_s=(0.0, 0.1, 0.4))
-    drive = with_motion(synthetic, Motion(twist=twist)).model_copy(update={"time_offset_sigma_s": 0.01})
-    covariance = covariance_of_clock(drive, T)
+    one = (*twist.linear_m_s, *twist.angular_rad_s)
+    data = moving(loaded, one, motion=None if by_poses else Motion(twist=twist))
+    data = replace(data, drive=data.drive.model_copy(update={"time_offset_sigma_s": 0.01}))
+    covariance = covariance_of_clock(data, T)
     assert covariance is not None
     step = np.zeros((4, 4))
     step[:3, :3] = 0.01 * cross_matrix(np.array(twist.angular_rad_s))
     step[:3, 3] = 0.01 * np.array(twist.linear_m_s)
     (offset,) = local_coordinates([T @ expm(step)], T)
     np.testing.assert_allclose(covariance, np.outer(offset, offset), rtol=2e-2, atol=1e-8)
-    exact = drive.model_copy(update={"time_offset_sigma_s": 0.0})
+    assert "its frames move much alike. Pictures may be 10 ms off: at 9.07 m/s" in notes_on_clock(data, T)[0]
+    exact = replace(data, drive=data.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
     assert covariance_of_clock(exact, T) is None
 
 
+def test_frames_that_move_differently_tell_the_clock(loaded: LoadedDrive, street_truth: Pose) -> None:
+    """The more, the more their speeds differ; hardly by a tenth, and not where they cannot tell the pose."""
+    slow, fast = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0), (16.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def place_cm(data: LoadedDrive) -> float:
+        covariance = covariance_of_clock(data, street_truth)
+        assert covariance is not None
+        return 100.0 * float(np.sqrt(np.trace(covariance[:3, :3])))
+
+    alike = moving(loaded, (9.0, *slow[1:]))
+    assert place_cm(alike) == pytest.approx(18.0)
+    different, nearly = moving(loaded, slow, fast), moving(loaded, (8.99, *slow[1:]), (9.01, *slow[1:]))
+    assert place_cm(different) < 1.5
+    assert notes_on_clock(different, street_truth) == ()
+    assert place_cm(nearly) == pytest.approx(18.0, rel=0.1)
+    (note,) = notes_on_clock(nearly, street_truth)
+    assert "its frames move much alike" in note
+    blind = loaded.observations.with_images(
+        image.with_classes(np.full_like(image.classes, NO_CLASS)) for image in loaded.observations.images
+    )
+    assert place_cm(moving(replace(loaded, observations=blind), slow, fast)) == pytest.approx(18.0)
+
+
 @pytest.mark.parametrize("motion", [None, Motion(speed_m_s=0.0), Motion(poses="poses.txt")])
-def test_nothing_is_added_without_a_speed(synthetic: Drive, motion: Motion | None) -> None:
-    assert covariance_of_clock(with_motion(synthetic, motion), T) is None
+def test_nothing_is_added_without_a_speed(loaded: LoadedDrive, motion: Motion | None) -> None:
+    data = replace(loaded, drive=with_motion(loaded.drive, motion))
+    assert covariance_of_clock(data, T) is None
+    assert covariance_of_clock(moving(loaded, (0.0,) * 6), T) is None
 
 
 def test_a_stated_speed_widens_the_interval(street: Path, street_truth: Pose) -> None:
@@ -89,14 +136,13 @@ def test_a_stated_speed_widens_the_interval(street: Path, street_truth: Pose) ->
     drive = read_drive(street)
     few = drive.model_copy(update={"frames": drive.frames[:2]})
     for each in (drive, few):
-        standing, moving = found_by(each, street_truth), found_by(at_speed(each, 8.0), street_truth)
+        fast = at_speed(each, 8.0)
+        standing, moving = found_by(each, street_truth), found_by(fast, street_truth)
         assert standing.uncertainty is not None
         assert moving.uncertainty is not None
         np.testing.assert_array_equal(moving.T_camera_lidar, standing.T_camera_lidar)
         of_clock = np.array(moving.uncertainty.covariance) - np.array(standing.uncertainty.covariance)
-        np.testing.assert_allclose(
-            of_clock, covariance_of_clock(at_speed(each, 8.0), moving.pose), atol=1e-12
-        )
+        np.testing.assert_allclose(of_clock, covariance_of_clock(load(fast, CONFIG), moving.pose), atol=1e-12)
         assert moving.uncertainty.covariance_of_intrinsics == standing.uncertainty.covariance_of_intrinsics
         assert MOVING in moving.notes
         assert STANDING in standing.notes
@@ -154,7 +200,7 @@ def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
     measured = polished.copy()
     measured[:3, 3] -= polished[:3, :3] @ (0.15, 0.0, 0.0)
     tape = Prior("tape", measured, (0.01, 0.01, 0.01, np.inf, np.inf, np.inf))
-    of_clock = covariance_of_clock(at_speed(read_drive(street), 8.0), polished)
+    of_clock = covariance_of_clock(load(at_speed(read_drive(street), 8.0), CONFIG), polished)
     sure = fuse_with_priors(street_observations, polished, [tape])
     unsure = fuse_with_priors(street_observations, polished, [tape], of_clock=of_clock)
     assert [finding.topic for finding in sure.findings] == ["prior"]
@@ -186,6 +232,6 @@ def test_what_to_state_is_said_of_stamped_frames_of_different_scenes(
         ([0.01] * num_frames, standing, STANDING),
         ([None] * num_frames, street_observations, STANDING),
     ):
-        assert notes_on_clock(LoadedDrive(frames_at(drive, gaps_s), observations)) == (expected,)
-    assert notes_on_clock(LoadedDrive(at_speed(drive, 0.0), street_observations)) == ()
-    assert notes_on_clock(LoadedDrive(at_speed(drive, 8.0), street_observations)) == (MOVING,)
+        assert notes_on_clock(LoadedDrive(frames_at(drive, gaps_s), observations), T) == (expected,)
+    assert notes_on_clock(LoadedDrive(at_speed(drive, 0.0), street_observations), T) == ()
+    assert notes_on_clock(LoadedDrive(at_speed(drive, 8.0), street_observations), T) == (MOVING,)

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from conftest import DRIVE, make_pose, poses
+from conftest import DRIVE, make_pose, poses, run
 from format_files import KIT, RELLIS3D_KEY, SENSORS, STAMPED, T_ANY, words
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
-from semcal_cli.formats import FORMATS, find_format, put_transform, read_transform, write_transform
+from semcal_cli.formats import FORMATS, convert, find_format, put_transform, read_transform, write_transform
 from semcal_cli.formats.format import CameraFrame, FormatOptions, Source
 
 
@@ -181,6 +181,8 @@ def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) ->
     for source in (drive, drive / "drive.yaml"):
         arguments = ["convert", str(source), "--to", "opencalib", "-o", str(drive / "drive.yaml")]
         assert isinstance(CliRunner().invoke(semcal, arguments).exception, InputError)
+        with pytest.raises(InputError, match=r"drive.yaml: found the file that is read, needed another name"):
+            convert(source, "opencalib", drive / "drive.yaml")
     assert (drive / "drive.yaml").read_bytes() == before
     os.mkfifo(tmp_path / "pipe")
     reader = Thread(target=lambda: seen.append((tmp_path / "pipe").read_text()))
@@ -190,6 +192,30 @@ def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) ->
     reader.join()
     assert seen[0].startswith("T: ")
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_the_drive_of_the_working_folder_is_converted(
+    street: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(street)
+    code, out, err = run(capfd, "convert", ".", "--to", "kalibr")
+    assert (code, err) == (0, "")
+    assert out.startswith("cam0:")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "needed"),
+    [
+        ("direction", "lidar_to_camera", "one of: lidar-to-camera, camera-to-lidar"),
+        ("frame", "bodyy", "one of: optical, body"),
+        ("camera", 3, "a name"),
+        ("lidar", b"x", "a name"),
+    ],
+)
+def test_options_of_a_program_are_checked(name: str, value: object, needed: str) -> None:
+    with pytest.raises(InputError) as error:
+        FormatOptions(**{name: value})  # type: ignore[arg-type]
+    assert str(error.value) == f"{name}: found {value!r}, needed {needed}"
 
 
 def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """`semcal verify --max-delay-ms`: the camera's clock beside the transform, in every place that shows checks."""
 
 import json
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 
@@ -53,6 +54,27 @@ def moving(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+def exactly_triggered(drive: Path, folder: Path) -> Path:
+    """The drive of a camera that the LiDAR triggers."""
+    copy = shutil.copytree(drive, folder / "triggered")
+    with (copy / "drive.yaml").open("a") as file:
+        file.write("time_offset_sigma_s: 0\n")
+    return copy
+
+
+@pytest.mark.parametrize("options", [(), ("--max-delay-ms", 5)])
+def test_a_late_clock_at_one_speed_fails_no_transform(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], options: tuple[object, ...]
+) -> None:
+    """24 cm of the camera's place are what 20 ms cost at 12 m/s; with and without the clock's own check."""
+    config = SynthConfig(num_frames=4, seed=5, width=640, height=360, motion="steady", delay_ms=20.0)
+    synthesize(config, tmp_path / "late")
+    code, out, _ = run(capfd, "verify", tmp_path / "late", tmp_path / "late", *options, "-q")
+    assert code == INCONCLUSIVE
+    assert "the clock was not checked: its frames move much alike." in " ".join(out.split())
+    assert "The camera is not where" not in out
+
+
 @pytest.mark.parametrize(
     ("name", "code", "expected"),
     [
@@ -65,7 +87,7 @@ def moving(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_verdicts_on_the_clock(
     moving: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str, code: int, expected: str
 ) -> None:
-    drive, xml = moving / name, tmp_path / "a.xml"
+    drive, xml = exactly_triggered(moving / name, tmp_path), tmp_path / "a.xml"
     found, out, _ = run(capfd, "verify", drive, drive, "--max-delay-ms", 5, "--json", "--junit", xml, "-q")
     report = json.loads(out)
     assert (found, report["verdict"]) == (code, expected), out
@@ -103,9 +125,10 @@ def test_what_is_said_of_a_clock_alone(
     assert verdict.endswith(" ms, allowed 5")
     assert "::error title=semcal verify::fail; clock 2" in err
     assert "pictures later (clock)" in page.read_text()
-    code, out, _ = run(capfd, "verify", moving / "one", moving / "one", "--max-delay-ms", 5, "--report", page)
+    one = exactly_triggered(moving / "one", tmp_path)
+    code, out, _ = run(capfd, "verify", one, one, "--max-delay-ms", 5, "--report", page)
     assert code == INCONCLUSIVE
-    assert " -    not known ms   allowed 5       inconclusive" in out
+    assert " not determined ms   allowed 5       inconclusive" in out
     assert out.splitlines()[-1] == "inconclusive: clock not determined, allowed 5 ms"
     assert "cannot decide whether the camera&#39;s clock does" in page.read_text()
     assert '#clocks">why this comes up</a>' in page.read_text()

@@ -157,10 +157,12 @@ class _Open(NamedTuple):
         cost = None if shift is None else intrinsics_cost(shift, answer.observations.camera)
         of_stated = covariance_of_intrinsics(shift, answer.unknown_camera)
         of_intrinsics = of_stated if fused is None else fused.of_intrinsics
-        # An estimate of the clock tells how far it may be off.
+        # An estimate of the clock tells how far it may be off, and so does what is left open beside it.
         joint = answer.stages.joint
-        is_estimated = joint is not None and joint.clock is not None
-        of_clock = None if is_estimated else covariance_of_clock(answer.data.drive, T, gain)
+        is_estimated = joint is not None and (
+            joint.left_open is not None or (joint.clock is not None and joint.clock.is_determined)
+        )
+        of_clock = None if is_estimated else covariance_of_clock(answer.data, T, gain)
         return cls(around, cost, of_stated, of_intrinsics, of_clock)
 
 
@@ -255,7 +257,7 @@ def _compare_frames(answer: _Answer) -> Assessment:
     measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
     if data.is_refined_by_edges:
         measured.append(_few_scenes(observations))
-    notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(data))
+    notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(data, T))
     if "labels" in data.cues:
         measured += check_leaks(data.of_cue("labels"), T)
     if data.cues[0] in ("labels", "segments"):
@@ -275,9 +277,9 @@ def _rivals(
     return check_rivals(observations, T_camera_lidar, found)
 
 
-def _unchecked(data: LoadedDrive) -> tuple[str, ...]:
+def _unchecked(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[str, ...]:
     """Say what could not be checked, since the drive lacks what tells it."""
-    notes = notes_on_clock(data)
+    notes = notes_on_clock(data, T_camera_lidar)
     has_labels = any(frame.image_labels is not None for frame in data.drive.frames)
     if has_labels and all(frame.image is None for frame in data.drive.frames):
         notes += ("labels were not checked against pictures: the drive gives no image",)

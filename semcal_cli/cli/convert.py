@@ -185,9 +185,7 @@ def convert(
     camera. --into sets intrinsics that the file has already if IN is a calibration that estimated them and kept them,
     and in a drive likewise the offset of the clock, so that a next calibration begins with both.
     """
-    from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
-    from semcal_cli.files.reading import is_same_file
     from semcal_cli.files.streams import STANDARD_OUTPUT, check_descriptor, descriptor
     from semcal_cli.formats import convert as convert_file
     from semcal_cli.formats.format import FormatOptions
@@ -204,9 +202,6 @@ def convert(
         _put_into(into, source, from_, read, written)
         return
     assert to is not None
-    read_files = [drive_file(source), source.with_name("sensor.json")]
-    if output is not None and any(is_same_file(output, path) for path in read_files):
-        raise InputError(f"{output}: found the file that is read, needed another name")
     content = convert_file(source, to, output, from_format=from_, read_options=read, write_options=written)
     if output is None:
         click.echo(content, nl=False)

@@ -193,5 +193,7 @@ def _print(found: Verification, as_json: bool) -> None:
 
 def _check_line(check: Check) -> str:
     half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
-    offset = f"{round(check.offset, 4) + 0.0:.4f}" if check.has_estimate else "-"  # no -0.0000
-    return f"{check.name:<21}{offset:>10} {half} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"
+    found = (
+        f"{round(check.offset, 4) + 0.0:.4f} {half:<12}" if check.has_estimate else "not determined"
+    )  # no -0.0000
+    return f"{check.name:<21}{found:>23} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"

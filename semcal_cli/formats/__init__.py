@@ -11,6 +11,7 @@ import numpy as np
 
 from semcal_cli.drive.document import Camera, drive_file
 from semcal_cli.errors import InputError
+from semcal_cli.files.reading import is_same_file
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import semcal
 from semcal_cli.formats.editing import edited
@@ -200,6 +201,9 @@ def convert(
         InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
     """
     source, path = Path(source), None if output is None else Path(output)
+    read_files = [drive_file(source), source.parent / "sensor.json"]
+    if path is not None and any(is_same_file(path, each) for each in read_files):
+        raise InputError(f"{path}: found the file that is read, needed another name")
     written, record = write_options or FormatOptions(), None
     if find_format(to).has_transform:
         found = read_extrinsic(source, from_format, read_options)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
@@ -54,6 +54,19 @@ class FormatOptions:
     """Called for each invalid rotation that the nearest rotation replaces; None refuses such files."""
     is_written: bool = False
     """Whether the file is written or edited, so that the options of the command begin with `--to-`."""
+
+    def __post_init__(self) -> None:
+        """Check what a program gives; the command line checks its own options.
+
+        Raises:
+            InputError: a value is none of its words, or no name.
+        """
+        for name, words in (("direction", get_args(Direction)), ("frame", get_args(CameraFrame))):
+            if getattr(self, name) not in (None, *words):
+                raise InputError(f"{name}: found {getattr(self, name)!r}, needed one of: {', '.join(words)}")
+        for name in ("camera", "lidar"):
+            if not isinstance(getattr(self, name), str | None):
+                raise InputError(f"{name}: found {getattr(self, name)!r}, needed a name")
 
     @property
     def prefix(self) -> str:

@@ -284,7 +284,7 @@ def fuse(
     on_event: Listener = ignore,
 ) -> Fused:
     """Fuse the labels' evidence with priors."""
-    of_clock = covariance_of_clock(data.drive, T_polished)
+    of_clock = covariance_of_clock(data, T_polished)
     stage = partial(
         fuse_with_priors,
         data.observations,
@@ -317,7 +317,7 @@ def repeat(
         except CalibrationError:
             others.append(None)
     label_gain = None if stages.fused is None else stages.fused.label_gain
-    of_clock = covariance_of_clock(data.drive, stages.T_camera_lidar, label_gain)
+    of_clock = covariance_of_clock(data, stages.T_camera_lidar, label_gain)
     repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty, of_clock)
     count = len(findings)
     doubts = {0: "the pose is the same", 1: "1 more doubt"}.get(count, f"{count} more doubts")
