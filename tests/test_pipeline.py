@@ -1,7 +1,9 @@
 """The stages together: the library is the command line, and a listener hears every stage."""
 
+import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from conftest import make_pose
 import semcal_cli
 from semcal_cli import _core
 from semcal_cli.assessment.priors import Prior
-from semcal_cli.config import CalibrationConfig, RefinementConfig
+from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
@@ -20,6 +22,7 @@ from semcal_cli.events import Event, Progress, StageDone
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
+from semcal_cli.pipeline.verification import verify
 from semcal_cli.result.calibration import Calibration, calibration_text
 from semcal_cli.result.stage import StageResult, announced
 
@@ -75,25 +78,50 @@ def test_stages_that_are_asked_for_tell_as_well(
 
 
 @pytest.mark.parametrize(
-    ("config", "complaint"),
+    ("settings", "complaint"),
     [
-        (CalibrationConfig(cues=()), "cues: found (), needed a tuple of different cues"),
+        ({"cues": ()}, "cues: found (), needed a tuple of different cues"),
+        ({"cues": ["labels"]}, "cues: found ['labels'], needed a tuple of different cues"),
         (
-            CalibrationConfig(cues=("nope",)),
-            "cues: found 'nope', needed one of: labels, segments, edges, intensity, features, auto",
-        ),  # type: ignore[arg-type]
-        (CalibrationConfig(seed=-1), "seed: found -1, needed a number from 0 to 9223372036854775807"),
-        (CalibrationConfig(max_frames=0), "max_frames: found 0, needed a number from 1 on"),
+            {"cues": ({},)},
+            "cues: found {}, needed one of: labels, segments, edges, intensity, features, auto",
+        ),
+        ({"seed": -1}, "seed: found -1, needed a whole number from 0 to 9223372036854775807"),
+        ({"seed": True}, "seed: found True, needed a whole number from 0 to 9223372036854775807"),
+        ({"max_frames": 0}, "max_frames: found 0, needed a whole number from 1 on"),
+        ({"max_frames": 2.0}, "max_frames: found 2.0, needed a whole number from 1 on"),
+        ({"is_raw": "yes"}, "is_raw: found 'yes', needed True or False"),
+        ({"refinement": None}, "refinement: found None, needed RefinementConfig"),
         (
-            CalibrationConfig(refinement=RefinementConfig(estimator="x")),  # type: ignore[arg-type]
+            {"initialization": RefinementConfig()},
+            "initialization: found RefinementConfig, needed InitializationConfig",
+        ),
+        (
+            {"initialization": InitializationConfig(coarse_cell_deg=math.nan)},
+            "coarse_cell_deg: found nan, needed a number",
+        ),
+        (
+            {"refinement": RefinementConfig(estimator="x")},  # type: ignore[arg-type]
             "estimator: found 'x', needed one of: exact, mine",
+        ),
+        (
+            {"refinement": RefinementConfig(jointly=JointlyConfig(intrinsics=None))},  # type: ignore[arg-type]
+            "intrinsics: found None, needed a tuple",
         ),
     ],
 )
-def test_settings_out_of_range_are_refused(street: Path, config: CalibrationConfig, complaint: str) -> None:
+def test_settings_out_of_range_are_refused(street: Path, settings: dict[str, Any], complaint: str) -> None:
     with pytest.raises(InputError) as refusal:
-        calibrate(street, config)
+        calibrate(street, CalibrationConfig(**settings))
     assert str(refusal.value) == complaint
+
+
+def test_what_are_no_settings_is_refused(street: Path, street_truth: Pose) -> None:
+    for refused in (3, {}):
+        with pytest.raises(InputError, match=rf"^config: found {refused}, needed a CalibrationConfig$"):
+            calibrate(street, refused)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=rf"^limits: found {refused}, needed Limits$"):
+            verify(street, street_truth, refused)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("is_moved", [True, False])

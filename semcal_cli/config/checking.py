@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
-from typing import Any, get_args
+from dataclasses import is_dataclass
+from typing import Any, get_args, get_origin
 
 from semcal_cli.config import CalibrationConfig, CueName, JointlyConfig
-from semcal_cli.config.setting import settings_of
+from semcal_cli.config.setting import NEEDED, is_of, settings_of, types_of
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_torch
 from semcal_cli.messages import one_of
@@ -19,9 +19,12 @@ def check_config(config: CalibrationConfig) -> None:
     """Check the settings of a calibration.
 
     Raises:
-        InputError: a setting is out of its range, or MINE is asked for without torch.
+        InputError: a setting is of another type or out of its range, or MINE is asked for without torch.
     """
-    if not isinstance(config.cues, tuple) or not config.cues or len(set(config.cues)) < len(config.cues):
+    if not isinstance(config, CalibrationConfig):
+        raise InputError(f"config: found {config!r}, needed a CalibrationConfig")
+    names = {*map(str, config.cues)} if isinstance(config.cues, tuple) else set[str]()
+    if not names or len(names) < len(config.cues):
         raise InputError(f"cues: found {config.cues!r}, needed a tuple of different cues")
     if "auto" in config.cues and len(config.cues) > 1:
         raise InputError(f"cues: found {config.cues!r}, needed auto alone")
@@ -38,17 +41,25 @@ def check_settings(config: Any) -> None:
     """Check the settings of a configuration, and of those within it.
 
     Raises:
-        InputError: one is none of its words, or no number within its limits.
+        InputError: one is of another type, none of its words, or no number within its limits.
     """
-    kind: type = type(config)
-    for name, found in settings_of(kind).items():
-        value = getattr(config, name)
-        is_open = value is None and found.default is None
-        if not is_open and not found.allows(value):
-            needed = one_of(str(value), found.choices) if found.choices else found.needed()
-            raise InputError(f"{name}: found {value!r}, needed {needed}")
-    for each in fields(config):
-        if is_dataclass(value := getattr(config, each.name)):
+    of_config: type = type(config)
+    settings = settings_of(of_config)
+    for name, (kind, is_optional) in types_of(of_config).items():
+        plain, value = get_origin(kind) or kind, getattr(config, name)
+        needed = NEEDED.get(plain) or plain.__name__
+        if value is None and is_optional:
+            continue
+        if name in settings:
+            about = settings[name]
+            is_allowed = about.allows(value)
+            needed = one_of(str(value), about.choices) if about.choices else about.needed()
+        else:
+            is_allowed = is_of(kind, value)
+        if not is_allowed:
+            found = type(value).__name__ if is_dataclass(value) else repr(value)
+            raise InputError(f"{name}: found {found}, needed {needed}")
+        if is_dataclass(value):
             check_settings(value)
 
 

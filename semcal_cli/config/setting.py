@@ -10,9 +10,11 @@ import math
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from types import NoneType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 KEY = "setting"
+NEEDED: dict[Any, str] = {int: "a whole number", float: "a number", bool: "True or False", tuple: "a tuple"}
+"""What messages say of a type."""
 MAX_SEED = 2**63 - 1
 """Largest seed of random choices."""
 
@@ -47,13 +49,14 @@ class Setting:
         """Whether a value is one of the words, or a number within the limits; NaN and infinity are not."""
         if self.choices:
             return value in self.choices
+        if not is_of(self.kind, value):
+            return False
+        number = cast(float, value)
         return (
-            isinstance(value, int | float)
-            and math.isfinite(value)
-            and (self.least is None or value >= self.least)
-            and (self.above is None or value > self.above)
-            and (self.below is None or value < self.below)
-            and (self.most is None or value <= self.most)
+            (self.least is None or number >= self.least)
+            and (self.above is None or number > self.above)
+            and (self.below is None or number < self.below)
+            and (self.most is None or number <= self.most)
         )
 
     def needed(self) -> str:
@@ -65,7 +68,7 @@ class Setting:
             ("to {}", self.most),
         )
         told = [text.format(limit) for text, limit in limits if limit is not None]
-        return " ".join(["a number", *told, *(["on"] if self.most is self.below is None else [])])
+        return " ".join([NEEDED[self.kind], *told, *(["on"] if self.most is self.below is None else [])])
 
 
 def setting(default: Any, help: str = "", **about: Any) -> Any:
@@ -85,6 +88,23 @@ def settings_of(config: type) -> dict[str, Setting]:
     hints = get_type_hints(config)
     found = {each.name: each.metadata[KEY] for each in fields(config) if KEY in each.metadata}
     return {name: replace(about, kind=_without_none(hints[name])) for name, about in found.items()}
+
+
+def is_of(kind: Any, value: object) -> bool:
+    """Whether a value is of a type: whole numbers are numbers, too, and truth values, NaN and infinity are none."""
+    if kind in (int, float):
+        is_number = isinstance(value, int | (float if kind is float else int)) and not isinstance(value, bool)
+        return is_number and math.isfinite(value)  # type: ignore[arg-type]
+    return isinstance(value, get_origin(kind) or kind) if kind is not Any else True
+
+
+def types_of(config: type) -> dict[str, tuple[Any, bool]]:
+    """List the type of each field of a configuration, and whether it may be None."""
+    hints = get_type_hints(config)
+    return {
+        each.name: (_without_none(hints[each.name]), NoneType in get_args(hints[each.name]))
+        for each in fields(config)
+    }
 
 
 def _without_none(hint: Any) -> Any:

@@ -139,7 +139,7 @@ def load(
             drive was loaded by other cues.
         CalibrationError: one side's labels carry no information.
     """
-    start, config = perf_counter(), config or CalibrationConfig()
+    start, config = perf_counter(), CalibrationConfig() if config is None else config
     check_config(config)
     if isinstance(drive, LoadedDrive):
         drive.check_cues(config.cues)

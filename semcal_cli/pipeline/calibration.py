@@ -86,7 +86,7 @@ def calibrate(
         InputError: the drive or one of its files is missing or wrong.
         CalibrationError: the data give no answer.
     """
-    config = config or CalibrationConfig()
+    config = CalibrationConfig() if config is None else config
     data = load(drive, config, on_event)
     check_beside_pose(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)

@@ -132,7 +132,10 @@ def verify(
             the drive gives no direction of its motion.
         CalibrationError: the drive cannot be calibrated at all.
     """
-    config, limits = config or CalibrationConfig(), limits or Limits()
+    config = CalibrationConfig() if config is None else config
+    limits = Limits() if limits is None else limits
+    if not isinstance(limits, Limits):
+        raise InputError(f"limits: found {limits!r}, needed Limits")
     check_settings(limits)
     stated = _initial_pose(transform)
     data = load(_as_result_sees(drive, stated), config, on_event)
