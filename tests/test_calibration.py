@@ -172,6 +172,20 @@ def test_malformed_json(tmp_path: Path, content: str, complaint: str) -> None:
     assert str(error.value) == f"{path}: {complaint}"
 
 
+@pytest.mark.parametrize(
+    ("cues", "found"),
+    [("x", "cues: 'x'"), ([], "cues: a list of 0"), ({"edges": {}, "auto": {}}, "cues auto, edges")],
+)
+def test_cues_that_there_are_not_are_refused(tmp_path: Path, cues: Any, found: str) -> None:
+    document = yaml.safe_load(calibration_text(make_calibration(POSE), "yaml"))
+    document["settings"]["options"]["cues"] = cues
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError) as error:
+        read_calibration(tmp_path / "c.yaml")
+    needed = "settings of some of edges, features, intensity, labels, segments, by their names"
+    assert str(error.value) == f"{tmp_path / 'c.yaml'}: settings.options: found {found}, needed {needed}"
+
+
 @pytest.mark.parametrize("T", [np.full((4, 4), np.nan), np.diag([1.0, 1.0, -1.0, 1.0])])
 def test_no_calibration_without_a_pose(T: Pose) -> None:
     with pytest.raises(CalibrationError, match=r"^T_camera_lidar"):

@@ -104,7 +104,7 @@ def test_a_camera_that_nobody_asked_for(tmp_path: Path) -> None:
     for table in ("sensor", "calibrated_sensor"):
         write(tree.root / f"v1.0-mini/{table}.json", "[]")
     assert complaint("nuscenes", tree.root, "-o", tmp_path / "drive") == (
-        f"{tree.root}: camera: none given, and no CAM_FRONT, needed one, but there is none"
+        f"{tree.root}: found no camera, needed CAM_FRONT"
     )
 
 

@@ -82,6 +82,8 @@ def pick(
         usual: The name that is taken if none is wanted.
     """
     choice = usual if wanted is None else wanted
+    if not known:
+        raise InputError(f"{where}: found no {kind}, needed {usual or 'one'}")
     if choice in known:
         return str(choice)
     if choice is None and len(known) == 1:

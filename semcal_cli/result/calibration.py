@@ -1,12 +1,13 @@
 """The calibration, which semcal writes as YAML or JSON with the same content."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, JsonValue, model_validator
+from pydantic import Field, JsonValue, field_validator, model_validator
 
+from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.drive.document import Camera, Drive
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.dialect import Format, document_text
@@ -29,7 +30,7 @@ from semcal_cli.files.validation import (
 )
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
-from semcal_cli.messages import mismatch
+from semcal_cli.messages import describe, mismatch
 from semcal_cli.result.camera import Clock, RefinedCamera
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.parts import DrivePart
@@ -145,6 +146,17 @@ class Settings(StrictModel):
     """Seed of every random choice."""
     versions: dict[str, str]
     """Versions of semcal and of the libraries that compute."""
+
+    @field_validator("options")
+    @classmethod
+    def _check_cues(cls, options: dict[str, JsonValue]) -> dict[str, JsonValue]:
+        cues, known = options.get("cues", dict.fromkeys(LABELS)), {*get_args(CueName)} - {*AUTO}
+        if not isinstance(cues, dict) or not cues or not {*cues} <= known:
+            found = (
+                f"cues {', '.join(cues)}" if isinstance(cues, dict) and cues else f"cues: {describe(cues)}"
+            )
+            raise mismatch(found, f"settings of some of {', '.join(sorted(known))}, by their names")
+        return options
 
 
 class Calibration(StrictModel):
