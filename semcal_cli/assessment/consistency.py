@@ -38,6 +38,8 @@ MAX_ALIKE = 0.8
 MAX_SHARED = 0.4
 """Largest share of equal ranges in the sweeps of two frames whose exchange tells anything. Frames of synthetic drives
 share at most 0.24; in a real jam, frames 2.4 seconds apart share 0.21 to 0.57."""
+NO_FIT = "do not fit at all at this pose"
+"""What is said where pixels tell nothing of points."""
 TURN_DEG = 30.0
 """Step of the azimuths to which the camera is turned."""
 OTHER_MODEL_EXACT = ExactConfig(batch_size=1024, max_points=50_000)
@@ -133,8 +135,12 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
     if not found:
         return []
     by, best = compared_by(observations), max(found)
-    fit, most = _as_well(best, own), WRONG_PAIRING.limit(by)
-    sentence = f"pictures of other frames fit the clouds {fit}, needed at most {most:.0%}"
+    sentence = f"clouds and pictures {NO_FIT}, and pictures of other frames fit better"
+    if own > 0.0:
+        most = WRONG_PAIRING.limit(by)
+        sentence = (
+            f"pictures of other frames fit the clouds {best / own:.0%} as well, needed at most {most:.0%}"
+        )
     return [WRONG_PAIRING.measured(_share(best, own), sentence, by)]
 
 
@@ -148,11 +154,13 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
         turned = _fit(observations, T_turned)
         if turned.information > best and _overlap(observations, T_turned, turned) >= least:
             best, best_deg = turned.information, turn_deg
-    by, fit = compared_by(observations), _as_well(best, own.information)
-    found = (
-        f"with the camera turned by {best_deg:.0f} degrees points and pictures fit {fit}, needed at most "
-        f"{OTHER_AZIMUTH.limit(by):.0%}"
-    )
+    by, turned_by = compared_by(observations), f"with the camera turned by {best_deg:.0f} degrees"
+    found = f"points and pictures {NO_FIT}" + f", and better {turned_by}" * (best_deg > 0.0)
+    if own.information > 0.0:
+        found = (
+            f"{turned_by} points and pictures fit {best / own.information:.0%} as well, needed at most "
+            f"{OTHER_AZIMUTH.limit(by):.0%}"
+        )
     return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 
 
@@ -165,11 +173,6 @@ def _share(other: float, own: float) -> float:
     if own > 0.0:
         return other / own
     return math.inf if other > own else 0.0
-
-
-def _as_well(other: float, own: float) -> str:
-    """Say how well another fits, beside one that may not fit at all."""
-    return f"{other / own:.0%} as well" if own > 0.0 else "better than their own, which do not fit at all"
 
 
 def _about_z(angle_deg: float) -> Pose:
