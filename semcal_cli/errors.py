@@ -4,16 +4,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from semcal_cli.messages import printable
+
 
 class SemcalError(Exception):
     """Root of the tree, caught once, in the command line. Its text is one line for the user."""
 
     def __str__(self) -> str:
         """Join lines, and escape what cannot be printed: names and values of files may hold any characters."""
-        line = " ".join(super().__str__().splitlines())
-        if line.isprintable():
-            return line
-        return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in line)
+        return printable(" ".join(super().__str__().splitlines()))
 
 
 class InputError(SemcalError):

@@ -7,6 +7,13 @@ MAX_LISTED = 8
 MAX_LISTED_LENGTH = 40
 
 
+def printable(text: str) -> str:
+    """Escape what a terminal would not show as letters: names and values of files may hold any characters."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
 def mismatch(found: object, needed: object) -> ValueError:
     """Make the error that a validator raises for a wrong value."""
     return ValueError(f"found {found}, needed {needed}")

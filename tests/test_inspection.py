@@ -216,3 +216,16 @@ def test_copies_of_a_frame_are_one_sentence(drive: Path) -> None:
     write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
     sentence = "frames copy_001 to copy_069 have the same points as frame 000000"
     assert find_identical_files(read_drive(drive)) == [sentence]
+
+
+def test_what_files_hold_reaches_the_terminal_as_letters(street: Path, tmp_path: Path) -> None:
+    """Not as the sequences by which a name could write over other lines."""
+    drive = changed(street, tmp_path)
+    document = read_document(tmp_path / DRIVE_FILE)
+    points = document["classes"]["points"]
+    points["road\x1b[2J\nverdict"] = points.pop("road")
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    for options in ((), ("--frames",)):
+        said = invoke("inspect", drive, *options).stdout
+        assert "road\\x1b[2J\\nverdict" in said
+        assert "\x1b" not in said

@@ -19,8 +19,8 @@ from semcal_cli.cli.batch_progress import (
     first_reason,
     words,
 )
-from semcal_cli.cli.live import printable
 from semcal_cli.cli.tables import labelled, row, wrapped
+from semcal_cli.messages import printable
 
 MAX_NAMED = 8
 """Most drives that are named; the files name all."""

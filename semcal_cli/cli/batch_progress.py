@@ -9,9 +9,10 @@ from pathlib import Path
 from rich.text import Text
 
 from semcal_cli.batch.tasks import FAILED, Outcome
-from semcal_cli.cli.live import live_lines, printable, running_lines, time_left
+from semcal_cli.cli.live import live_lines, running_lines, time_left
 from semcal_cli.cli.terminal import make_console
 from semcal_cli.jobs.pace import Pace
+from semcal_cli.messages import printable
 
 RECENT = 8
 """Number of drives that are shown after they are done."""

@@ -10,6 +10,7 @@ import click
 from semcal_cli.cli.options import PATH, FiniteRange, number_option, quiet_option
 from semcal_cli.cli.rules import CheckedCommand, given, one_of
 from semcal_cli.extras import check_installed
+from semcal_cli.messages import printable
 
 if TYPE_CHECKING:
     from semcal_cli.bags.topics import Request
@@ -143,6 +144,6 @@ def _list(paths: tuple[Path, ...]) -> None:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = [f"{each:{side}{width}}" for each, side, width in zip(row, SIDES, widths, strict=True)]
-        click.echo("".join(each if each.isprintable() else "?" for each in "  ".join(cells).rstrip()))
+        click.echo(printable("  ".join(cells).rstrip()))
     for remark in recording.remarks:
         click.echo(f"note: {remark}", err=True)

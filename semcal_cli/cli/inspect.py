@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import PATH, json_only_option, max_points_option
+from semcal_cli.messages import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -82,7 +83,7 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
         _print_labelled(console, label, f"{name}: {line}" if name else line)
     for name, report in reports.items():
         if name:
-            console.print(f"\n[{name}]", markup=False)
+            console.print(f"\n[{printable(name)}]", markup=False)
         for label, line in _content(report):
             _print_labelled(console, label, line)
         if with_frames:
@@ -102,7 +103,7 @@ def _make_printer() -> Console:
 
 
 def _print_labelled(console: Console, label: str, line: str) -> None:
-    console.print(f"{label:<{LABEL_WIDTH}}{line}", markup=False)
+    console.print(f"{label:<{LABEL_WIDTH}}{printable(line)}", markup=False)
 
 
 def _findings(report: DriveReport) -> list[tuple[str, str]]:
@@ -164,7 +165,7 @@ def _table(report: DriveReport) -> Table:
             _commonest(frame.image_classes),
             "" if frame.gap_s is None else f"{frame.gap_s:.3f}",
         )
-        table.add_row(*map(Text, cells))  # names are not markup
+        table.add_row(*(Text(printable(cell)) for cell in cells))  # names are not markup
     return table
 
 

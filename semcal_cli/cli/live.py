@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.text import Text
 
 from semcal_cli.jobs.pace import Pace
+from semcal_cli.messages import printable
 
 REFRESHES_PER_S = 2.0
 MAX_RUNNING = 16
@@ -61,8 +62,3 @@ def clock_time(seconds: float) -> str:
     minutes, rest = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
-
-
-def printable(text: str) -> str:
-    """Replace what a terminal would not show as letters: names of drives are those of any files."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)

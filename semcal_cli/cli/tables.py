@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.messages import printable
 from semcal_cli.result.camera_words import clock_sentence, intrinsic_lines
 from semcal_cli.result.intervals import stated_error
 
@@ -81,14 +82,14 @@ def doubts(calibration: Calibration) -> str:
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
     """Put a label before a text and wrap it at `COLUMNS` by words, which are never broken; later lines are indented."""
-    lines = textwrap.wrap(text, COLUMNS - indent, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(printable(text), COLUMNS - indent, break_long_words=False, break_on_hyphens=False)
     first, *rest = lines or [""]
     return [f"{label:<{indent}}{first}".rstrip(), *(f"{'':<{indent}}{line}" for line in rest)]
 
 
 def labelled(label: str, line: str) -> str:
     """Put a label before a line that is never wrapped, such as a path."""
-    return f"{label:<{LABEL_WIDTH}}{line}"
+    return f"{label:<{LABEL_WIDTH}}{printable(line)}"
 
 
 def _label_rows(quality: Quality) -> Rows:
