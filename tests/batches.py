@@ -31,7 +31,9 @@ def command(drives: Path, out: Path, *options: str) -> list[str]:
 
 
 # In a process of its own, whose working folder is not the repository: there, Python finds the sources, not the package.
-SEMCAL = (sys.executable, "-c", "from semcal_cli.cli import main; main()")
+# A parent that ignores the signal would hand that on.
+HEARD = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+SEMCAL = (sys.executable, "-c", f"{HEARD}from semcal_cli.cli import main; main()")
 
 
 def run(arguments: list[str]) -> Result:

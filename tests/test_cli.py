@@ -258,6 +258,44 @@ def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
     assert stderr.splitlines()[-1] == "stopped"
 
 
+@pytest.mark.parametrize(
+    ("library", "end"),
+    [
+        ("click", "return None"),
+        ("cv2", "return None"),
+        ("cv2", "raise ImportError('cv2')"),
+    ],
+)
+def test_ctrl_c_while_a_library_is_loaded(street: Path, library: str, end: str) -> None:
+    """A library may make an error of its own of it."""
+    program = f"""
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Interrupted:
+    def find_spec(name, path, target=None):
+        if name == {library!r}:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                {end}
+            except KeyboardInterrupt:
+                {end if "raise" in end else "raise"}
+sys.meta_path.insert(0, Interrupted)
+sys.argv = ["semcal", "overlay", {str(street)!r}, {str(street)!r}, "-o", "/nowhere/at/all"]
+from semcal_cli.__main__ import main; main()
+"""
+    done = subprocess.run([sys.executable, "-I", "-c", program], capture_output=True, text=True)
+    assert done.returncode == 130, done.stderr
+    assert done.stderr.strip() == ("" if library == "click" else "stopped")
+
+
+def test_the_package_is_a_program() -> None:
+    done = subprocess.run(
+        [sys.executable, "-I", "-m", "semcal_cli", "--version"], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("semcal, version ")
+
+
 @pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "picture.png", "cloud.las"])
 def test_pipes_and_devices_are_refused_at_once(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str

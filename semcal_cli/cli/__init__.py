@@ -76,7 +76,11 @@ def run(arguments: Sequence[str]) -> Ending:
     except BrokenPipeError:
         _silence_closed_pipe()
         return Ending(EXIT_FAILURE, "the output was closed before its end")
+    except KeyboardInterrupt:
+        return _stopped(EXIT_STOPPED)
     except ImportError as error:  # of a library that is there, but not whole
+        if _is_interrupted(error):
+            return _stopped(EXIT_STOPPED)
         failure = error
         line = f"{error.name or 'a library'}: cannot be imported: {' '.join(str(error).split())}"
     except OSError as error:
@@ -113,9 +117,19 @@ def _invoke(arguments: Sequence[str]) -> Ending:
         return Ending(error.exit_code, " ".join(error.format_message().split()), error)
     except click.Abort as stop:
         # click makes this of Ctrl-C, which shells tell by 128 and the number of its signal.
-        is_interrupted = isinstance(stop.__cause__, KeyboardInterrupt)
-        click.echo("stopped", err=True)
-        return Ending(EXIT_STOPPED if is_interrupted else EXIT_FAILURE, "stopped")
+        return _stopped(EXIT_STOPPED if _is_interrupted(stop) else EXIT_FAILURE)
+
+
+def _stopped(exit_code: int) -> Ending:
+    click.echo("stopped", err=True)
+    return Ending(exit_code, "stopped")
+
+
+def _is_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C led to an error: a library that is being loaded makes errors of its own of it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _order(arguments: Sequence[str]) -> str:

@@ -1,0 +1,20 @@
+"""The command `semcal`, which is also `python -m semcal_cli`."""
+
+import os
+import signal
+
+
+def main() -> None:
+    """Run the command line. While it is being loaded, Ctrl-C ends it without a word."""
+    is_heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if is_heard:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(130))
+    from semcal_cli.cli import main as run
+
+    if is_heard:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    run()
+
+
+if __name__ == "__main__":
+    main()
