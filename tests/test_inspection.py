@@ -107,13 +107,22 @@ def test_a_drive_without_labels_is_looked_at(street: Path, tmp_path: Path) -> No
     report = inspect(read_drive(tmp_path))
     assert report.pattern.startswith("64 channels")
     assert report.suspicions == (
-        "no labels of points that can be read: a calibration by labels needs them; --cue segments does without",
-        "no labels of pixels that can be read: a calibration by labels needs them; "
-        "`semcal label` makes them with a network",
+        "no labels of pixels: `semcal label` makes them with a network; without them a calibration needs a start "
+        "(`--init`)",
     )
     found = invoke("inspect", tmp_path)
     assert found.exit_code == 0, found.output
-    assert "no labels" in found.output
+    assert "of points   no labels; segments and edges need none" in found.output
+
+
+def test_frames_of_one_scene_are_said_to_count_as_one(street: Path, tmp_path: Path) -> None:
+    document = read_document(changed(street, tmp_path) / DRIVE_FILE)
+    document["frames"] = [*document["frames"], document["frames"][0] | {"image": None}]
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    (advice,) = inspect(read_drive(tmp_path)).advice
+    assert advice.startswith(
+        "the 5 frames show 4 scenes, and frames of one scene count as one: record while driving"
+    )
 
 
 def test_sides_that_say_nothing_are_suspicious(street: Path, tmp_path: Path) -> None:

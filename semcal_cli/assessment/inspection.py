@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -16,6 +16,7 @@ from semcal_cli.assessment.intrinsics import implausible_intrinsics
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.scale import check_scale, judge_scale
 from semcal_cli.config import MAX_FRAMES, InitializationConfig
+from semcal_cli.drive.alike import alike_ranges, nearest_ranges
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import KINDS, kinds_of_segments
 from semcal_cli.drive.document import Drive, Frame
@@ -41,8 +42,8 @@ MAX_IGNORED = 0.9
 """Largest share of points or pixels without information that gives no finding."""
 MAX_MOTION_PX = 1.0
 """Largest median displacement of points by uncompensated motion without a finding, in pixels."""
-WITHOUT = {"points": "--cue segments does without", "pixels": "`semcal label` makes them with a network"}
-"""What helps a drive that lacks labels of one side."""
+LABEL = "`semcal label` makes them with a network; without them a calibration needs a start (`--init`)"
+"""What helps a drive that lacks labels of its pictures."""
 NUM_PROBED = 4
 """Number of frames whose images are measured and whose clouds are registered, as they are and mirrored."""
 FEW_FRAMES, USUAL_FRAMES, NARROW_DEG = 4, 20, 50.0
@@ -115,6 +116,7 @@ def inspect(drive: Drive) -> DriveReport:
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
     few = _loaded(probed)
+    num_scenes = len(set(alike_ranges([contents[index].ranges for index in readable])))
     elevations, azimuths = _field_of_points(points)
     point_names = _names(content.point_classes for content in contents)
     pixel_names = _names(content.image_classes for content in contents)
@@ -137,20 +139,28 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
         ),
-        advice=_advice(len(readable), _field_of_view(drive)),
+        advice=_advice(len(readable), num_scenes, _field_of_view(drive)),
     )
 
 
-def _advice(num_frames: int, field_of_view_deg: tuple[float, float]) -> tuple[str, ...]:
-    """Say if frames or lens are probably too little: see docs/benchmarks_stages.md, the initial calibration."""
-    if num_frames < FEW_FRAMES:
-        return (
-            f"{num_frames} frames are few: {FEW_FRAMES} or more decide the mounting, {USUAL_FRAMES} the accuracy",
+def _advice(num_frames: int, num_scenes: int, field_of_view_deg: tuple[float, float]) -> tuple[str, ...]:
+    """Say if scenes or lens are probably too little: see docs/benchmarks_stages.md, the initial calibration."""
+    advice, counted = [], f"{num_frames} {'frame' if num_frames == 1 else 'frames'}"
+    if num_scenes < min(num_frames, USUAL_FRAMES):
+        counted = f"{num_scenes} {'scene' if num_scenes == 1 else 'scenes'}"
+        advice.append(
+            f"the {num_frames} frames show {counted}, and frames of one scene count as one: record while driving, past "
+            "different things"
         )
-    if field_of_view_deg[0] < NARROW_DEG and num_frames < USUAL_FRAMES:
+    are = "is" if num_scenes == 1 else "are"
+    if num_scenes < FEW_FRAMES:
+        advice.append(
+            f"{counted} {are} few: {FEW_FRAMES} or more decide the mounting, {USUAL_FRAMES} the accuracy"
+        )
+    elif field_of_view_deg[0] < NARROW_DEG and num_scenes < USUAL_FRAMES:
         seen = f"{field_of_view_deg[0]:.0f} degrees across"
-        return (f"{num_frames} frames through a lens of {seen} are few: {USUAL_FRAMES} or more help",)
-    return ()
+        advice.append(f"{counted} through a lens of {seen} {are} few: {USUAL_FRAMES} or more help")
+    return tuple(advice)
 
 
 @dataclass(frozen=True)
@@ -161,6 +171,8 @@ class _Content:
     num_no_returns: int = 0
     point_classes: Mapping[str, int] | None = None
     num_points_ignored: int = 0
+    ranges: npt.NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    """Nearest ranges of the sweep, by which frames of one scene are told."""
     kinds: tuple[str, ...] = ()
     """Kinds of segments among the points, if these have no labels."""
     image_classes: Mapping[str, int] | None = None
@@ -179,7 +191,12 @@ def _read(drive: Drive, index: int) -> _Content:
     content = _Content()
     try:
         (cloud,) = read_clouds(alone)
-        content = replace(content, num_points=len(cloud.points), num_no_returns=cloud.num_no_returns)
+        content = replace(
+            content,
+            num_points=len(cloud.points),
+            num_no_returns=cloud.num_no_returns,
+            ranges=nearest_ranges(cloud.points),
+        )
         labels = cloud.labels if cloud.label_shares is None else cloud.label_shares
         if labels is not None:
             counts, num_ignored = count_labels(drive, "points", labels)
@@ -318,9 +335,8 @@ def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -
     found = []
     for side, names in (("points", points), ("pixels", pixels)):
         if names is None:
-            found.append(
-                f"no labels of {side} that can be read: a calibration by labels needs them; {WITHOUT[side]}"
-            )
+            # Segments and edges take the place of labels of points.
+            found += [f"no labels of pixels: {LABEL}"] * (side == "pixels")
         elif len(names) < 2:
             found.append(f"{side} of {' and '.join(names) or 'no class'} only, over all frames")
         elif len(names) > MANY_CLASSES:

@@ -130,6 +130,8 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
     low, high = report.elevations_deg
     across, down = report.field_of_view_deg
     num_points = sum(frame.num_points for frame in report.frames)
+    of_points = _together(frame.point_classes for frame in report.frames)
+    none_needed = "; segments and edges need none" if of_points is None else ""
     return [
         ("drive", f"{len(report.frames):,} frames, {num_points:,} points"),
         (
@@ -140,7 +142,7 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
             "camera",
             f"{across:.1f} x {down:.1f} degrees; whether K and the lens are right is not checked here",
         ),
-        ("of points", _commonest(_together(frame.point_classes for frame in report.frames))),
+        ("of points", f"{_commonest(of_points)}{none_needed}"),
         ("of pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
         ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
     ]

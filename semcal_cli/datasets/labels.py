@@ -18,6 +18,11 @@ SUFFIXES: dict[Side, tuple[str, ...]] = {
     "point_labels": (".label", ".bin", ".npy", ".npz"),
 }
 CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".laz")
+WITHOUT = {
+    "points": "`semcal calibrate` compares segments and edges instead",
+    "pictures": "`semcal label` makes them with a network",
+}
+"""What to do without labels of one side."""
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
@@ -74,7 +79,7 @@ def labelled(recording: Recording) -> Recording:
             )
         if not kept and recording.labels_by is not None:
             remarks.append(
-                f"no labels of {what}: a calibration by labels needs them, see {option} {recording.labels_by}"
+                f"no labels of {what}: {WITHOUT[what]}; {option} {recording.labels_by} takes those that you have"
             )
         elif kept and len(kept) < len(frames):
             remarks.append(f"{len(frames) - len(kept):,} frames without labels of {what} are left out")

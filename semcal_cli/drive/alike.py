@@ -32,10 +32,16 @@ def alike_frames(clouds: Sequence[npt.NDArray[np.float32]]) -> list[int]:
     Returns:
         For each frame the index of the first frame that shows the same scene, directly or by way of others.
     """
-    first = list(range(len(clouds)))
-    if len(clouds) < 2:
+    with thread_pool() as pool:
+        return alike_ranges(list(pool.map(nearest_ranges, clouds)))
+
+
+def alike_ranges(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
+    """Group the frames that show one scene, as `alike_frames`, by the `nearest_ranges` of each."""
+    first = list(range(len(ranges)))
+    if len(ranges) < 2:
         return first
-    for later, earlier in np.argwhere(np.tril(shares_alike(clouds) >= MIN_ALIKE, -1)).tolist():
+    for later, earlier in np.argwhere(np.tril(_shares(ranges) >= MIN_ALIKE, -1)).tolist():
         joined, kept = sorted((first[earlier], first[later]), reverse=True)
         first = [kept if each == joined else each for each in first]
     return first
@@ -47,12 +53,16 @@ def shares_alike(clouds: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.fl
     Args:
         clouds: (N, 3) points of each frame, metres, LiDAR frame.
     """
-    shares = np.zeros((len(clouds), len(clouds)))
     with thread_pool() as pool:
-        ranges = np.array(list(pool.map(_nearest_ranges, clouds)))
-        # Most directions are seen in no frame: a LiDAR looks neither up nor down.
-        ranges = ranges[:, np.isfinite(ranges).any(axis=0)]
-        rows = pool.map(lambda frame: _shares_alike(ranges[: frame + 1], ranges[frame]), range(len(clouds)))
+        return _shares(list(pool.map(nearest_ranges, clouds)))
+
+
+def _shares(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
+    ranges, shares = np.array(nearest), np.zeros((len(nearest), len(nearest)))
+    # Most directions are seen in no frame: a LiDAR looks neither up nor down.
+    ranges = ranges[:, np.isfinite(ranges).any(axis=0)]
+    with thread_pool() as pool:
+        rows = pool.map(lambda frame: _shares_alike(ranges[: frame + 1], ranges[frame]), range(len(ranges)))
         for frame, row in enumerate(rows):
             shares[frame, : frame + 1] = shares[: frame + 1, frame] = row
     return shares
@@ -76,8 +86,8 @@ def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]
     return copies
 
 
-def _nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Range of the nearest point in each cell of directions, metres; infinite where there is none."""
+def nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Range (C,) of the nearest of points (N, 3) in each cell of directions, metres; infinite where there is none."""
     x, y, z = np.ascontiguousarray(points[:: max(len(points) // MAX_POINTS, 1)].T)
     flat = np.hypot(x, y)
     columns, rows = round(360.0 / CELL_DEG), round(180.0 / CELL_DEG)
