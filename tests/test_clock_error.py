@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 import yaml
 from conftest import make_pose, run
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from semcal_cli.assessment.clock_error import KNOW_MOTION, covariance_of_clock, notes_on_clock
+from semcal_cli.assessment.clock_error import KNOW_MOTION, UnknownClock, notes_on_clock
 from semcal_cli.assessment.fusion import fuse_with_priors
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import CalibrationConfig, PolishConfig, SynthConfig
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Drive, Motion, Twist, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
@@ -54,6 +56,21 @@ def moving(data: LoadedDrive, *twists: Sequence[float], motion: Motion | None = 
     return replace(data, drive=drive, observations=replace(data.observations, frame_observations=moved))
 
 
+def clock_of(data: LoadedDrive | Drive, T_camera_lidar: Pose = T) -> UnknownClock:
+    data = data if isinstance(data, LoadedDrive) else load(data, CONFIG)
+    found = UnknownClock.of(data, T_camera_lidar, PolishConfig())
+    assert found is not None
+    return found
+
+
+def covariance_of_clock(
+    data: LoadedDrive | Drive, T_camera_lidar: Pose, label_gain: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    covariance = clock_of(data, T_camera_lidar).covariance(label_gain)
+    assert covariance is not None
+    return covariance
+
+
 def found_by(data: LoadedDrive | Drive, start: Pose) -> Calibration:
     return calibrate(data, CONFIG, initial_pose=InitialPose(start, "start"))
 
@@ -70,7 +87,6 @@ def test_the_place_may_be_off_along_any_level_direction(loaded: LoadedDrive) -> 
         return replace(loaded, drive=at_speed(loaded.drive, speed_m_s))
 
     covariance = covariance_of_clock(at(8.0), T)
-    assert covariance is not None
     assert not covariance[3:].any()
     assert not covariance[:, 3:].any()
     in_lidar = T[:3, :3].T @ covariance[:3, :3] @ T[:3, :3]
@@ -90,45 +106,62 @@ def test_one_twist_moves_the_place_along_it(loaded: LoadedDrive, by_poses: bool)
     data = moving(loaded, one, motion=None if by_poses else Motion(twist=twist))
     data = replace(data, drive=data.drive.model_copy(update={"time_offset_sigma_s": 0.01}))
     covariance = covariance_of_clock(data, T)
-    assert covariance is not None
     step = np.zeros((4, 4))
     step[:3, :3] = 0.01 * cross_matrix(np.array(twist.angular_rad_s))
     step[:3, 3] = 0.01 * np.array(twist.linear_m_s)
     (offset,) = local_coordinates([T @ expm(step)], T)
     np.testing.assert_allclose(covariance, np.outer(offset, offset), rtol=2e-2, atol=1e-8)
-    assert "its frames move much alike. Pictures may be 10 ms off: at 9.07 m/s" in notes_on_clock(data, T)[0]
+    (note,) = notes_on_clock(data, clock_of(data))
+    assert "its frames move much alike. Pictures may be 10 ms off: at 9.07 m/s" in note
     exact = replace(data, drive=data.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
-    assert covariance_of_clock(exact, T) is None
+    assert clock_of(exact).covariance() is None
+    assert notes_on_clock(exact, clock_of(exact)) == ()
 
 
-def test_frames_that_move_differently_tell_the_clock(loaded: LoadedDrive, street_truth: Pose) -> None:
-    """The more, the more their speeds differ; hardly by a tenth, and not where they cannot tell the pose."""
-    slow, fast = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0), (16.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SLOW, FAST = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0), (16.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def place_cm(data: LoadedDrive) -> float:
-        covariance = covariance_of_clock(data, street_truth)
-        assert covariance is not None
-        return 100.0 * float(np.sqrt(np.trace(covariance[:3, :3])))
 
-    alike = moving(loaded, (9.0, *slow[1:]))
-    assert place_cm(alike) == pytest.approx(18.0)
-    different, nearly = moving(loaded, slow, fast), moving(loaded, (8.99, *slow[1:]), (9.01, *slow[1:]))
-    assert place_cm(different) < 1.5
-    assert notes_on_clock(different, street_truth) == ()
-    assert place_cm(nearly) == pytest.approx(18.0, rel=0.1)
-    (note,) = notes_on_clock(nearly, street_truth)
-    assert "its frames move much alike" in note
+@pytest.mark.parametrize("late_ms", [0.0, 4.0])
+def test_frames_that_move_differently_tell_the_clock(
+    loaded: LoadedDrive, street_truth: Pose, late_ms: float
+) -> None:
+    """The pose stays at the drive's clock, so the interval holds the second moment about that."""
+    data = moving(loaded, SLOW, FAST)
+    late = replace(data, observations=delayed(data.observations, -1e-3 * late_ms))
+    found = clock_of(late, street_truth)
+    assert found.is_checked
+    assert 1e3 * found.offset_s == pytest.approx(late_ms, abs=1.0)
+    assert 0.0 < found.sigma_s < 1e-3
+    covariance = found.covariance()
+    assert covariance is not None
+    off_m = 9.0 * np.hypot(found.offset_s, found.sigma_s)
+    assert np.sqrt(np.trace(covariance[:3, :3])) == pytest.approx(off_m)
+    notes = notes_on_clock(late, found)
+    assert len(notes) == (late_ms > 0.0)
+    assert all("ms later than they are taken to be, which is part of the interval" in note for note in notes)
+
+
+def test_what_tells_no_clock(loaded: LoadedDrive, street_truth: Pose) -> None:
+    """Neither frames that hardly differ, nor pictures without labels: what is stated counts."""
     blind = loaded.observations.with_images(
         image.with_classes(np.full_like(image.classes, NO_CLASS)) for image in loaded.observations.images
     )
-    assert place_cm(moving(replace(loaded, observations=blind), slow, fast)) == pytest.approx(18.0)
+    for data in (
+        moving(loaded, (9.0, *SLOW[1:])),
+        moving(loaded, (8.99, *SLOW[1:]), (9.01, *SLOW[1:])),
+        moving(replace(loaded, observations=blind), SLOW, FAST),
+    ):
+        found = clock_of(data, street_truth)
+        assert (found.is_checked, found.offset_s, found.sigma_s) == (False, 0.0, 0.02)
+        assert found.speed_m_s == pytest.approx(9.0)
+        assert "its frames move much alike" in notes_on_clock(data, found)[0]
 
 
 @pytest.mark.parametrize("motion", [None, Motion(speed_m_s=0.0), Motion(poses="poses.txt")])
 def test_nothing_is_added_without_a_speed(loaded: LoadedDrive, motion: Motion | None) -> None:
     data = replace(loaded, drive=with_motion(loaded.drive, motion))
-    assert covariance_of_clock(data, T) is None
-    assert covariance_of_clock(moving(loaded, (0.0,) * 6), T) is None
+    for each in (data, moving(loaded, (0.0,) * 6)):
+        assert UnknownClock.of(each, T, PolishConfig()) is None
 
 
 def test_a_stated_speed_widens_the_interval(street: Path, street_truth: Pose) -> None:
@@ -232,6 +265,7 @@ def test_what_to_state_is_said_of_stamped_frames_of_different_scenes(
         ([0.01] * num_frames, standing, STANDING),
         ([None] * num_frames, street_observations, STANDING),
     ):
-        assert notes_on_clock(LoadedDrive(frames_at(drive, gaps_s), observations), T) == (expected,)
-    assert notes_on_clock(LoadedDrive(at_speed(drive, 0.0), street_observations), T) == ()
-    assert notes_on_clock(LoadedDrive(at_speed(drive, 8.0), street_observations), T) == (MOVING,)
+        assert notes_on_clock(LoadedDrive(frames_at(drive, gaps_s), observations), None) == (expected,)
+    assert notes_on_clock(LoadedDrive(at_speed(drive, 0.0), street_observations), None) == ()
+    moving_on = LoadedDrive(at_speed(drive, 8.0), street_observations)
+    assert notes_on_clock(moving_on, clock_of(moving_on)) == (MOVING,)

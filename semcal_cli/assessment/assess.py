@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.assessment.clock_error import KNOW_MOTION, covariance_of_clock, notes_on_clock
+from semcal_cli.assessment.clock_error import KNOW_MOTION, UnknownClock, notes_on_clock
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.disagreement import check_frames
 from semcal_cli.assessment.intrinsics import (
@@ -74,9 +74,13 @@ def assess(
         return stages
     on_event(Progress("assessing"))
     start = perf_counter()
-    answer = _Answer(replace(data, observations=stages.seen or data.observations), stages, config.polish)
+    seen = replace(data, observations=stages.seen or data.observations)
+    clock = UnknownClock.of(seen, stages.T_camera_lidar, config.polish)
+    answer = _Answer(seen, stages, config.polish, clock)
     if stages.is_rejected:
-        measured = check_consistency(answer.data.for_checks, answer.T_camera_lidar)
+        measured = check_consistency(
+            answer.data.for_checks, answer.T_camera_lidar, with_clock=answer.tells_clock
+        )
         found = _compare_frames(answer).with_measured(*measured)
     else:
         found = _judge(answer, with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"})
@@ -110,6 +114,21 @@ class _Answer:
     """The drive, as the camera sees it that the pose belongs to."""
     stages: Stages
     config: PolishConfig
+    clock: UnknownClock | None
+    """What the frames tell of the clock at the pose; None without a motion."""
+
+    @property
+    def tells_clock(self) -> bool:
+        """Whether a check of the clock means anything: at one steady speed, any offset fits alike."""
+        return self.clock is not None and self.clock.is_checked
+
+    @property
+    def is_clock_estimated(self) -> bool:
+        """Whether an estimate tells how far the clock may be off, or what is left open beside it does."""
+        joint = self.stages.joint
+        if joint is None or joint.clock is None:
+            return False
+        return joint.left_open is not None or joint.clock.is_determined
 
     @property
     def observations(self) -> Observations:
@@ -157,12 +176,8 @@ class _Open(NamedTuple):
         cost = None if shift is None else intrinsics_cost(shift, answer.observations.camera)
         of_stated = covariance_of_intrinsics(shift, answer.unknown_camera)
         of_intrinsics = of_stated if fused is None else fused.of_intrinsics
-        # An estimate of the clock tells how far it may be off, and so does what is left open beside it.
-        joint = answer.stages.joint
-        is_estimated = joint is not None and (
-            joint.left_open is not None or (joint.clock is not None and joint.clock.is_determined)
-        )
-        of_clock = None if is_estimated else covariance_of_clock(answer.data, T, gain)
+        clock = None if answer.is_clock_estimated else answer.clock
+        of_clock = None if clock is None else clock.covariance(gain)
         return cls(around, cost, of_stated, of_intrinsics, of_clock)
 
 
@@ -175,7 +190,7 @@ def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
     # While one check is in Python, the core works for another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, answer)
-        of_consistency = pool.submit(check_consistency, checked, T)
+        of_consistency = pool.submit(check_consistency, checked, T, with_clock=answer.tells_clock)
         of_scale = pool.submit(check_scale, checked)
         of_pose = pool.submit(_uncertainty, answer, beside, with_label_bleed=with_label_bleed)
         frames, uncertainty = of_frames.result(), of_pose.result()
@@ -190,7 +205,7 @@ def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
         return replace(found, findings=(none, *found.findings), notes=notes)
     too_wide = undetermined(uncertainty, _advice(answer, uncertainty, beside))
     findings = (*found.findings, *too_wide)
-    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes)
+    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes, of_clock=beside.of_clock)
 
 
 def _uncertainty(answer: _Answer, beside: _Open, *, with_label_bleed: bool) -> Uncertainty | None:
@@ -257,7 +272,7 @@ def _compare_frames(answer: _Answer) -> Assessment:
     measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
     if data.is_refined_by_edges:
         measured.append(_few_scenes(observations))
-    notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(data, T))
+    notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(answer))
     if "labels" in data.cues:
         measured += check_leaks(data.of_cue("labels"), T)
     if data.cues[0] in ("labels", "segments"):
@@ -277,9 +292,10 @@ def _rivals(
     return check_rivals(observations, T_camera_lidar, found)
 
 
-def _unchecked(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[str, ...]:
+def _unchecked(answer: _Answer) -> tuple[str, ...]:
     """Say what could not be checked, since the drive lacks what tells it."""
-    notes = notes_on_clock(data, T_camera_lidar)
+    data = answer.data
+    notes = () if answer.is_clock_estimated else notes_on_clock(data, answer.clock)
     has_labels = any(frame.image_labels is not None for frame in data.drive.frames)
     if has_labels and all(frame.image is None for frame in data.drive.frames):
         notes += ("labels were not checked against pictures: the drive gives no image",)

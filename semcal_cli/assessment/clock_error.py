@@ -1,9 +1,8 @@
-"""What an offset of the camera's clock may cost a pose, as far as the data do not tell it.
+"""What an offset of the camera's clock may cost a pose that takes the clock as the drive states it.
 
 A picture that is later than its stamp by `dt` sees what a LiDAR at velocity `v` sees from `v dt` farther on. At one
 velocity all frames are off alike: the camera comes out at another place, and more frames neither show nor reduce that.
-Frames at different velocities `v_i` contradict one another by `(v_i - v) dt`, which tells the offset the better, the
-better each frame tells the pose.
+Frames at different velocities contradict one another, and tell `dt` together with the pose.
 """
 
 from __future__ import annotations
@@ -12,98 +11,98 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.assessment.sensitivity import Matrix, sensitivity
-from semcal_cli.config import SensitivityConfig
-from semcal_cli.drive.delay import twists_per_s
+from semcal_cli.assessment.joint_fit import Problem, Variables
+from semcal_cli.assessment.sensitivity import Matrix
+from semcal_cli.config import JointlyConfig, PolishConfig
+from semcal_cli.drive.delay import differs, twists_per_s
+from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S
+from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import adjoint
 
 KNOW_MOTION = (
-    "give motion.poses of a drive at different speeds, by which the clock is checked, or time_offset_sigma_s, if the "
-    "clock is known better, or record at lower speed"
+    "give motion.poses of a drive at different speeds, state time_offset_sigma_s if the clock is known better, or "
+    "record at lower speed"
 )
 """What to do about an interval that the clock alone makes too wide: more frames do not narrow it."""
-BLOCKS = SensitivityConfig(factor=2, max_points=150_000)
-"""Settings of the sensitivity that tells how well frames tell the pose."""
+NUM_FRAMES = 20
+"""Number of frames that are asked for the offset, evenly spread, so that it costs as much of a longer drive."""
 
 
 class UnknownClock(NamedTuple):
     """How far the clock may be off, and how far the rig moves meanwhile."""
 
+    offset_s: float
+    """Offset that frames at different velocities tell; 0 where they do not determine it."""
     sigma_s: float
-    """Standard deviation by what is stated of the clock and by what frames at different velocities tell, seconds."""
-    stated_sigma_s: float
-    """The same by what is stated alone."""
+    """Standard error of that offset, or what is stated of the clock, seconds."""
+    is_checked: bool
+    """Whether the frames determine the offset."""
+    is_exact: bool
+    """Whether the drive states that the clock is."""
     shifts: Matrix
     """(6, k) twists of the pose by which each second moves it, of one direction or of several possible ones."""
     speed_m_s: float
     """Speed that all frames have in common."""
 
     @classmethod
-    def of(cls, data: LoadedDrive, T_camera_lidar: Pose) -> UnknownClock | None:
-        """Compute it at a pose (4, 4); None if the rig stands, its motion is not stated, or the clock is exact.
+    def of(cls, data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> UnknownClock | None:
+        """Compute it at a pose (4, 4); None if the rig stands or its motion is not stated.
 
         Of a speed the direction is not known, so it holds along each one across the LiDAR's z axis.
         """
-        sigma_s, motion = data.drive.time_offset_sigma_s, data.drive.motion
-        twists = twists_per_s(data.first_cue)
-        if motion is None or sigma_s == 0.0:
+        motion, stated_s = data.drive.motion, data.drive.time_offset_sigma_s
+        if motion is None:
             return None
         if motion.speed_m_s is not None:
             level = adjoint(T_camera_lidar)[:, :2] * motion.speed_m_s
-            return cls(sigma_s, sigma_s, level, motion.speed_m_s) if motion.speed_m_s > 0.0 else None
-        if twists is None:
+            found = cls(0.0, stated_s, False, stated_s == 0.0, level, motion.speed_m_s)
+            return found if motion.speed_m_s > 0.0 else None
+        twists = twists_per_s(data.first_cue)
+        if twists is None or not np.any(twists):
             return None
-        by_frame = np.array(twists) @ adjoint(T_camera_lidar).T
-        is_one = (by_frame == by_frame[0]).all()
-        told = 0.0 if is_one else _told(data, T_camera_lidar, by_frame - by_frame.mean(axis=0))
-        speed_m_s = float(np.linalg.norm(np.mean(twists, axis=0)[:3]))
-        shifts = by_frame.mean(axis=0)[:, None]
-        return cls((sigma_s**-2 + told) ** -0.5, sigma_s, shifts, speed_m_s) if shifts.any() else None
+        mean = np.mean(twists, axis=0)
+        told = _told(data, T_camera_lidar, polish) if differs(twists) else None
+        offset_s, sigma_s = told or (0.0, stated_s)
+        shifts, speed_m_s = adjoint(T_camera_lidar) @ mean[:, None], float(np.linalg.norm(mean[:3]))
+        return cls(offset_s, sigma_s, told is not None, stated_s == 0.0, shifts, speed_m_s)
 
-    @property
-    def is_checked(self) -> bool:
-        """Whether the frames tell more of the clock than what is stated of it."""
-        return bool(self.sigma_s < self.stated_sigma_s * 0.5**0.5)
+    def covariance(self, label_gain: Matrix | None = None) -> Matrix | None:
+        """Compute the covariance (6, 6) of a pose by the clock; None if the clock is exact.
 
+        It is the second moment about the drive's offset, at which the pose stays.
 
-def _told(data: LoadedDrive, T_camera_lidar: Pose, shifts: Matrix) -> float:
-    """Compute what frames whose poses differ by `shifts` (frames, 6) a second tell of the clock, in 1 / s^2.
-
-    With `C` the covariance of the pose by all n frames, that of each is `n C`: what classes share moves no two frames
-    apart.
-    """
-    around = sensitivity(data.first_cue, T_camera_lidar, BLOCKS)
-    if around is None or not around.is_determined:
-        return 0.0
-    of_all, _ = around.noise(around.influence)
-    return float((shifts * np.linalg.solve(of_all, shifts.T).T).sum()) / len(shifts)
+        Args:
+            label_gain: (6, 6) gain from a twist of the labels' optimum to a twist of the pose; identity if not given.
+        """
+        if self.is_exact:
+            return None
+        shifts = self.shifts if label_gain is None else label_gain @ self.shifts
+        return np.asarray((self.offset_s**2 + self.sigma_s**2) * shifts @ shifts.T)
 
 
-def covariance_of_clock(
-    data: LoadedDrive, T_camera_lidar: Pose, label_gain: Matrix | None = None
-) -> Matrix | None:
-    """Compute the covariance (6, 6) of a pose by the clock; None if that costs nothing, or the motion is not stated.
-
-    Args:
-        data: The drive, with its motion.
-        T_camera_lidar: (4, 4), metres.
-        label_gain: (6, 6) gain from a twist of the labels' optimum to a twist of the pose; identity if not given.
-    """
-    clock = UnknownClock.of(data, T_camera_lidar)
-    if clock is None:
+def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tuple[float, float] | None:
+    """Estimate the offset that the frames tell, and its standard error; None if they do not determine it."""
+    few, sigma_s = few_frames(data.observations, NUM_FRAMES), data.drive.time_offset_sigma_s
+    known = JointlyConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
+    fit = Problem(few, Variables((), True), known, polish).fit_determined(T_camera_lidar)
+    if not fit.variables.with_delay or fit.covariance is None:
         return None
-    shifts = clock.sigma_s * clock.shifts
-    if label_gain is not None:
-        shifts = label_gain @ shifts
-    return np.asarray(shifts @ shifts.T)
+    return float(fit.changes[0]), float(fit.sigmas[0])
 
 
-def notes_on_clock(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[str, ...]:
-    """Say that the clock was not checked where the frames hardly tell it, and what that may cost."""
-    motion, clock = data.drive.motion, UnknownClock.of(data, T_camera_lidar)
-    if clock is not None and not clock.is_checked:
+def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
+    """Say that the clock was not checked where the frames do not tell it, or what they tell, and what that may cost."""
+    motion = data.drive.motion
+    if clock is not None and clock.is_checked and abs(clock.offset_s) > 2.0 * clock.sigma_s:
+        later = "later" if clock.offset_s > 0.0 else "earlier"
+        offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
+        return (
+            f"pictures seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than they are taken to be, which is "
+            "part of the interval: --estimate-delay corrects the pose",
+        )
+    if clock is not None and not clock.is_checked and not clock.is_exact:
         assert motion is not None
         is_speed = motion.speed_m_s is not None
         why = "the drive gives no direction of its motion" if is_speed else "its frames move much alike"

@@ -19,7 +19,7 @@ from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.alike import shares_alike
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.delay import delayed, twists_per_s
+from semcal_cli.drive.delay import delayed, differs, twists_per_s
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
@@ -51,19 +51,22 @@ CLOCK_DELAYS_S = (-0.05, -0.015, 0.015, 0.05)
 """Delays of the images that are tried, in seconds."""
 
 
-def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple[Measured, ...]:
+def check_consistency(
+    observations: Observations, T_camera_lidar: Pose, *, with_clock: bool = True
+) -> tuple[Measured, ...]:
     """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
 
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) refined pose, metres.
+        with_clock: Whether the frames move so differently that they tell the clock.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
     return (
         *_too_few_classes(few, T_camera_lidar),
         *_wrong_pairing(few, T_camera_lidar),
         _wrong_azimuth(few, T_camera_lidar),
-        *_wrong_model(few, T_camera_lidar),
+        *_wrong_model(few, T_camera_lidar, with_clock=with_clock),
     )
 
 
@@ -182,14 +185,15 @@ def _about_z(angle_deg: float) -> Pose:
     return T
 
 
-def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
+def _wrong_model(observations: Observations, T_camera_lidar: Pose, *, with_clock: bool) -> list[Measured]:
     """Check that labels agree less well after refinements with other focal lengths and other delays of the images.
 
     All refinements use the same frames and settings. The agreement tells focal lengths apart even with a single frame,
     although they hardly change its curvature.
     """
     changes = (-FOCAL_CHANGE, FOCAL_CHANGE)
-    delays_s = CLOCK_DELAYS_S if _has_varying_motion(observations) else ()
+    twists = twists_per_s(observations) if with_clock else None
+    delays_s = CLOCK_DELAYS_S if twists is not None and differs(twists) else ()
     models = [
         observations,
         *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
@@ -221,12 +225,6 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[
         f"{'longer' if best_change > 0.0 else 'shorter'}"
     )
     return [WRONG_FOCAL_LENGTH.measured(gain, sentence)]
-
-
-def _has_varying_motion(observations: Observations) -> bool:
-    """Whether the motion differs between frames; at one constant motion, a delay looks like another camera position."""
-    twists = twists_per_s(observations)
-    return twists is not None and bool(np.ptp(twists, axis=0).any())
 
 
 def _wrong_clocks(

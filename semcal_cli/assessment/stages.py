@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+import numpy.typing as npt
+
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
@@ -34,6 +37,8 @@ class Assessment:
     """Parts of the drive, if its frames fit several poses."""
     measured: tuple[Measured, ...] = ()
     """What the checks measured, whether or not it is beyond their limits."""
+    of_clock: npt.NDArray[np.float64] | None = None
+    """(6, 6) part of the covariance of the pose by a clock that stays as the drive says; None if there is none."""
 
     def with_measured(self, *measured: Measured) -> Assessment:
         """Add what more checks measured, with their findings."""

@@ -9,11 +9,19 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.drive.observations import LabelledCloud, Observations
 
+LEAST_DIFFERENCE = 1e-3
+"""Difference of two velocities that counts, m/s or rad/s: 50 ms of it are a twentieth of a millimetre."""
+
 
 def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
     """List the twist of the LiDAR in each of `frame_observations`, (6,); None if a frame has none."""
     twists = [observed.twist_per_s for observed in observations.frame_observations]
     return [twist for twist in twists if twist is not None] if None not in twists else None
+
+
+def differs(twists_per_s: Sequence[Sequence[float]]) -> bool:
+    """Whether frames move differently: at one constant motion, a delay looks like another camera position."""
+    return bool(np.ptp(twists_per_s, axis=0).max() > LEAST_DIFFERENCE)
 
 
 def delayed(observations: Observations, delay_s: float) -> Observations:

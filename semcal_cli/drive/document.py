@@ -49,6 +49,8 @@ Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 Readout = Annotated[float, Field(ge=0.0, le=1.0)]
 """Time in seconds from the first line of a picture to the last. No shutter rolls for longer than a frame takes."""
+DEFAULT_CLOCK_SIGMA_S = 0.02
+"""Standard deviation of the clock of a camera that nothing triggers, in seconds."""
 MAX_OFFSET_S = 1.0
 TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 """Offset of two clocks, in seconds. Sweeps and pictures that are farther apart are no pairs."""
@@ -276,9 +278,9 @@ class Drive(StrictModel):
     time_offset_s: TimeOffset = 0.0
     """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It counts only
     with a motion."""
-    time_offset_sigma_s: Annotated[float, Field(ge=0.0, le=MAX_OFFSET_S)] = 0.02
-    """Standard deviation of `time_offset_s`, in seconds, where the motion of the frames does not tell it; 0 where the
-    camera is triggered. At a speed that is stated, it is part of the interval."""
+    time_offset_sigma_s: Annotated[float, Field(ge=0.0, le=MAX_OFFSET_S)] = DEFAULT_CLOCK_SIGMA_S
+    """Standard deviation of `time_offset_s`, in seconds, by what is known before; 0 where the camera is triggered.
+    Where the rig moves by what is stated, it is part of the interval, as far as the frames do not tell it."""
     T_camera_lidar: Annotated[StatedTransform, AfterValidator(_orthonormal)] | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 

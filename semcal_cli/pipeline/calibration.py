@@ -16,7 +16,7 @@ from time import perf_counter
 
 from semcal_cli import _core
 from semcal_cli.assessment.assess import assess as assess
-from semcal_cli.assessment.clock_error import covariance_of_clock
+from semcal_cli.assessment.clock_error import UnknownClock
 from semcal_cli.assessment.fusion import Fused, fuse_with_priors
 from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.assessment.joint_checks import check_beside_pose, is_polished
@@ -284,14 +284,14 @@ def fuse(
     on_event: Listener = ignore,
 ) -> Fused:
     """Fuse the labels' evidence with priors."""
-    of_clock = covariance_of_clock(data, T_polished)
+    clock = UnknownClock.of(data, T_polished, config.polish)
     stage = partial(
         fuse_with_priors,
         data.observations,
         T_polished,
         priors,
         edge_band_px=config.edge_band_px,
-        of_clock=of_clock,
+        of_clock=None if clock is None else clock.covariance(),
     )
     return announced("fused", "weighing what is known", stage, on_event, T_polished)
 
@@ -316,8 +316,7 @@ def repeat(
             others.append(found.T_camera_lidar)
         except CalibrationError:
             others.append(None)
-    label_gain = None if stages.fused is None else stages.fused.label_gain
-    of_clock = covariance_of_clock(data, stages.T_camera_lidar, label_gain)
+    of_clock = None if stages.assessment is None else stages.assessment.of_clock
     repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty, of_clock)
     count = len(findings)
     doubts = {0: "the pose is the same", 1: "1 more doubt"}.get(count, f"{count} more doubts")
