@@ -238,6 +238,8 @@ def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
         for name in ("raw", "named")
     ]
     assert suffixes == [{".png"}, {".jpg"}]
+    below = small(tmp_path / "below", **{"cam": image(), "points/front": cloud()})
+    assert "found 2 topics of" in refused(below, tmp_path / "none")  # another camera, and another LiDAR
     two = small(tmp_path / "two", **again, **{"other/image_raw": image()})
     found = (
         "found 2 topics of pictures (Image, CompressedImage), needed one of: /cam/image_raw, /other/image_raw"

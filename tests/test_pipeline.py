@@ -14,6 +14,7 @@ import semcal_cli
 from semcal_cli import _core
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.config.checking import check_config
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
@@ -88,6 +89,15 @@ def test_stages_that_are_asked_for_tell_as_well(
         ),
         ({"seed": -1}, "seed: found -1, needed a whole number from 0 to 9223372036854775807"),
         ({"seed": True}, "seed: found True, needed a whole number from 0 to 9223372036854775807"),
+        ({"seed": 10**400}, f"seed: found {10**400}, needed a whole number from 0 to 9223372036854775807"),
+        (
+            {"refinement": RefinementConfig(max_baseline_m=10**400)},
+            f"max_baseline_m: found {10**400}, needed a number above 0",
+        ),
+        (
+            {"refinement": RefinementConfig(jointly=JointlyConfig(intrinsics=(1,)))},  # type: ignore[arg-type]
+            "intrinsics: found (1,), needed a tuple of str",
+        ),
         ({"max_frames": 0}, "max_frames: found 0, needed a whole number from 1 on"),
         ({"max_frames": 2.0}, "max_frames: found 2.0, needed a whole number from 1 on"),
         ({"is_raw": "yes"}, "is_raw: found 'yes', needed True or False"),
@@ -106,7 +116,7 @@ def test_stages_that_are_asked_for_tell_as_well(
         ),
         (
             {"refinement": RefinementConfig(jointly=JointlyConfig(intrinsics=None))},  # type: ignore[arg-type]
-            "intrinsics: found None, needed a tuple",
+            "intrinsics: found None, needed a tuple of str",
         ),
     ],
 )
@@ -114,6 +124,12 @@ def test_settings_out_of_range_are_refused(street: Path, settings: dict[str, Any
     with pytest.raises(InputError) as refusal:
         calibrate(street, CalibrationConfig(**settings))
     assert str(refusal.value) == complaint
+
+
+def test_numbers_of_arrays_are_numbers() -> None:
+    check_config(
+        CalibrationConfig(seed=np.int64(3), refinement=RefinementConfig(max_baseline_m=np.float32(2.0)))
+    )  # type: ignore[arg-type]
 
 
 def test_what_are_no_settings_is_refused(street: Path, street_truth: Pose) -> None:

@@ -70,6 +70,8 @@ class Topics:
         return self.camera_info is not None and any(part.startswith(RECTIFIED) for part in parts)
 
 
+TRANSPORTS = ("compressed", "compressedDepth", "theora", "zstd", "avif", "draco", "zlib")
+"""Names below a topic under which the plugins of image_transport and point_cloud_transport publish it once more."""
 USES = {
     "sweeps": CLOUDS,
     "pictures": PICTURES,
@@ -125,11 +127,8 @@ def _choose(
 
 
 def _others_of(known: Sequence[Topic], topic: Topic) -> list[Topic]:
-    """List the topics that hold the messages of a topic in another encoding.
-
-    image_transport and point_cloud_transport publish them below it, as image_raw/compressed.
-    """
-    return [other for other in known if other.name.rpartition("/")[0] == topic.name]
+    """List the topics that hold the messages of a topic in another encoding, as image_raw/compressed."""
+    return [other for other in known if other.name in {f"{topic.name}/{each}" for each in TRANSPORTS}]
 
 
 def _info_beside(bag: Bag, image: Topic) -> Topic | None:

@@ -12,6 +12,7 @@ from typing import TextIO
 from semcal_cli.drive.document import DRIVE_FILE, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, is_folder, read_start
+from semcal_cli.messages import printable
 
 LISTS = (".txt", ".list")
 MAGIC = "*?["
@@ -96,7 +97,7 @@ def _checked(name: str, where: str = "") -> str:
         found = "a NUL or a line break in a name"
     else:
         return name
-    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text[:MAX_SHOWN])
+    shown = printable(text[:MAX_SHOWN])
     raise InputError(f"{where}{shown}: found {found}, needed one line of UTF-8 text")
 
 

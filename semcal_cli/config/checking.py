@@ -6,13 +6,11 @@ from dataclasses import is_dataclass
 from typing import Any, get_args, get_origin
 
 from semcal_cli.config import CalibrationConfig, CueName, JointlyConfig
+from semcal_cli.config.refinement import SIGMA
 from semcal_cli.config.setting import NEEDED, is_of, settings_of, types_of
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_torch
 from semcal_cli.messages import one_of
-
-LEAST_SIGMA = 1e-11
-"""Smallest standard deviation of intrinsics that are estimated: squares of smaller ones vanish."""
 
 
 def check_config(config: CalibrationConfig) -> None:
@@ -48,6 +46,8 @@ def check_settings(config: Any) -> None:
     for name, (kind, is_optional) in types_of(of_config).items():
         plain, value = get_origin(kind) or kind, getattr(config, name)
         needed = NEEDED.get(plain) or plain.__name__
+        if plain is tuple:
+            needed += f" of {getattr(get_args(kind)[0], '__name__', 'words')}"
         if value is None and is_optional:
             continue
         if name in settings:
@@ -67,5 +67,7 @@ def _check_sigmas(jointly: JointlyConfig) -> None:
     """Check that no intrinsics are estimated that are stated to be exact."""
     for name in ("focal_sigma", "center_sigma_px"):
         sigma = getattr(jointly, name)
-        if jointly.intrinsics and sigma is not None and sigma < LEAST_SIGMA:
-            raise InputError(f"{name}: found {sigma!r}, needed a number from {LEAST_SIGMA:g} to 1000.0")
+        if jointly.intrinsics and sigma is not None and sigma < SIGMA["least"]:
+            raise InputError(
+                f"{name}: found {sigma!r}, needed a number from {SIGMA['least']:g} to {SIGMA['most']}"
+            )

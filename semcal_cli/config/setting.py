@@ -7,8 +7,10 @@ imported here.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
+from numbers import Integral, Real
 from types import NoneType
 from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
@@ -68,7 +70,9 @@ class Setting:
             ("to {}", self.most),
         )
         told = [text.format(limit) for text, limit in limits if limit is not None]
-        return " ".join([NEEDED[self.kind], *told, *(["on"] if self.most is self.below is None else [])])
+        return " ".join(
+            [NEEDED[self.kind], *told, *(["on"] if self.most is self.below is self.above is None else [])]
+        )
 
 
 def setting(default: Any, help: str = "", **about: Any) -> Any:
@@ -93,9 +97,15 @@ def settings_of(config: type) -> dict[str, Setting]:
 def is_of(kind: Any, value: object) -> bool:
     """Whether a value is of a type: whole numbers are numbers, too, and truth values, NaN and infinity are none."""
     if kind in (int, float):
-        is_number = isinstance(value, int | (float if kind is float else int)) and not isinstance(value, bool)
-        return is_number and math.isfinite(value)  # type: ignore[arg-type]
-    return isinstance(value, get_origin(kind) or kind) if kind is not Any else True
+        is_number = isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
+        with suppress(OverflowError):
+            return is_number and math.isfinite(value)  # type: ignore[arg-type]
+        return False
+    if get_origin(kind) is tuple and isinstance(value, tuple):
+        return all(is_of(get_args(kind)[0], each) for each in value)
+    if get_origin(kind) is Literal:
+        return value in get_args(kind)
+    return isinstance(value, get_origin(kind) or kind)
 
 
 def types_of(config: type) -> dict[str, tuple[Any, bool]]:

@@ -13,7 +13,7 @@ from semcal_cli.drive.document import Camera, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import is_same_file
 from semcal_cli.files.writing import write_bytes
-from semcal_cli.formats import semcal
+from semcal_cli.formats import nuscenes, semcal
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.lenses import UnnamedLensError, tell_clock
@@ -201,7 +201,9 @@ def convert(
         InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
     """
     source, path = Path(source), None if output is None else Path(output)
-    read_files = [drive_file(source), source.parent / "sensor.json"]
+    read_files = [drive_file(source)]
+    if source.name == nuscenes.TABLE:
+        read_files.append(source.with_name(nuscenes.SENSORS))
     if path is not None and any(is_same_file(path, each) for each in read_files):
         raise InputError(f"{path}: found the file that is read, needed another name")
     written, record = write_options or FormatOptions(), None

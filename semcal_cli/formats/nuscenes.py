@@ -19,10 +19,13 @@ from semcal_cli.messages import listed
 
 KEYS = {"token", "sensor_token", "translation", "rotation"}
 
+TABLE, SENSORS = "calibrated_sensor.json", "sensor.json"
+"""The table, and the one beside it that names the sensors' channels."""
+
 
 def _channels(table: Path) -> dict[Any, Any]:
     """Names of sensors by token, if their table lies beside the table of poses."""
-    path = table.with_name("sensor.json")
+    path = table.with_name(SENSORS)
     if table == STANDARD_INPUT or not path.is_file():
         return {}
     records = [record for record in read_list(path) if isinstance(record.get("token"), str)]
@@ -64,6 +67,6 @@ FORMAT = base_format(
     _find,
     Numbers({"rotation": WXYZ, "translation": PLACE}),
     base="vehicle",
-    file="calibrated_sensor.json",
+    file=TABLE,
     asks=("camera", "lidar"),
 )

@@ -47,12 +47,12 @@ WIDE_INTERVAL = Check(
     means="There is an interval, wider than a trusted pose may have.",
     why=(
         "Only near objects show the place along the optical axis; or K or a clock that was asked for is left open; "
-        "or the drive states a speed without a direction, at which [an offset of the clock]"
-        "(trust.md#the-interval) may cost as much."
+        "or all frames move alike, so that nothing tells [an offset of the clock](trust.md#the-interval), which may "
+        "cost as much."
     ),
     to_do=(
-        "Add frames with near objects, or a prior; for the clock, state `motion.poses`. If the axis does not matter "
-        "to you, the others are in `uncertainty:`."
+        "Add frames with near objects, or a prior; for the clock, give `motion.poses` of a drive at different "
+        "speeds. If the axis does not matter to you, the others are in `uncertainty:`."
     ),
 )
 NO_DIRECTION = Check(
