@@ -232,7 +232,8 @@ def test_own_files_and_frames_that_differ_need_label_images(tmp_path: Path) -> N
     )
     stderr = run_import("folder", *arguments, "-o", tmp_path / "drive")
     assert (
-        "note: no labels of pictures: a calibration by labels needs them, see --image-labels GLOB\n" in stderr
+        "note: no labels of pictures: `semcal label` makes them with a network; --image-labels GLOB takes those that you have\n"
+        in stderr
     )
 
 

@@ -82,7 +82,7 @@ def test_running_items_are_named_with_their_times() -> None:
     for number in range(MAX_RUNNING + 1):
         pace.begin(f"drive {number}")
     lines = [line.plain for line in running_lines(pace)]
-    assert lines[:2] == ["   1:02:05  a?[31m", "      0:00  drive 0"]
+    assert lines[:2] == ["   1:02:05  a\\x1b[31m", "      0:00  drive 0"]
     assert lines[-1] == "and 2 more"
     assert len(lines) == MAX_RUNNING + 1
     assert clock_time(59.9) == "0:59"
