@@ -139,6 +139,8 @@ def test_frames_that_move_differently_tell_the_clock(
     notes = notes_on_clock(late, found)
     assert len(notes) == (late_ms > 0.0)
     assert all("ms later than they are taken to be, which is part of the interval" in note for note in notes)
+    exact = replace(late, drive=late.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
+    assert notes_on_clock(exact, clock_of(exact, street_truth)) == ()
 
 
 def test_what_tells_no_clock(loaded: LoadedDrive, street_truth: Pose) -> None:

@@ -95,6 +95,8 @@ def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tupl
 def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
     """Say that the clock was not checked where the frames do not tell it, or what they tell, and what that may cost."""
     motion = data.drive.motion
+    if clock is not None and clock.is_exact:
+        return ()
     if clock is not None and clock.is_checked and abs(clock.offset_s) > 2.0 * clock.sigma_s:
         later = "later" if clock.offset_s > 0.0 else "earlier"
         offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
@@ -102,7 +104,7 @@ def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, 
             f"pictures seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than they are taken to be, which is "
             "part of the interval: --estimate-delay corrects the pose",
         )
-    if clock is not None and not clock.is_checked and not clock.is_exact:
+    if clock is not None and not clock.is_checked:
         assert motion is not None
         is_speed = motion.speed_m_s is not None
         why = "the drive gives no direction of its motion" if is_speed else "its frames move much alike"

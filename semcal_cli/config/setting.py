@@ -108,6 +108,7 @@ def is_of(kind: Any, value: object) -> bool:
     return isinstance(value, get_origin(kind) or kind)
 
 
+@cache
 def types_of(config: type) -> dict[str, tuple[Any, bool]]:
     """List the type of each field of a configuration, and whether it may be None."""
     hints = get_type_hints(config)
