@@ -38,12 +38,12 @@ def read(request: Request) -> Recording:
     }
     if not frames:
         raise InputError(f"{folder}: found no frame with a sweep in velodyne and a picture in {camera}")
-    days = _days(folder, list(frames))
-    day = max(days, key=len)
+    groups = _by_calibration(folder, list(frames))
+    group = max(groups, key=len)
     if request.sequence is not None:
         name = pick("sequence", request.sequence, list(frames), folder)
-        day = next(each for each in days if name in each)
-    return _recording(_calibration(folder, day[0]), camera, [frames[name] for name in day], days)
+        group = next(each for each in groups if name in each)
+    return _recording(_calibration(folder, group[0]), camera, [frames[name] for name in group], groups)
 
 
 def _calibration(folder: Path, name: str) -> Path:
@@ -51,20 +51,20 @@ def _calibration(folder: Path, name: str) -> Path:
     return folder / "calib" / f"{name}.txt" if is_folder(folder / "calib") else folder / "calib.txt"
 
 
-def _days(folder: Path, names: list[str]) -> list[list[str]]:
+def _by_calibration(folder: Path, names: list[str]) -> list[list[str]]:
     """Take the names of frames apart by the contents of their calibration files, in the order of the frames."""
-    days = defaultdict[str, list[str]](list)
+    groups = defaultdict[str, list[str]](list)
     for name in names:
-        days[read_text(_calibration(folder, name))].append(name)
-    return list(days.values())
+        groups[read_text(_calibration(folder, name))].append(name)
+    return list(groups.values())
 
 
-def _recording(path: Path, camera: str, frames: list[SourceFrame], days: list[list[str]]) -> Recording:
+def _recording(path: Path, camera: str, frames: list[SourceFrame], groups: list[list[str]]) -> Recording:
     image = frames[0].image
     assert image is not None
     number = int(camera.removeprefix("image_"))
     block, T_camera_lidar = kitti.calibration(path, number, *image_size(image))
-    others = [f"{day[0]} ({len(day):,})" for day in days if day[0] != frames[0].name]
+    others = [f"{group[0]} ({len(group):,})" for group in groups if group[0] != frames[0].name]
     remarks = (
         f"the {len(frames):,} frames with the calibration of {frames[0].name} are taken; others by --sequence, which "
         f"names a frame: {listed(others)}"
