@@ -7,7 +7,6 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.config import (
     AlignmentConfig,
     ExactConfig,
@@ -18,6 +17,7 @@ from semcal_cli.config import (
     SynthConfig,
 )
 from semcal_cli.drive.cues.segments import SegmentationConfig
+from semcal_cli.experiments.baselines.config import SoicConfig
 from semcal_cli.labelling.card import NeighborsConfig
 
 _Float64: TypeAlias = NDArray[np.float64]

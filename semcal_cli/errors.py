@@ -1,10 +1,19 @@
-"""The errors that semcal raises on purpose. Anything else that escapes is a bug."""
+"""The errors that semcal raises on purpose, the words of their messages, and the check of libraries for extras.
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+Anything else that escapes is a bug.
+"""
+
+from __future__ import annotations
+
+import difflib
+import gc
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
-from semcal_cli.messages import printable
+MAX_LISTED = 8
+MAX_LISTED_LENGTH = 40
 
 
 class SemcalError(Exception):
@@ -34,3 +43,114 @@ def about(path: Path) -> Iterator[None]:
         yield
     except (InputError, CalibrationError) as error:
         raise type(error)(f"{path}: {error}") from error
+
+
+def printable(text: str) -> str:
+    """Escape what a terminal would not show as letters: names and values of files may hold any characters."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+def mismatch(found: object, needed: object) -> ValueError:
+    """Make the error that a validator raises for a wrong value."""
+    return ValueError(f"found {found}, needed {needed}")
+
+
+def describe(value: object) -> str:
+    """Describe a value of a document in a few words on one line."""
+    match value:
+        case None:
+            return "nothing"
+        case dict():
+            return "a mapping"
+        case list() | tuple():
+            return f"a list of {len(value)}"
+        case bool():
+            return str(value).lower()
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def one_of(wanted: str, known: Iterable[str]) -> str:
+    """List the known names; the nearest to the wanted one first, if there are many."""
+    names = list(known)
+    if not names:
+        return "one, but there is none"
+    if len(names) > MAX_LISTED:
+        near = difflib.get_close_matches(wanted, names, n=MAX_LISTED, cutoff=0.0)
+        return f"one of {len(names)}, nearest: {', '.join(map(_cut, near))}"
+    return f"one of: {', '.join(map(_cut, names))}" if len(names) > 1 else _cut(names[0])
+
+
+def listed(names: Iterable[object]) -> str:
+    """List the first names of those found in a file."""
+    first = [_cut(str(name)) for name in names]
+    more = [f"and {len(first) - MAX_LISTED:,} more"] if len(first) > MAX_LISTED else []
+    return ", ".join(first[:MAX_LISTED] + more) or "none"
+
+
+def _cut(name: str) -> str:
+    return name if len(name) <= MAX_LISTED_LENGTH else f"{name[: MAX_LISTED_LENGTH - 3]}..."
+
+
+def os_reason(error: OSError) -> str:
+    """Describe in a few words why the operating system refused."""
+    return (error.strerror or str(error)).lower()
+
+
+def is_installed(package: str) -> bool:
+    """Tell whether a library is there, without importing it."""
+    with suppress(ImportError):
+        return find_spec(package) is not None
+    return False
+
+
+def described(extra: str) -> str:
+    """Name an extra, with the commands that install it."""
+    return f"the extra '{extra}': pip install 'semcal[{extra}]', in a clone: pip install '.[{extra}]'"
+
+
+def check_installed(asked: str, package: str, extra: str) -> None:
+    """Check that a library is there, before anything is read.
+
+    Args:
+        asked: The option, file or command that needs it.
+        package: Name by which it is imported.
+        extra: Name of semcal's extra with it.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    if not is_installed(package):
+        raise InputError(f"{asked}: found no {package}, needed {described(extra)}")
+
+
+def check_torch(asked: str) -> None:
+    """Check that torch is there, for MINE.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    check_installed(asked, "torch", "mine")
+
+
+@contextmanager
+def torch_import() -> Iterator[None]:
+    """Import what imports torch, and let Python not look for garbage meanwhile: what torch brings stays.
+
+    Raises:
+        InputError: torch is there, but cannot be imported, as without a library of the system.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    except (ImportError, OSError) as error:
+        found = " ".join(str(error).split())
+        raise InputError(
+            f"torch: found one that cannot be imported ({found}), needed {described('mine')}"
+        ) from None
+    finally:
+        if was_enabled:
+            gc.enable()

@@ -25,11 +25,11 @@ from semcal_cli.drive.reading import load_observations, read_clouds
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.report.view.session import Session
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
-from semcal_cli.view.session import Session
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
 settings.load_profile("semcal")

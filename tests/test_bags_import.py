@@ -29,11 +29,11 @@ from bag_imports import (
 )
 from bags import KINDS, NS, START_NS, BagWriter, Messages, write_drive_as_bag
 
-from semcal_cli.bags.importing import import_bag
-from semcal_cli.bags.messages import Message, Topic
-from semcal_cli.bags.motion import MotionSource, Trajectory
-from semcal_cli.bags.pictures import read_picture
-from semcal_cli.bags.topics import Request
+from semcal_cli.datasets.bags.importing import import_bag
+from semcal_cli.datasets.bags.messages import Message, Topic
+from semcal_cli.datasets.bags.motion import MotionSource, Trajectory
+from semcal_cli.datasets.bags.pictures import read_picture
+from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import load_points
 from semcal_cli.errors import InputError
@@ -364,7 +364,7 @@ def test_an_interrupted_import_leaves_nothing_half_written(
             raise KeyboardInterrupt
         return read_picture(*arguments)
 
-    monkeypatch.setattr("semcal_cli.bags.frames.read_picture", stop)
+    monkeypatch.setattr("semcal_cli.datasets.bags.frames.read_picture", stop)
     with pytest.raises(KeyboardInterrupt):
         import_bag(Request([path]), tmp_path / "drive")
     assert not (tmp_path / "drive/drive.yaml").exists()

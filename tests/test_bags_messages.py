@@ -25,9 +25,9 @@ from bag_imports import (
 )
 from bags import START_NS, BagWriter, Messages, jpeg, png
 
-from semcal_cli.bags.clouds import read_sweep
-from semcal_cli.bags.messages import Message, MessageError, Topic
-from semcal_cli.bags.pictures import ENCODINGS, read_picture
+from semcal_cli.datasets.bags.clouds import read_sweep
+from semcal_cli.datasets.bags.messages import Message, MessageError, Topic
+from semcal_cli.datasets.bags.pictures import ENCODINGS, read_picture
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
 

@@ -16,9 +16,9 @@ from bags import KINDS, NS, START_NS, BagWriter, cut, write_drive_as_bag
 from conftest import run
 from mcap.writer import IndexType
 
-from semcal_cli.bags.bag import Bag
-from semcal_cli.bags.importing import import_bag
-from semcal_cli.bags.topics import Request
+from semcal_cli.datasets.bags.bag import Bag
+from semcal_cli.datasets.bags.importing import import_bag
+from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.files.images import read_image

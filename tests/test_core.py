@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from semcal_cli import _core
-from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.config import (
     AlignmentConfig,
     ExactConfig,
@@ -20,6 +19,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
+from semcal_cli.experiments.baselines.config import SoicConfig
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.labelling.card import NeighborsConfig
 

@@ -12,6 +12,8 @@ import pytest
 from click.testing import CliRunner
 from conftest import STREET, make_pose
 
+from semcal_cli.batch.pace import Pace
+from semcal_cli.batch.resume import locked
 from semcal_cli.cli import semcal
 from semcal_cli.cli.experiment_progress import experiment_progress
 from semcal_cli.drive.document import read_drive
@@ -31,8 +33,6 @@ from semcal_cli.experiments.runner import in_words, run_cases
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.jobs.pace import Pace
-from semcal_cli.jobs.resume import locked
 from semcal_cli.synthetic.synthesis import synthesize
 
 pytestmark = pytest.mark.slow

@@ -12,8 +12,7 @@ from click.testing import CliRunner
 
 from semcal_cli import cli
 from semcal_cli.cli import semcal
-from semcal_cli.errors import InputError
-from semcal_cli.extras import check_installed, is_installed
+from semcal_cli.errors import InputError, check_installed, is_installed
 from semcal_cli.result.calibration import read_calibration
 
 pytestmark = pytest.mark.slow
@@ -58,7 +57,7 @@ if __name__ == "__main__":
     semcal_cli.cli.demo.NUM_FRAMES = 2
     endings = [run(arguments) for arguments in json.loads(sys.argv[1])]
     assert "torch" not in sys.modules
-    import semcal_cli.view.server, semcal_cli.view.session, semcal_cli.experiments.trust  # noqa
+    import semcal_cli.report.view.server, semcal_cli.report.view.session, semcal_cli.experiments.trust  # noqa
     assert "torch" not in sys.modules
     print(json.dumps(endings))
 """

@@ -8,8 +8,8 @@ import pytest
 
 from semcal_cli.assessment.mountings import decide_in_full
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, InitializationConfig, RefinementConfig
+from semcal_cli.drive.events import ignore
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.events import ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization, led_by

@@ -3,8 +3,8 @@
 import pytest
 from rich.console import Console
 
+from semcal_cli.batch.pace import Pace
 from semcal_cli.cli.live import MAX_RUNNING, clock_time, live_lines, running_lines, time_left
-from semcal_cli.jobs.pace import Pace
 
 
 class Clock:

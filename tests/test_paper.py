@@ -8,14 +8,14 @@ import pytest
 from commands import invoke
 
 from semcal_cli import _core
-from semcal_cli.baselines import paper
-from semcal_cli.baselines.config import PaperConfig
-from semcal_cli.baselines.paper import calibrate_as_published
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_observations
+from semcal_cli.experiments.baselines import paper
+from semcal_cli.experiments.baselines.config import PaperConfig
+from semcal_cli.experiments.baselines.paper import calibrate_as_published
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced

@@ -16,10 +16,10 @@ from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.config.checking import check_config
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.events import Event, Progress, StageDone
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
-from semcal_cli.events import Event, Progress, StageDone
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate

@@ -12,7 +12,6 @@ from semcal_cli.assessment.inspection import inspect
 from semcal_cli.assessment.pose_checks import check_shutter
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.baselines.soic import calibrate_by_soic
 from semcal_cli.config import (
     CalibrationConfig,
     JointlyConfig,
@@ -28,6 +27,7 @@ from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_clouds
 from semcal_cli.drive.shutter import exposed_as, points_at, unrolled
+from semcal_cli.experiments.baselines.soic import calibrate_by_soic
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
@@ -35,9 +35,9 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate, refine_and_polish, start_at
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.overlay import Overlays, points_in_image
+from semcal_cli.report.view.session import Session
 from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic.synthesis import synthesize
-from semcal_cli.view.session import Session
 
 READOUT_S, SPEED_M_S = 0.06, 12.0
 WIDTH, HEIGHT, FOCAL_PX, DEPTH_M = 320, 240, 200.0, 8.0

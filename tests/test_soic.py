@@ -9,11 +9,11 @@ import yaml
 from commands import invoke
 
 from semcal_cli import _core
-from semcal_cli.baselines.config import SoicConfig
-from semcal_cli.baselines.soic import Soic
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError
+from semcal_cli.experiments.baselines.config import SoicConfig
+from semcal_cli.experiments.baselines.soic import Soic
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, pose_from_mounting

@@ -26,8 +26,8 @@ from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.view.server import HOST, ViewServer
-from semcal_cli.view.session import Placed, Session
+from semcal_cli.report.view.server import HOST, ViewServer
+from semcal_cli.report.view.session import Placed, Session
 
 ZERO = [0.0] * 6
 

@@ -14,7 +14,7 @@ from semcal_cli.drive.reading import load_points, read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center, mounting_rpy_deg, pose_from_mounting
-from semcal_cli.view.session import Placed, Session
+from semcal_cli.report.view.session import Placed, Session
 
 ZERO = [0.0] * 6
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from semcal_cli.assessment.rivals import sigmas_behind
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
+from semcal_cli.drive.events import Listener, Progress
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError
-from semcal_cli.events import Listener, Progress
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization, is_rival, led_by
 from semcal_cli.refinement.polish import newton

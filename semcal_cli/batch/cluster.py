@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from semcal_cli.batch.execution import Execute, Run, execute_task
+from semcal_cli.batch.processes import Worker
 from semcal_cli.batch.tasks import Outcome, Task, failed
-from semcal_cli.errors import InputError
-from semcal_cli.extras import check_installed
-from semcal_cli.jobs.processes import Worker
+from semcal_cli.errors import InputError, check_installed
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -10,9 +10,8 @@ from pathlib import Path, PurePosixPath
 from typing import TextIO
 
 from semcal_cli.drive.document import DRIVE_FILE, drive_file
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, printable
 from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, is_folder, read_start
-from semcal_cli.messages import printable
 
 LISTS = (".txt", ".list")
 MAGIC = "*?["

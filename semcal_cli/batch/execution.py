@@ -10,12 +10,11 @@ from time import monotonic
 from typing import TypeAlias
 
 from semcal_cli.batch.folders import make_folder_of_drive
+from semcal_cli.batch.processes import ProcessError, Worker, in_processes
 from semcal_cli.batch.records import Inputs, read_inputs, write_record
+from semcal_cli.batch.resume import open_own
 from semcal_cli.batch.tasks import LOG, Outcome, Task, failed
-from semcal_cli.errors import InputError
-from semcal_cli.jobs.processes import ProcessError, Worker, in_processes
-from semcal_cli.jobs.resume import open_own
-from semcal_cli.messages import os_reason
+from semcal_cli.errors import InputError, os_reason
 
 Execute: TypeAlias = Callable[[Sequence[Task]], Generator[Outcome, None, None]]
 """Function that runs tasks, and yields the outcome of each when it is done."""

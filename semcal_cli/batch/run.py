@@ -9,10 +9,10 @@ from pathlib import Path
 from semcal_cli.batch.execution import Execute
 from semcal_cli.batch.folders import claimed, is_still_claimed
 from semcal_cli.batch.records import read_outcome
+from semcal_cli.batch.resume import resume
 from semcal_cli.batch.summary import write_summary
 from semcal_cli.batch.tasks import Outcome, Task, failed
 from semcal_cli.files.kinds import FILE, kind_of
-from semcal_cli.jobs.resume import resume
 
 
 def run_batch(

@@ -11,9 +11,9 @@ from pydantic import AfterValidator, model_validator
 from semcal_cli.batch.drives import folder_of
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
+from semcal_cli.errors import describe, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
-from semcal_cli.messages import describe, mismatch
 from semcal_cli.result.calibration import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash
 from semcal_cli.result.uncertainty import Covariance, CovarianceEntries, check_part

@@ -26,7 +26,7 @@ from semcal_cli.cli.refinement import check_estimator
 from semcal_cli.cli.rules import CheckedCommand, Options, given, refuse
 from semcal_cli.cli.verify import settings_of as settings_of_verify
 from semcal_cli.cli.verify import verify
-from semcal_cli.extras import torch_import
+from semcal_cli.errors import torch_import
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Verdict

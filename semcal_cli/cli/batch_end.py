@@ -20,7 +20,7 @@ from semcal_cli.cli.batch_progress import (
     words,
 )
 from semcal_cli.cli.tables import labelled, row, wrapped
-from semcal_cli.messages import printable
+from semcal_cli.errors import printable
 
 MAX_NAMED = 8
 """Most drives that are named; the files name all."""

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from rich.text import Text
 
+from semcal_cli.batch.pace import Pace
 from semcal_cli.batch.tasks import FAILED, Outcome
 from semcal_cli.cli.live import live_lines, running_lines, time_left
 from semcal_cli.cli.terminal import make_console
-from semcal_cli.jobs.pace import Pace
-from semcal_cli.messages import printable
+from semcal_cli.errors import printable
 
 RECENT = 8
 """Number of drives that are shown after they are done."""

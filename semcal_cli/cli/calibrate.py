@@ -44,8 +44,8 @@ from semcal_cli.files.streams import takes_several
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
-    from semcal_cli.baselines.config import PaperConfig
     from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.experiments.baselines.config import PaperConfig
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
@@ -221,11 +221,11 @@ def _formatted(to: str, options: Mapping[str, Any]) -> tuple[str, FormatOptions]
 def _by_method(settings: Settings) -> Callable[..., Calibration]:
     """Choose the calibration function of a method."""
     if settings.method == "soic":
-        from semcal_cli.baselines.soic import calibrate_by_soic
+        from semcal_cli.experiments.baselines.soic import calibrate_by_soic
 
         return calibrate_by_soic
     if settings.paper is not None:
-        from semcal_cli.baselines.paper import calibrate_as_published
+        from semcal_cli.experiments.baselines.paper import calibrate_as_published
 
         return partial(calibrate_as_published, paper=settings.paper)
     from semcal_cli.pipeline import calibrate

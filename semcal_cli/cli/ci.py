@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import click
 
-from semcal_cli.errors import InputError, SemcalError
+from semcal_cli.errors import InputError, SemcalError, os_reason
 from semcal_cli.files.reading import is_same_file, read_start
 from semcal_cli.files.writing import write_text
-from semcal_cli.messages import os_reason
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check, Verdict

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import PATH, RunOptions, quiet_option, seed_option, threads_option
-from semcal_cli.extras import described, is_installed
+from semcal_cli.errors import described, is_installed
 
 if TYPE_CHECKING:
     from semcal_cli.drive.loading import LoadedDrive

@@ -17,8 +17,8 @@ from semcal_cli.cli.options import (
     number_option,
 )
 from semcal_cli.config import Estimator
+from semcal_cli.errors import check_torch
 from semcal_cli.experiments.parts import PARTS
-from semcal_cli.extras import check_torch
 
 if TYPE_CHECKING:
     from semcal_cli.experiments.experiment import Experiment

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, max_points_option, number_option, quiet_option
-from semcal_cli.extras import check_installed
+from semcal_cli.errors import check_installed
 
 
 @click.group()

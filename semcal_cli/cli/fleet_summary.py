@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from semcal_cli.assessment.limits import IN_ALL
 from semcal_cli.cli.tables import LABEL_WIDTH, labelled, matrix_lines
 from semcal_cli.cli.terminal import COLORS
+from semcal_cli.errors import printable
 from semcal_cli.fleet.words import check_words, title, total
-from semcal_cli.messages import printable
 from semcal_cli.result.intervals import intervals
 
 if TYPE_CHECKING:

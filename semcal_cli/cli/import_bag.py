@@ -9,11 +9,10 @@ import click
 
 from semcal_cli.cli.options import PATH, FiniteRange, number_option, quiet_option
 from semcal_cli.cli.rules import CheckedCommand, given, one_of
-from semcal_cli.extras import check_installed
-from semcal_cli.messages import printable
+from semcal_cli.errors import check_installed, printable
 
 if TYPE_CHECKING:
-    from semcal_cli.bags.topics import Request
+    from semcal_cli.datasets.bags.topics import Request
 
 MAX_REASONS = 10
 """Most reasons for what was left out that are printed."""
@@ -91,9 +90,9 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
         _list(paths)
         return
     assert output is not None  # by a rule of the command
-    from semcal_cli.bags.importing import import_bag
+    from semcal_cli.datasets.bags.importing import import_bag
     from semcal_cli.drive.document import DRIVE_FILE
-    from semcal_cli.events import Event, Progress
+    from semcal_cli.drive.events import Event, Progress
 
     with progress_line(make_console(quiet)) as show:
 
@@ -118,7 +117,7 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
 
 
 def _request(paths: tuple[Path, ...], settings: dict[str, Any]) -> Request:
-    from semcal_cli.bags.topics import Request
+    from semcal_cli.datasets.bags.topics import Request
 
     by_receipt = settings.pop("stamps") == "receive"
     return Request(paths, every_s=settings.pop("every"), by_receipt=by_receipt, **settings)
@@ -126,9 +125,9 @@ def _request(paths: tuple[Path, ...], settings: dict[str, Any]) -> Request:
 
 def _list(paths: tuple[Path, ...]) -> None:
     """Print the topics as a table."""
-    from semcal_cli.bags.bag import Bag
-    from semcal_cli.bags.messages import NS
-    from semcal_cli.bags.topics import roles
+    from semcal_cli.datasets.bags.bag import Bag
+    from semcal_cli.datasets.bags.messages import NS
+    from semcal_cli.datasets.bags.topics import roles
 
     with Bag(paths) as recording:
         uses = roles(recording)

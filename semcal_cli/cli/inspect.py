@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import PATH, json_only_option, max_points_option
-from semcal_cli.messages import printable
+from semcal_cli.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

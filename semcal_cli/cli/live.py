@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from semcal_cli.jobs.pace import Pace
-from semcal_cli.messages import printable
+from semcal_cli.batch.pace import Pace
+from semcal_cli.errors import printable
 
 REFRESHES_PER_S = 2.0
 MAX_RUNNING = 16

@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.cli.options import Command, setting_option, with_options
 from semcal_cli.cli.rules import given
 from semcal_cli.config import LABELS, InitializationConfig, PyramidConfig
 from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.config.setting import settings_of
+from semcal_cli.experiments.baselines.config import PaperConfig
 
 MINE = tuple(settings_of(MineConfig))
 OF_PAPER = "{} Only with --method paper."

@@ -11,7 +11,7 @@ from semcal_cli.cli.options import Command, FiniteRange, setting_option, with_op
 from semcal_cli.cli.priors import PRIOR_RULES, PRIORS, make_priors, prior_options
 from semcal_cli.cli.rules import given
 from semcal_cli.config import AUTO, LABELS, JointlyConfig, RefinementConfig
-from semcal_cli.extras import check_torch
+from semcal_cli.errors import check_torch
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from semcal_cli.errors import printable
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.messages import printable
 from semcal_cli.result.camera_words import clock_sentence, intrinsic_lines
 from semcal_cli.result.intervals import stated_error
 

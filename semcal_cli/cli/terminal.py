@@ -12,7 +12,7 @@ from rich.progress import Progress as ProgressBar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from semcal_cli.cli.tables import wrapped
-from semcal_cli.events import Event, Progress, StageDone, movement
+from semcal_cli.drive.events import Event, Progress, StageDone, movement
 
 STAGE_WIDTH = 20
 """Columns before what a stage did: its name and its time."""

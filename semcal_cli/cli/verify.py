@@ -136,7 +136,7 @@ def _illustrate(
     if outputs.page is None and outputs.images is None:
         return
     from semcal_cli.cli.tables import labelled
-    from semcal_cli.events import Progress
+    from semcal_cli.drive.events import Progress
     from semcal_cli.report.verification import both_overlays, write_verification
 
     if outputs.page is not None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
     from semcal_cli.files.point_clouds import Sweeps
     from semcal_cli.geometry.poses import Pose
-    from semcal_cli.view.session import Session
+    from semcal_cli.report.view.session import Session
 
 MAX_PORT = 65_535
 
@@ -81,9 +81,9 @@ def view(
     from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import read_drive
+    from semcal_cli.report.view.server import ViewServer
     from semcal_cli.result.applied import apply_result
     from semcal_cli.threads import set_num_threads
-    from semcal_cli.view.server import ViewServer
 
     start = None if calibration is None else read_initial_pose(calibration)
     applied = apply_result(
@@ -145,7 +145,7 @@ def _session(
     from semcal_cli.errors import InputError
     from semcal_cli.files.point_clouds import Sweeps
     from semcal_cli.report.overlay import picture_of
-    from semcal_cli.view.session import Session
+    from semcal_cli.report.view.session import Session
 
     sweeps, unlabelled = Sweeps(), ""
     few = spec.model_copy(update={"frames": tuple(evenly_spaced(spec.frames, config.max_frames))})

@@ -14,7 +14,7 @@ from semcal_cli.batch.records import Inputs, write_record
 from semcal_cli.batch.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
 from semcal_cli.cli import Ending, run
 from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
-from semcal_cli.messages import os_reason
+from semcal_cli.errors import os_reason
 
 
 def run_task(task: Task, inputs: Inputs) -> Outcome:

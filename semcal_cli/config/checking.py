@@ -8,9 +8,7 @@ from typing import Any, get_args, get_origin
 from semcal_cli.config import CalibrationConfig, CueName, JointlyConfig
 from semcal_cli.config.refinement import SIGMA
 from semcal_cli.config.setting import NEEDED, is_of, settings_of, types_of
-from semcal_cli.errors import InputError
-from semcal_cli.extras import check_torch
-from semcal_cli.messages import one_of
+from semcal_cli.errors import InputError, check_torch, one_of
 
 
 def check_config(config: CalibrationConfig) -> None:

@@ -25,7 +25,7 @@ from semcal_cli.datasets.recording import (
     joined,
 )
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.formats.frames import T_BODY_OPTICAL
@@ -33,7 +33,6 @@ from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import ANGLES, PLACE
 from semcal_cli.formats.values import MAX_MOUNT_M, pick
 from semcal_cli.geometry.poses import Pose, inverse
-from semcal_cli.messages import describe
 
 FOV_DEG = 0.1, 179.9
 SEGMENTATION, IMAGE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"

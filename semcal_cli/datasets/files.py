@@ -5,11 +5,10 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe, os_reason
 from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.files.reading import is_folder, read_start
 from semcal_cli.formats.values import image_side
-from semcal_cli.messages import describe, os_reason
 
 
 def need_file(path: Path) -> Path:

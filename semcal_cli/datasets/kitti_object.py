@@ -13,10 +13,9 @@ from pathlib import Path
 from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, image_size, numbered_files
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
 from semcal_cli.files.reading import is_folder, read_text
 from semcal_cli.formats.values import pick
-from semcal_cli.messages import listed
 
 USUAL_CAMERA = "image_2"
 

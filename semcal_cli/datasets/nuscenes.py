@@ -19,13 +19,12 @@ from semcal_cli.datasets.files import folders, inside, need_file
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import speeds_mps
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.values import MAX_STAMP_S, MAX_WORLD_M, camera_block, number, pick, rigid
 from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
-from semcal_cli.messages import describe
 
 LIDAR_CHANNEL = "LIDAR_TOP"
 USUAL_CAMERA = "CAM_FRONT"

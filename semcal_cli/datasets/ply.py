@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
 from semcal_cli.files.reading import read_bytes, read_start
-from semcal_cli.messages import listed
 
 END = re.compile(rb"\nend_header\r?\n")
 MAX_HEADER = 65536

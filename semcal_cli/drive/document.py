@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_v
 from semcal_cli.config import MAX_POINTS, ReadoutDirection
 from semcal_cli.drive.lenses import COEFFICIENTS, DISTORTION_COUNTS, FOCAL_PX, PARAMETERS, CameraModel
 from semcal_cli.drive.other_documents import OF_RIG, check_is_drive
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.picture_sizes import MAX_PIXELS
 from semcal_cli.files.reading import is_folder
@@ -24,7 +24,6 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.geometry.poses import orthonormal
-from semcal_cli.messages import describe, mismatch
 
 DRIVE_FILE = "drive.yaml"
 RIG_FILE = "rig.yaml"

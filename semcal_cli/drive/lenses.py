@@ -3,7 +3,7 @@
 import math
 from typing import Literal, NamedTuple, TypeAlias
 
-from semcal_cli.messages import mismatch
+from semcal_cli.errors import mismatch
 
 CameraModel: TypeAlias = Literal[
     "plumb_bob",

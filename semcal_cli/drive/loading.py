@@ -13,11 +13,11 @@ from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.cues.table import choose_frames, chosen, maximised
 from semcal_cli.drive.cues.together import load_cues
 from semcal_cli.drive.document import Camera, Drive, Motion, read_drive
+from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.intrinsics import stating
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
-from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.geometry.poses import Pose
 

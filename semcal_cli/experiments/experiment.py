@@ -8,10 +8,10 @@ from pathlib import Path
 from shutil import rmtree
 from typing import Generic
 
+from semcal_cli.batch.pace import Pace
 from semcal_cli.experiments.journal import Found
 from semcal_cli.experiments.result_files import Report, write_report
 from semcal_cli.experiments.runner import Case, run_cases
-from semcal_cli.jobs.pace import Pace
 
 
 @dataclass(frozen=True)

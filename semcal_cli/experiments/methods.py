@@ -8,9 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from semcal_cli.baselines import paper
-from semcal_cli.baselines.config import PaperConfig, SoicConfig
-from semcal_cli.baselines.soic import Soic
 from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig
 from semcal_cli.config.mine import MINE_WITH_VECTORS
 from semcal_cli.drive.cues.together import load_cues
@@ -18,6 +15,9 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import mend, read_observations
+from semcal_cli.experiments.baselines import paper
+from semcal_cli.experiments.baselines.config import PaperConfig, SoicConfig
+from semcal_cli.experiments.baselines.soic import Soic
 from semcal_cli.experiments.plot_style import ACCENT, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.baselines.config import SoicConfig
-from semcal_cli.baselines.soic import Soic
 from semcal_cli.config import InitializationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
+from semcal_cli.experiments.baselines.config import SoicConfig
+from semcal_cli.experiments.baselines.soic import Soic
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.published import PublishedRow, published_rows
 from semcal_cli.experiments.result_files import Report, write_report

@@ -13,8 +13,8 @@ from typing import Any, Literal, TypeAlias
 import yaml
 
 from semcal_cli.documentation import WITH_SCHEMA, schema_address
+from semcal_cli.errors import describe, mismatch
 from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, plain_value, yaml_loader
-from semcal_cli.messages import describe, mismatch
 
 Format: TypeAlias = Literal["yaml", "json"]
 FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}

@@ -3,11 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.dialect import FORMATS, Format, parse
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.files.streams import descriptor
-from semcal_cli.messages import describe
 
 
 def read_document(path: Path) -> dict[Any, Any]:

@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.errors import InputError
-from semcal_cli.extras import check_installed
+from semcal_cli.errors import InputError, check_installed
 from semcal_cli.files.reading import check_size, open_file, size_of
 
 if TYPE_CHECKING:

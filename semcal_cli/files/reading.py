@@ -8,8 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from semcal_cli.errors import InputError
-from semcal_cli.messages import mismatch, os_reason
+from semcal_cli.errors import InputError, mismatch, os_reason
 
 MAX_DOCUMENT_BYTES = 16 << 20
 """Largest size of a document: a YAML, JSON or XML file, a list of names, or a short text. YAML of this size parses in

@@ -9,11 +9,10 @@ from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.dialect import JSON, check_depth, check_texts, reason
 from semcal_cli.files.reading import check_size, open_file, size_of
 from semcal_cli.files.yaml_values import MAX_DEPTH
-from semcal_cli.messages import describe
 
 MAX_ROWS_BYTES = 4 << 30
 """Largest size of a list of rows. The largest table of nuScenes has 1.2 GB."""

@@ -9,9 +9,8 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe, mismatch
 from semcal_cli.geometry.poses import check_rigid, orthonormal
-from semcal_cli.messages import describe, mismatch
 
 MAX_TRANSLATION_M = 1e6
 """Largest translation: no LiDAR is farther from its camera, whatever the unit."""

@@ -5,10 +5,9 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import read_reason
 from semcal_cli.files.streams import descriptor, write_to_descriptor, write_to_special
-from semcal_cli.messages import os_reason
 
 
 def write_text(text: str, path: Path) -> None:

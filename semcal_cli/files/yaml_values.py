@@ -14,7 +14,7 @@ import yaml
 from yaml.events import AliasEvent, Event, MappingStartEvent, ScalarEvent, SequenceStartEvent
 from yaml.reader import Reader
 
-from semcal_cli.messages import describe
+from semcal_cli.errors import describe
 
 MAX_DEPTH = 100
 """Most lists and mappings inside one another."""

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from semcal_cli.assessment.limits import Check, Verdict, together
 from semcal_cli.config import Limits
+from semcal_cli.errors import listed
 from semcal_cli.fleet.fleet import ComparedDrive, Offset, Order, Part
 from semcal_cli.fleet.members import Member
 from semcal_cli.fleet.words import change_lines, drift_line
-from semcal_cli.messages import listed
 
 MIN_DRIVES = 3
 """Least number of drives that tell how they scatter."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.drive.document import Camera, drive_file
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.reading import is_same_file
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import nuscenes, semcal
@@ -20,7 +20,6 @@ from semcal_cli.formats.lenses import UnnamedLensError, tell_clock
 from semcal_cli.formats.table import FORMATS as FORMATS
 from semcal_cli.formats.table import find_format as find_format
 from semcal_cli.geometry.poses import Pose, as_transform
-from semcal_cli.messages import describe, listed
 from semcal_cli.result.calibration import Calibration
 
 DOCUMENTS = (".yaml", ".yml", ".json")

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.documents import entry_format
 from semcal_cli.formats.format import Format, FormatOptions
 from semcal_cli.formats.lenses import LensReader, SetLens
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import Matrix
-from semcal_cli.messages import listed
 
 
 def camera_format(

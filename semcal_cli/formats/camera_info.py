@@ -11,7 +11,7 @@ from typing import Any
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
 from semcal_cli.formats.lenses import (
     NAMES,
@@ -29,7 +29,6 @@ from semcal_cli.formats.lenses import (
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.storage import is_storage
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.messages import describe
 
 NAME, LENS = "camera-info", "distortion_model"
 CAMERA = "camera"

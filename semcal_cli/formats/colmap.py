@@ -6,14 +6,13 @@ import json
 from dataclasses import replace
 from typing import Any
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.documents import entry_format
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.frames import CAMERA
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import PLACE, WXYZ, Numbers
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.messages import listed
 
 ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
 POSE = Numbers({ROTATION: WXYZ, TRANSLATION: PLACE})

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.drive.lenses import DISTORTION_COUNTS, PARAMETERS
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
 from semcal_cli.formats.format import Source
@@ -15,7 +15,6 @@ from semcal_cli.formats.node import Node
 from semcal_cli.formats.storage import is_storage
 from semcal_cli.formats.table import FORMATS
 from semcal_cli.formats.values import camera_block
-from semcal_cli.messages import describe
 
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"

@@ -8,10 +8,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.node import Node
-from semcal_cli.messages import describe
 from semcal_cli.result.camera_words import offset_words
 
 NAMES = {

@@ -12,11 +12,10 @@ from typing import Any, TypeGuard
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.validation import key_part
 from semcal_cli.formats.values import image_side, number
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.messages import describe, listed
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.streams import STANDARD_INPUT
 from semcal_cli.formats.documents import Pair, base_format
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import PLACE, WXYZ, Numbers
-from semcal_cli.messages import listed
 
 KEYS = {"token", "sensor_token", "translation", "rotation"}
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 import re
 import shlex
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frames import CAMERA_WORDS, between, has_word, named
 from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, numbers_of, pose_of
 from semcal_cli.formats.values import parse_number
 from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.messages import listed
 
 PUBLISHER = "static_transform_publisher"
 USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}

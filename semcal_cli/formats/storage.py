@@ -12,10 +12,9 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.documents import parse_document
 from semcal_cli.formats.xml import parse_xml
-from semcal_cli.messages import describe
 
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
 MATRIX_TAG = re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>")

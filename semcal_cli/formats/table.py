@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, one_of
 from semcal_cli.formats import (
     autoware,
     camera_entries,
@@ -24,7 +24,6 @@ from semcal_cli.formats import (
     urdf,
 )
 from semcal_cli.formats.format import Format
-from semcal_cli.messages import one_of
 
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,

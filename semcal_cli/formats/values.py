@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.drive.document import Camera
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe, one_of
 from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
-from semcal_cli.messages import describe, one_of
 
 MAX_SIDE = 0xFFFF
 """Largest number of pixels along a side of an image in a drive."""

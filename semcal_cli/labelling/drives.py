@@ -13,9 +13,9 @@ from time import perf_counter
 from typing import Any, TypeAlias
 
 from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.reading import hash_file

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, mismatch
 from semcal_cli.labelling.card import Card, CompletePictureCard, PointCard
 from semcal_cli.labelling.network import Network
-from semcal_cli.messages import mismatch
 
 SHOWN_NAMES = 6
 AnyCard = TypeVar("AnyCard", CompletePictureCard, PointCard)

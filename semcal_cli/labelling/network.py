@@ -12,10 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.errors import InputError
-from semcal_cli.extras import check_installed
+from semcal_cli.errors import InputError, check_installed, mismatch
 from semcal_cli.files.reading import open_file
-from semcal_cli.messages import mismatch
 
 if TYPE_CHECKING:
     import onnxruntime

@@ -22,9 +22,9 @@ from semcal_cli.config import (
 from semcal_cli.config.checking import check_settings
 from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.events import Listener, ignore
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.events import Listener, ignore
 from semcal_cli.files.reading import hash_file
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.pose_error import compare_poses

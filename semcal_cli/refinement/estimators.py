@@ -7,10 +7,9 @@ from dataclasses import asdict, replace
 
 from semcal_cli.config import ExactConfig, RefinementConfig
 from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
+from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import InputError
-from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.extras import check_torch, torch_import
+from semcal_cli.errors import InputError, check_torch, torch_import
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import LevelOptimizer

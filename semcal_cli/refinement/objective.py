@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from semcal_cli.extras import check_torch
+from semcal_cli.errors import check_torch
 
 try:
     import torch

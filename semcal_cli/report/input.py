@@ -16,10 +16,10 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
+from semcal_cli.errors import listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.messages import listed
 from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, seen_as

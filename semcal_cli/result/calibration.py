@@ -9,7 +9,7 @@ from pydantic import Field, JsonValue, field_validator, model_validator
 
 from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.drive.document import Camera, Drive
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, describe, mismatch
 from semcal_cli.files.dialect import Format, document_text
 from semcal_cli.files.documents import output_format, read_document
 from semcal_cli.files.validation import (
@@ -30,7 +30,6 @@ from semcal_cli.files.validation import (
 )
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
-from semcal_cli.messages import describe, mismatch
 from semcal_cli.result.camera import Clock, RefinedCamera
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.parts import DrivePart

@@ -9,8 +9,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value
+from semcal_cli.errors import describe, listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
-from semcal_cli.messages import describe, listed, mismatch
 from semcal_cli.result.uncertainty import check_covariance
 
 JointEntry = Annotated[float, Field(ge=-1e40, le=1e40)]

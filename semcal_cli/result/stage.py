@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import NamedTuple, TypeVar
 
 from semcal_cli import _core
-from semcal_cli.events import Listener, Progress, StageDone
+from semcal_cli.drive.events import Listener, Progress, StageDone
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from semcal_cli import _core
+from semcal_cli.errors import mismatch
 from semcal_cli.files.validation import StrictModel, Width, Widths, length
 from semcal_cli.geometry.poses import Pose, cross_matrix
-from semcal_cli.messages import mismatch
 
 WEAK_M = 0.03
 """Half width of a 95 % interval of the camera's position, in metres, beyond which a direction is weak."""

@@ -14,12 +14,11 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Drive, read_drive
 from semcal_cli.drive.other_documents import RIG
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe, mismatch, one_of
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.reading import is_folder, read_bytes
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
-from semcal_cli.messages import describe, mismatch, one_of
 from semcal_cli.rig.clouds import connected_cameras
 
 RESULT = "rig_calibration"

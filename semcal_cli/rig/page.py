@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.messages import listed
+from semcal_cli.errors import listed
 from semcal_cli.report.colors import Legend, hex_color
 from semcal_cli.report.notations import Notation, T_notation, matrix_text
 from semcal_cli.report.overlay import Overlays

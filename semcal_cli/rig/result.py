@@ -7,11 +7,10 @@ from typing import Any, Literal, NamedTuple
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
-from semcal_cli.messages import listed
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.rig.calibration import RigCalibration, combine

@@ -10,9 +10,8 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import SynthConfig
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.images import write_image
-from semcal_cli.messages import os_reason
 from semcal_cli.synthetic.label_noise import mislabel
 from semcal_cli.synthetic.motion import lidar_twist, stamps
 from semcal_cli.synthetic.streams import IMAGE_LABELS, ONTOLOGY, POINT_LABELS, generator

@@ -9,10 +9,9 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field, RootModel, field_validator, model_validator
 
 from semcal_cli.drive.document import Color, Ids
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import StrictModel, check_distinct, validate
-from semcal_cli.messages import describe
 
 FOLDER = Path(__file__).parent
 MAX_RED = 255

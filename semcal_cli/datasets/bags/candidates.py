@@ -12,12 +12,12 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.bags.bag import Bag
-from semcal_cli.bags.messages import NS, Message, MessageError
-from semcal_cli.bags.motion import Trajectory
-from semcal_cli.bags.pairs import AFTER_NS, Pair, Pairing
-from semcal_cli.bags.pictures import thumbnail
-from semcal_cli.bags.topics import MAX_FRAMES, Request, Topics
+from semcal_cli.datasets.bags.bag import Bag
+from semcal_cli.datasets.bags.messages import NS, Message, MessageError
+from semcal_cli.datasets.bags.motion import Trajectory
+from semcal_cli.datasets.bags.pairs import AFTER_NS, Pair, Pairing
+from semcal_cli.datasets.bags.pictures import thumbnail
+from semcal_cli.datasets.bags.topics import MAX_FRAMES, Request, Topics
 from semcal_cli.drive.frame_selection import evenly_spaced, farthest_points
 
 CANDIDATES = 2

@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from semcal_cli.bags.messages import Message, Span, Topic
+from semcal_cli.datasets.bags.messages import Message, Span, Topic
 
 TABLES = "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0"
 """Tables that are neither views nor virtual, whose rows could be anything, without an end."""

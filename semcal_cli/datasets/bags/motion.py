@@ -9,12 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.bags.bag import Bag
-from semcal_cli.bags.messages import NS, ODOMETRY, POSE, TRANSFORMS, Message, MessageError, Topic, plain_frame
-from semcal_cli.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, stated_transforms
-from semcal_cli.errors import InputError
+from semcal_cli.datasets.bags.bag import Bag
+from semcal_cli.datasets.bags.messages import (
+    NS,
+    ODOMETRY,
+    POSE,
+    TRANSFORMS,
+    Message,
+    MessageError,
+    Topic,
+    plain_frame,
+)
+from semcal_cli.datasets.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, stated_transforms
+from semcal_cli.errors import InputError, listed
 from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
-from semcal_cli.messages import listed
 
 NONE = "none"
 """Value of --motion that asks for no motion."""

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from semcal_cli.bags.messages import Message
+from semcal_cli.datasets.bags.messages import Message
 from semcal_cli.errors import InputError
 from semcal_cli.formats.intrinsics import ros_camera
 

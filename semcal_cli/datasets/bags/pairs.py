@@ -6,8 +6,8 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from semcal_cli.bags.messages import NS, Message, MessageError, Topic
-from semcal_cli.bags.motion import Trajectory
+from semcal_cli.datasets.bags.messages import NS, Message, MessageError, Topic
+from semcal_cli.datasets.bags.motion import Trajectory
 
 MAX_KEPT_BYTES = {True: 1 << 27, False: 1 << 26}
 """Most bytes of pictures (True) and of sweeps that are kept for what may be nearest to them."""

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.bags.messages import COMPRESSED, Message, MessageError
+from semcal_cli.datasets.bags.messages import COMPRESSED, Message, MessageError
 from semcal_cli.errors import InputError
 from semcal_cli.files.picture_sizes import MAX_PIXELS, Size, stated_size
 

@@ -9,9 +9,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.kinds import check_own_file
-from semcal_cli.messages import os_reason
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")

@@ -15,12 +15,12 @@ from pathlib import Path
 
 from semcal_cli import _core
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.config import CalibrationConfig, Device
+from semcal_cli.drive.events import Listener, ignore
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
-from semcal_cli.events import Listener, ignore
-from semcal_cli.extras import check_torch, torch_import
+from semcal_cli.errors import check_torch, torch_import
+from semcal_cli.experiments.baselines.config import PaperConfig
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate, register

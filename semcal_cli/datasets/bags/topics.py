@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.bags.bag import Bag
-from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS, Topic
-from semcal_cli.bags.transforms import TF_STATIC
-from semcal_cli.errors import InputError
-from semcal_cli.messages import listed
+from semcal_cli.datasets.bags.bag import Bag
+from semcal_cli.datasets.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS, Topic
+from semcal_cli.datasets.bags.transforms import TF_STATIC
+from semcal_cli.errors import InputError, listed
 
 RECTIFIED = "image_rect"
 """Start of the name of a topic with rectified pictures (image_proc)."""

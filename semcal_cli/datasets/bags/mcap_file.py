@@ -15,7 +15,7 @@ from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
-from semcal_cli.bags.messages import Message, Span, Topic
+from semcal_cli.datasets.bags.messages import Message, Span, Topic
 from semcal_cli.files.reading import open_file, size_of
 
 MAGIC_BYTES = 8

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from semcal_cli.bags.candidates import Candidate, Spool
-from semcal_cli.bags.clouds import PointTimes, read_sweep
-from semcal_cli.bags.messages import NS, MessageError
-from semcal_cli.bags.motion import Trajectory, seconds_text
-from semcal_cli.bags.pictures import read_picture
-from semcal_cli.bags.topics import Topics
+from semcal_cli.datasets.bags.candidates import Candidate, Spool
+from semcal_cli.datasets.bags.clouds import PointTimes, read_sweep
+from semcal_cli.datasets.bags.messages import NS, MessageError
+from semcal_cli.datasets.bags.motion import Trajectory, seconds_text
+from semcal_cli.datasets.bags.pictures import read_picture
+from semcal_cli.datasets.bags.topics import Topics
 from semcal_cli.datasets.recording import SourceFrame
-from semcal_cli.events import Listener, Progress
+from semcal_cli.drive.events import Listener, Progress
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
 
 MAX_NAME = 100

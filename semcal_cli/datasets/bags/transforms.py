@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.bags.messages import plain_frame
-from semcal_cli.errors import InputError
+from semcal_cli.datasets.bags.messages import plain_frame
+from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.values import MAX_WORLD_M, rigid
 from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
-from semcal_cli.messages import listed
 
 TF_STATIC = "/tf_static"
 Edge = tuple[str, str]

@@ -9,7 +9,7 @@ from pathlib import Path
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader
 
-from semcal_cli.bags.messages import NS, Message, Span, Topic
+from semcal_cli.datasets.bags.messages import NS, Message, Span, Topic
 
 
 class Ros1File:

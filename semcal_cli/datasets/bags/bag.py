@@ -14,10 +14,10 @@ from typing import Any, NamedTuple, Protocol
 
 from zstandard import ZstdDecompressor
 
-from semcal_cli.bags.mcap_file import McapFile
-from semcal_cli.bags.messages import NS, Message, Span, Topic
-from semcal_cli.bags.ros1_file import Ros1File
-from semcal_cli.bags.sqlite_file import SqliteFile
+from semcal_cli.datasets.bags.mcap_file import McapFile
+from semcal_cli.datasets.bags.messages import NS, Message, Span, Topic
+from semcal_cli.datasets.bags.ros1_file import Ros1File
+from semcal_cli.datasets.bags.sqlite_file import SqliteFile
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.reading import is_folder, is_same_file, open_file, read_start, read_text

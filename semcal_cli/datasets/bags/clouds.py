@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.bags.messages import CLOUD, HEADER_BYTES, NS, Message, MessageError
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.messages import listed
+from semcal_cli.datasets.bags.messages import CLOUD, HEADER_BYTES, NS, Message, MessageError
+from semcal_cli.errors import listed
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""

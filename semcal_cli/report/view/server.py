@@ -13,11 +13,10 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from semcal_cli.errors import InputError, SemcalError
-from semcal_cli.messages import os_reason
+from semcal_cli.errors import InputError, SemcalError, os_reason
 from semcal_cli.report.template import render_page
+from semcal_cli.report.view.session import Session
 from semcal_cli.result.axes import AXIS_NAMES
-from semcal_cli.view.session import Session
 
 HOST = "127.0.0.1"
 MAX_BODY_BYTES, MAX_DIGITS = 10_000, 9
@@ -185,7 +184,12 @@ def _document(body: bytes) -> dict[str, Any]:
 
 def page_html(session: Session) -> str:
     """Make the page of a session."""
-    scripts = ("report/picture.js", "view/view.js")
+    scripts = ("report/picture.js", "report/view/view.js")
     return render_page(
-        "view/view.html", scripts, "view/view.css", session=session, axes=AXIS_NAMES, page=session.page
+        "report/view/view.html",
+        scripts,
+        "report/view/view.css",
+        session=session,
+        axes=AXIS_NAMES,
+        page=session.page,
     )

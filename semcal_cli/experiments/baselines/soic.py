@@ -22,13 +22,13 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.pose_checks import check_distance
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.config import CalibrationConfig, PnpConfig
 from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.experiments.baselines.config import SoicConfig
 from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose

@@ -11,24 +11,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semcal_cli.bags.bag import Bag
-from semcal_cli.bags.cameras import CameraInfo, camera_block, difference, read_camera_info
-from semcal_cli.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
-from semcal_cli.bags.frames import write_frames, write_motion
-from semcal_cli.bags.messages import NS, Message, MessageError, Topic
-from semcal_cli.bags.motion import Trajectory, find_motion, read_frames
-from semcal_cli.bags.pairs import Pairing
-from semcal_cli.bags.topics import Request, choose_topics
-from semcal_cli.bags.transforms import reference
+from semcal_cli.datasets.bags.bag import Bag
+from semcal_cli.datasets.bags.cameras import CameraInfo, camera_block, difference, read_camera_info
+from semcal_cli.datasets.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
+from semcal_cli.datasets.bags.frames import write_frames, write_motion
+from semcal_cli.datasets.bags.messages import NS, Message, MessageError, Topic
+from semcal_cli.datasets.bags.motion import Trajectory, find_motion, read_frames
+from semcal_cli.datasets.bags.pairs import Pairing
+from semcal_cli.datasets.bags.topics import Request, choose_topics
+from semcal_cli.datasets.bags.transforms import reference
 from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Options, Written, write_drive
+from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.drive.output import output_drive_file
-from semcal_cli.errors import InputError
-from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import is_folder, is_same_file
 from semcal_cli.files.writing import make_folder
 from semcal_cli.formats.intrinsics import read_intrinsics
-from semcal_cli.messages import os_reason
 
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
