@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import semcal_cli
-from semcal_cli.result.checks import belonging, camera, convergence, determination, mounting, stated
+from semcal_cli.result.checks import table
 from semcal_cli.result.checks.check import Check
 from semcal_cli.result.checks.table import CHECKS
 from semcal_cli.result.stage import Finding
@@ -16,12 +16,7 @@ OF_EXPERIMENTS = {"experiments/rivals", "experiments/rivals_results", "experimen
 """Modules with another `Finding`, a row of a table."""
 MAKERS = {"finding": 0, "without_value": 0, "measured": 1}
 """Methods of a check that make a finding, with the place of its sentence among their arguments."""
-NAMES = {
-    name: value
-    for module in (belonging, camera, convergence, determination, mounting, stated)
-    for name, value in vars(module).items()
-    if isinstance(value, Check)
-}
+NAMES = {name: value for name, value in vars(table).items() if isinstance(value, Check)}
 ORDERS = {"add", "calibrate", "check", "give", "label", "measure", "record", "start"}
 """Words that an advice begins with."""
 FEWEST = 28

@@ -15,7 +15,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization, led_by
 from semcal_cli.pipeline import initialize, refine
 from semcal_cli.refinement.pyramid import Refinement
-from semcal_cli.result.checks.mounting import OTHER_MOUNTING
+from semcal_cli.result.checks.table import OTHER_MOUNTING
 
 OPEN = OTHER_MOUNTING.measured(0.0, "a mounting explains the labels as well").findings
 

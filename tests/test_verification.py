@@ -26,7 +26,7 @@ from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_qua
 from semcal_cli.pipeline.verification import LOOKS_LIKE, recognise
 from semcal_cli.result.calibration import read_calibration, write_calibration
 from semcal_cli.result.checks.check import Limit
-from semcal_cli.result.checks.determination import OVERLAP
+from semcal_cli.result.checks.table import OVERLAP
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 GREEN, RED = "\x1b[1;32m", "\x1b[1;31m"

@@ -24,11 +24,15 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import refine_exactly
-from semcal_cli.result.checks.belonging import WRONG_PAIRING
-from semcal_cli.result.checks.camera import WRONG_CLOCKS, WRONG_FOCAL_LENGTH
 from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.determination import NOTHING_LABELLED, ONE_CLASS
-from semcal_cli.result.checks.mounting import OTHER_AZIMUTH
+from semcal_cli.result.checks.table import (
+    NOTHING_LABELLED,
+    ONE_CLASS,
+    OTHER_AZIMUTH,
+    WRONG_CLOCKS,
+    WRONG_FOCAL_LENGTH,
+    WRONG_PAIRING,
+)
 from semcal_cli.threads import thread_pool
 
 NUM_FRAMES = 4

@@ -29,8 +29,8 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.refinement.polish import newton
-from semcal_cli.result.checks.belonging import FRAMES_DISAGREE, MOVED_CAMERA
 from semcal_cli.result.checks.check import Measured, findings_among
+from semcal_cli.result.checks.table import FRAMES_DISAGREE, MOVED_CAMERA
 from semcal_cli.result.parts import DrivePart, Movement
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty

@@ -31,8 +31,7 @@ from semcal_cli.drive.intrinsics import sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
-from semcal_cli.result.checks.convergence import FUSION_NOT_SETTLED
-from semcal_cli.result.checks.stated import PRIOR
+from semcal_cli.result.checks.table import FUSION_NOT_SETTLED, PRIOR
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 

@@ -17,8 +17,8 @@ from semcal_cli.drive.document import Camera, IntrinsicsSigma
 from semcal_cli.drive.intrinsics import DEFAULT_FOCAL_SIGMA, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.camera import WRONG_INTRINSICS
 from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.checks.table import WRONG_INTRINSICS
 from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")

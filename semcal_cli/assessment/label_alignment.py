@@ -23,8 +23,8 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError
-from semcal_cli.result.checks.belonging import SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
 from semcal_cli.result.checks.check import Check, Measured, findings_among
+from semcal_cli.result.checks.table import SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
 from semcal_cli.result.stage import Finding
 
 MAX_ENTRIES = 32

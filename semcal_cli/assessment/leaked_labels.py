@@ -16,8 +16,8 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.belonging import LEAKED_LABELS
 from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.checks.table import LEAKED_LABELS
 
 NUM_FRAMES = 5
 """Number of frames that are looked at."""

@@ -16,7 +16,7 @@ from semcal_cli.initialization.search import Initialization, is_rival, led_by
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Refinement
 from semcal_cli.refinement.several_starts import SeveralStarts
-from semcal_cli.result.checks.mounting import FEW_SCENES, OTHER_POSE
+from semcal_cli.result.checks.table import FEW_SCENES, OTHER_POSE
 
 
 def decide_in_full(

@@ -14,8 +14,8 @@ from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.belonging import ODD_FRAMES
 from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.checks.table import ODD_FRAMES
 
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""

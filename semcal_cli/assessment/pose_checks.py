@@ -10,8 +10,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import can_be_unrolled, shutter_error_px
 from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.camera import FAR_CAMERA, MOTION, SHUTTER
-from semcal_cli.result.checks.determination import CHANCE, OVERLAP
+from semcal_cli.result.checks.table import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SHUTTER
 from semcal_cli.result.stage import Finding
 
 LEAST_BIAS = 1e-12

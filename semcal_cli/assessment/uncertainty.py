@@ -29,7 +29,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton
-from semcal_cli.result.checks.determination import WIDE_INTERVAL
+from semcal_cli.result.checks.table import WIDE_INTERVAL
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions
 

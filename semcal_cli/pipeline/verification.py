@@ -40,7 +40,7 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.checks.belonging import OWN_DRIVE
+from semcal_cli.result.checks.table import OWN_DRIVE
 from semcal_cli.result.stage import Finding, StageResult
 
 NEAR_DEG = 5.0

@@ -18,8 +18,12 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import HeldOut
-from semcal_cli.result.checks.convergence import POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
-from semcal_cli.result.checks.determination import NO_DIRECTION
+from semcal_cli.result.checks.table import (
+    NO_DIRECTION,
+    POLISH_NOT_SETTLED,
+    POLISH_NOT_TESTED,
+    POLISH_REJECTED,
+)
 from semcal_cli.result.stage import Finding, StageResult
 
 HELD_OUT = 3

@@ -27,7 +27,7 @@ from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.convergence import REFINEMENT_NOT_SETTLED
+from semcal_cli.result.checks.table import REFINEMENT_NOT_SETTLED
 from semcal_cli.result.stage import Finding, StageResult
 
 

@@ -36,7 +36,7 @@ from semcal_cli.initialization.pnp import solve_pnp
 from semcal_cli.initialization.search import GIVEN
 from semcal_cli.pipeline import make_calibration
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.checks.convergence import SOIC
+from semcal_cli.result.checks.table import SOIC
 from semcal_cli.result.stage import StageResult, announced
 
 BINS_PER_SECTOR = 4

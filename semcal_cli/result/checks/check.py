@@ -106,24 +106,12 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """A row of the table. Its texts are those of its entry in docs/troubleshooting.md."""
+    """What speaks against a pose if it is beyond a limit, and what to do then."""
 
     topic: str
-    """Short name, which stays as sentences change: the anchor of the entry."""
-    title: str
-    measures: str = ""
-    """What is compared with the limits; empty if the check has none."""
-    needs: str = ""
-    """What the drive or the calibration needs for this check; empty if every one has it."""
+    """Short name, which stays as sentences change: the anchor of its entry in docs/troubleshooting.md."""
     advice: str
     """What to do about it, as an order: record, check, give or the like."""
-    examples: tuple[str, ...]
-    """What is printed before the advice, with example figures."""
-    advices: tuple[str, ...] = ()
-    """What is printed in place of the advice where the run itself finds better ones."""
-    means: str
-    why: str
-    to_do: str
     settings: Mapping[str, Limit] = field(default_factory=dict)
     """Limits that are settings, by name, beside those of limits.json."""
 
