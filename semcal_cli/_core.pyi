@@ -14,8 +14,8 @@ from semcal_cli.config import (
     JointConfig,
     PolishConfig,
     SensitivityConfig,
-    SynthConfig,
 )
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.experiments.baselines.config import SoicConfig
 from semcal_cli.labelling.card import NeighborsConfig

@@ -8,7 +8,7 @@ from pathlib import Path
 from click.testing import CliRunner, Result
 
 from semcal_cli.cli import semcal
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 TINY = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)

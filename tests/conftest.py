@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from selenium import webdriver
 
 from semcal_cli.cli import main, semcal
-from semcal_cli.config import CalibrationConfig, SynthConfig
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import Observations

@@ -15,7 +15,7 @@ import yaml
 from conftest import TEST_DATA, make_pose
 from documentation import PAGES, ROOT, text_of_all
 
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.experiments.page_tables import END, find_place
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses

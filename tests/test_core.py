@@ -13,8 +13,8 @@ from semcal_cli.config import (
     JointConfig,
     PolishConfig,
     SensitivityConfig,
-    SynthConfig,
 )
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.drive.observations import Observations

@@ -12,7 +12,7 @@ from hostile_outputs import OUTPUTS
 from hostile_sizes import SIZES
 from hostile_transforms import TRANSFORMS
 
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 SMALL = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)

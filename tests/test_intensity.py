@@ -14,7 +14,7 @@ from conftest import make_pose
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.cues.intensity import INTENSITY, lens_mask, observe_intensity
 from semcal_cli.drive.cues.table import choose_frames
 from semcal_cli.drive.cues.together import load_cues, summed

@@ -11,7 +11,8 @@ from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.assessment.joint_fit import Variables
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import with_others
-from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics

@@ -10,7 +10,7 @@ from conftest import make_pose, run
 from scipy.linalg import expm
 
 from semcal_cli.assessment.inspection import inspect
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations

@@ -13,8 +13,13 @@ from conftest import make_pose
 import semcal_cli
 from semcal_cli import _core
 from semcal_cli.assessment.priors import Prior
-from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, RefinementConfig
-from semcal_cli.config.checking import check_config
+from semcal_cli.config import (
+    CalibrationConfig,
+    InitializationConfig,
+    JointlyConfig,
+    RefinementConfig,
+    check_config,
+)
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.events import Event, Progress, StageDone
 from semcal_cli.drive.loading import LoadedDrive

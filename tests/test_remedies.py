@@ -11,7 +11,8 @@ from test_findings import ORDERS
 
 from semcal_cli.assessment import remedies
 from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS, advise
-from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
-from semcal_cli.config import SynthConfig
-from semcal_cli.config.synthetic import Lens
+from semcal_cli.config.synthetic import Lens, SynthConfig
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from semcal_cli import _core
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.cues.segments import SegmentationConfig
 
 CONFIG = SegmentationConfig()

@@ -12,14 +12,8 @@ from semcal_cli.assessment.inspection import inspect
 from semcal_cli.assessment.pose_checks import check_shutter
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.config import (
-    CalibrationConfig,
-    JointlyConfig,
-    PolishConfig,
-    ReadoutDirection,
-    RefinementConfig,
-    SynthConfig,
-)
+from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
+from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, Drive, Motion

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from semcal_cli import _core
 from semcal_cli.cli.synth import synth
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import load_observations

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from semcal_cli import _core
 from semcal_cli.assessment.inspection import inspect
 from semcal_cli.cli.synth import synth
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds, read_observations

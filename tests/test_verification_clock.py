@@ -14,7 +14,8 @@ from refined import clock, of_another_drive
 import semcal_cli as semcal_package
 from semcal_cli import _core
 from semcal_cli.assessment.limits import CLOCK, figures, judge_clock, offsets_in_all
-from semcal_cli.config import CalibrationConfig, JointlyConfig, Limits, RefinementConfig, SynthConfig
+from semcal_cli.config import CalibrationConfig, JointlyConfig, Limits, RefinementConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import InputError

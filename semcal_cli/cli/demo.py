@@ -39,7 +39,8 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.cli.terminal import make_console
-    from semcal_cli.config import CalibrationConfig, SynthConfig
+    from semcal_cli.config import CalibrationConfig
+    from semcal_cli.config.synthetic import SynthConfig
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
     from semcal_cli.geometry.twists import displaced

@@ -21,8 +21,8 @@ from semcal_cli.cli.options import (
     threads_option,
     with_options,
 )
-from semcal_cli.config import SynthConfig
 from semcal_cli.config.setting import settings_of
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,21 +1,28 @@
 """A setting that a user chooses: its help and its limits, which stand beside its default in a configuration.
 
-The command line makes its options of these, and `checking` checks with them what a program gives. Nothing heavy is
-imported here.
+The command line makes its options of these, and what a program gives is checked with them. Nothing heavy is imported
+here.
 """
 
 from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from semcal_cli.errors import InputError, one_of
 
 KEY = "setting"
-NEEDED: dict[Any, str] = {int: "a whole number", float: "a number", bool: "True or False", tuple: "a tuple"}
+NEEDED: dict[Any, str] = {
+    int: "a whole number",
+    float: "a number",
+    bool: "True or False",
+    tuple: "a tuple of",
+}
 """What messages say of a type."""
 MAX_SEED = 2**63 - 1
 """Largest seed of random choices."""
@@ -23,9 +30,9 @@ MAX_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of a setting beside its name and its default."""
+    """What is known of a setting beside its name."""
 
-    help: str
+    help: str = ""
     """Sentence about it."""
     least: float | None = None
     most: float | None = None
@@ -39,21 +46,33 @@ class Setting:
     section: str = ""
     """Heading in the help of a command that has many."""
     kind: Any = None
+    is_optional: bool = False
     default: Any = None
-    """Type and default, which the field tells."""
+    """Type, whether it may be None, and default, which the field tells."""
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words that it can be; empty for a number."""
+        """The words that it can be; empty for what is no word."""
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
-    def allows(self, value: object) -> bool:
-        """Whether a value is one of the words, or a number within the limits; NaN and infinity are not."""
-        if self.choices:
-            return value in self.choices
-        if not is_of(self.kind, value):
+    def allows(self, value: Any) -> bool:
+        """Whether a value is of the type and within the limits.
+
+        Whole numbers are numbers, too; truth values, NaN and infinity are none.
+        """
+        plain = get_origin(self.kind) or self.kind
+        if value is None or self.choices:
+            return self.is_optional if value is None else value in self.choices
+        if plain in (int, float):
+            is_number = isinstance(value, Integral if plain is int else Real) and not isinstance(value, bool)
+            with suppress(OverflowError):
+                return is_number and math.isfinite(value) and self._is_within_limits(value)
             return False
-        number = cast(float, value)
+        if plain is tuple and isinstance(value, tuple):
+            return all(Setting(kind=get_args(self.kind)[0]).allows(each) for each in value)
+        return isinstance(value, plain)
+
+    def _is_within_limits(self, number: float) -> bool:
         return (
             (self.least is None or number >= self.least)
             and (self.above is None or number > self.above)
@@ -61,18 +80,18 @@ class Setting:
             and (self.most is None or number <= self.most)
         )
 
-    def needed(self) -> str:
-        """Say which numbers are allowed."""
-        limits = (
-            ("from {:g}", self.least),
-            ("above {:g}", self.above),
-            ("below {:g}", self.below),
-            ("to {}", self.most),
-        )
-        told = [text.format(limit) for text, limit in limits if limit is not None]
-        return " ".join(
-            [NEEDED[self.kind], *told, *(["on"] if self.most is self.below is self.above is None else [])]
-        )
+    def needed(self, found: object) -> str:
+        """Say which values are allowed; of many words, those like what was found come first."""
+        if self.choices:
+            return one_of(str(found), self.choices)
+        plain = get_origin(self.kind) or self.kind
+        words = [NEEDED.get(plain) or plain.__name__]
+        if plain is tuple:
+            words.append(getattr(get_args(self.kind)[0], "__name__", "words"))
+        limits = ("from {:g}", self.least), ("above {:g}", self.above), ("below {:g}", self.below)
+        words += [text.format(limit) for text, limit in (*limits, ("to {}", self.most)) if limit is not None]
+        is_open = self.most is self.below is self.above is None
+        return " ".join([*words, "on"] if self.least is not None and is_open else words)
 
 
 def setting(default: Any, help: str = "", **about: Any) -> Any:
@@ -87,37 +106,30 @@ def setting(default: Any, help: str = "", **about: Any) -> Any:
 
 
 @cache
-def settings_of(config: type) -> dict[str, Setting]:
-    """List the settings of a configuration by the names of its fields."""
-    hints = get_type_hints(config)
-    found = {each.name: each.metadata[KEY] for each in fields(config) if KEY in each.metadata}
-    return {name: replace(about, kind=_without_none(hints[name])) for name, about in found.items()}
+def settings_of(config: type, *, with_others: bool = False) -> dict[str, Setting]:
+    """List the settings of a configuration by the names of its fields, or all fields with those that no user sets."""
+    hints, found = get_type_hints(config), {}
+    for each in fields(config):
+        if KEY in each.metadata or with_others:
+            kind = hints[each.name]
+            is_optional = get_origin(kind) is not Literal and NoneType in get_args(kind)
+            about = each.metadata.get(KEY, Setting())
+            kind = get_args(kind)[0] if is_optional else kind
+            found[each.name] = replace(about, kind=kind, is_optional=is_optional)
+    return found
 
 
-def is_of(kind: Any, value: object) -> bool:
-    """Whether a value is of a type: whole numbers are numbers, too, and truth values, NaN and infinity are none."""
-    if kind in (int, float):
-        is_number = isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
-        with suppress(OverflowError):
-            return is_number and math.isfinite(value)  # type: ignore[arg-type]
-        return False
-    if get_origin(kind) is tuple and isinstance(value, tuple):
-        return all(is_of(get_args(kind)[0], each) for each in value)
-    if get_origin(kind) is Literal:
-        return value in get_args(kind)
-    return isinstance(value, get_origin(kind) or kind)
+def check_settings(config: Any) -> None:
+    """Check the settings that a program gives, and those of configurations within them.
 
-
-@cache
-def types_of(config: type) -> dict[str, tuple[Any, bool]]:
-    """List the type of each field of a configuration, and whether it may be None."""
-    hints = get_type_hints(config)
-    return {
-        each.name: (_without_none(hints[each.name]), NoneType in get_args(hints[each.name]))
-        for each in fields(config)
-    }
-
-
-def _without_none(hint: Any) -> Any:
-    is_union = get_origin(hint) is not Literal and NoneType in get_args(hint)
-    return get_args(hint)[0] if is_union else hint
+    Raises:
+        InputError: one is of another type, none of its words, or no number within its limits.
+    """
+    of_config: type = type(config)
+    for name, about in settings_of(of_config, with_others=True).items():
+        value = getattr(config, name)
+        if not about.allows(value):
+            found = type(value).__name__ if is_dataclass(value) else repr(value)
+            raise InputError(f"{name}: found {found}, needed {about.needed(value)}")
+        if is_dataclass(value):
+            check_settings(value)

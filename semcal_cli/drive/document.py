@@ -7,7 +7,8 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from semcal_cli.config import MAX_POINTS, ReadoutDirection
+from semcal_cli.config import MAX_POINTS
+from semcal_cli.config.synthetic import ReadoutDirection
 from semcal_cli.drive.lenses import COEFFICIENTS, DISTORTION_COUNTS, FOCAL_PX, PARAMETERS, CameraModel
 from semcal_cli.drive.other_documents import OF_RIG, check_is_drive
 from semcal_cli.errors import InputError, describe, mismatch

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, CueName
-from semcal_cli.config.checking import check_config
+from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, CueName, check_config
 from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.cues.table import choose_frames, chosen, maximised
 from semcal_cli.drive.cues.together import load_cues

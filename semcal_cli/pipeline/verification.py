@@ -19,7 +19,7 @@ from semcal_cli.config import (
     Limits,
     RefinementConfig,
 )
-from semcal_cli.config.checking import check_settings
+from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.events import Listener, ignore

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.images import write_image
 from semcal_cli.synthetic.label_noise import mislabel

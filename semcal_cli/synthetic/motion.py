@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import SynthConfig
-from semcal_cli.config.checking import check_settings
+from semcal_cli.config.setting import check_settings
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 from semcal_cli.synthetic.streams import MOTION, generator

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 
 MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS, MOTION = range(5)
 

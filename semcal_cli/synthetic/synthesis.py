@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.config import SynthConfig
-from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, Lens
+from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera
 from semcal_cli.drive.lenses import CameraModel

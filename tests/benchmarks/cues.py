@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.cli.options import CueList
-from semcal_cli.config import CalibrationConfig, SynthConfig
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.together import summed
 from semcal_cli.drive.document import Drive, read_drive

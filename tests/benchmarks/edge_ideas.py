@@ -23,7 +23,8 @@ from real_data import real_drives
 
 from semcal_cli import _core
 from semcal_cli.assessment.rivals import sigmas_behind
-from semcal_cli.config import PolishConfig, SynthConfig
+from semcal_cli.config import PolishConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.edges import EDGES, STARTS, observe_edges
 from semcal_cli.drive.cues.intensity import grey_values

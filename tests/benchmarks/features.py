@@ -17,7 +17,8 @@ import cues
 import numpy as np
 import yaml
 
-from semcal_cli.config import CalibrationConfig, RefinementConfig, SynthConfig
+from semcal_cli.config import CalibrationConfig, RefinementConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.experiments.page_tables import run_script

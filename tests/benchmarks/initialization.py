@@ -18,7 +18,8 @@ from time import perf_counter
 
 import numpy as np
 
-from semcal_cli.config import AlignmentConfig, InitializationConfig, SynthConfig
+from semcal_cli.config import AlignmentConfig, InitializationConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.page_tables import run_script

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.formats import read_transform

@@ -28,7 +28,8 @@ from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
 from semcal_cli import _core
-from semcal_cli.config import CalibrationConfig, SynthConfig
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError

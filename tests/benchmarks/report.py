@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.synthetic.synthesis import synthesize

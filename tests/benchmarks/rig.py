@@ -18,7 +18,7 @@ from time import perf_counter
 import click
 import numpy as np
 
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.experiments.summary import markdown_table

@@ -16,7 +16,7 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.config import SynthConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.experiments.page_tables import run_script
 

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import SynthConfig
-from semcal_cli.config.synthetic import Lens
+from semcal_cli.config.synthetic import Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS, class_table
 from semcal_cli.drive.document import read_drive
