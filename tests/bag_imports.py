@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from semcal_cli.cli import semcal
 from semcal_cli.datasets.bags.importing import ImportedDrive, import_bag
 from semcal_cli.datasets.bags.topics import Request
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import pose_from_mounting
 

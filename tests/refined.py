@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
 

@@ -22,12 +22,11 @@ from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
 from refined import with_camera
 
-from semcal_cli.batch.drives import find_drives, folder_of
 from semcal_cli.batch.folders import MARKER
-from semcal_cli.batch.resume import locked
-from semcal_cli.batch.summary import worst
-from semcal_cli.batch.tasks import Task, describe_result
+from semcal_cli.batch.records import worst
+from semcal_cli.batch.tasks import Task, describe_result, find_drives, folder_of
 from semcal_cli.cli import semcal
+from semcal_cli.files.writing import locked
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.result.calibration import Calibration, write_calibration

@@ -7,7 +7,7 @@ import pytest
 from fleets import TRUTH, fleet
 from rich.console import Console
 
-from semcal_cli.batch.summary import write_summary
+from semcal_cli.batch.records import write_summary
 from semcal_cli.batch.tasks import Outcome, failed
 from semcal_cli.cli.batch_end import MAX_NAMED, print_end
 from semcal_cli.cli.batch_progress import BatchProgress

@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 from batches import SEMCAL, command, make_drives, run, summary
 
-from semcal_cli.batch.drives import folder_of
 from semcal_cli.batch.folders import check_apart
 from semcal_cli.batch.records import (
     MAX_RECORD_BYTES,
@@ -28,7 +27,7 @@ from semcal_cli.batch.records import (
     read_state,
     write_record,
 )
-from semcal_cli.batch.tasks import Outcome, Task, failed
+from semcal_cli.batch.tasks import Outcome, Task, failed, folder_of
 from semcal_cli.cli import Ending, worker
 from semcal_cli.cli import run as run_command
 from semcal_cli.cli.worker import run_task

@@ -9,7 +9,7 @@ from conftest import make_pose, poses
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import (

@@ -23,8 +23,7 @@ from semcal_cli.cli import EXIT_FAILURE, semcal
 from semcal_cli.cli.sections import SECTIONS
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.result.calibration import write_calibration
 

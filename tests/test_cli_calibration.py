@@ -16,8 +16,7 @@ from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
 from semcal_cli.drive.cues.table import choose_frames
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, inverse

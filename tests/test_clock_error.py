@@ -16,11 +16,10 @@ from semcal_cli.assessment.fusion import fuse_with_priors
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import CalibrationConfig, PolishConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Drive, Motion, Twist, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.motion import delayed
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, camera_center, cross_matrix
 from semcal_cli.geometry.twists import local_coordinates

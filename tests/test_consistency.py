@@ -8,8 +8,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.intrinsics import around_intrinsics, wrong_intrinsics
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton

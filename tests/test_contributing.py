@@ -14,8 +14,7 @@ from documentation import ROOT, blocks
 from format_files import T_ANY
 
 from semcal_cli.config import CueName
-from semcal_cli.drive.cues.table import CUES, files_of
-from semcal_cli.drive.cues.together import load_cues
+from semcal_cli.drive.cues.table import CUES, files_of, load_cues
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import put_transform, read_transform, table, write_transform
 

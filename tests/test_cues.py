@@ -20,10 +20,9 @@ from semcal_cli.config import (
     SensitivityConfig,
 )
 from semcal_cli.drive import observations
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization import search

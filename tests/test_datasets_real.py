@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.format import FormatOptions

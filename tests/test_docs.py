@@ -23,13 +23,13 @@ from semcal_cli import pipeline
 from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS
 from semcal_cli.batch import records
 from semcal_cli.cli import semcal
-from semcal_cli.config import MAX_POINTS
+from semcal_cli.config import MAX_PIXELS, MAX_POINTS
 from semcal_cli.datasets import ply
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import journal
-from semcal_cli.files import picture_sizes, point_clouds, reading, rows, yaml_values
+from semcal_cli.files import point_clouds, reading, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
@@ -56,7 +56,7 @@ LIMITS = {
     yaml_values.MAX_DEPTH: "levels",
     MAX_POINTS: "points a sweep",
     point_clouds.BYTES_A_POINT: "bytes a point",
-    picture_sizes.MAX_PIXELS: "pixels",
+    MAX_PIXELS: "pixels",
 }
 
 

@@ -14,8 +14,7 @@ from semcal_cli.batch.records import has_record
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import LONGEST_LINE, Format, document_text, make_dumper, parse
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import LONGEST_LINE, Format, document_text, make_dumper, parse, read_document
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.fleet.members import read_members
 from semcal_cli.formats import read_transform, write_transform

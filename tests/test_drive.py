@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.output import output_drive_file
+from semcal_cli.drive.document import output_drive_file, read_drive
 from semcal_cli.errors import InputError
 
 Edit = Callable[[dict[str, Any]], object]

@@ -14,12 +14,11 @@ from conftest import make_pose
 from semcal_cli import _core
 from semcal_cli.assessment.rivals import check_guide
 from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.edges import EDGES, NO_EDGE, STARTS, edges_of_sweeps, observe_edges
 from semcal_cli.drive.cues.table import chosen
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import Sweeps

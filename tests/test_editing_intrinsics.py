@@ -10,7 +10,8 @@ from format_files import T_ANY
 from refined import LATER_S, clock, spoiled
 
 from semcal_cli.cli import semcal
-from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.result.calibration import Calibration, write_calibration
 

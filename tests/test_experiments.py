@@ -13,7 +13,6 @@ from click.testing import CliRunner
 from conftest import STREET, make_pose
 
 from semcal_cli.batch.pace import Pace
-from semcal_cli.batch.resume import locked
 from semcal_cli.cli import semcal
 from semcal_cli.cli.experiment_progress import experiment_progress
 from semcal_cli.drive.document import read_drive
@@ -30,6 +29,7 @@ from semcal_cli.experiments.rate import Rate
 from semcal_cli.experiments.rows import Case as RowCase
 from semcal_cli.experiments.rows import cases
 from semcal_cli.experiments.runner import in_words, run_cases
+from semcal_cli.files.writing import locked
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced

@@ -6,7 +6,7 @@ import torch
 from conftest import make_pose
 
 from semcal_cli.config.mine import MINE_WITH_VECTORS
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.feature_points import FeaturePoints, block_means, feature_vectors

@@ -13,7 +13,7 @@ from features import embedded
 
 from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.drive.cues.features import FEATURES, observe_features
-from semcal_cli.drive.cues.together import load_cues
+from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations

@@ -15,7 +15,8 @@ from format_files import T_ANY
 
 import semcal_cli
 from semcal_cli.cli import semcal
-from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.validation import validate
 from semcal_cli.formats import read_transform, write_transform

@@ -16,8 +16,8 @@ from conftest import real
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform

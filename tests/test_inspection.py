@@ -8,8 +8,7 @@ from commands import invoke
 from semcal_cli.assessment.identical_files import find_identical_files
 from semcal_cli.assessment.inspection import inspect
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import write_text
 

@@ -16,8 +16,7 @@ from semcal_cli import _core
 from semcal_cli.cli import semcal
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.cues.intensity import INTENSITY, lens_mask, observe_intensity
-from semcal_cli.drive.cues.table import choose_frames
-from semcal_cli.drive.cues.together import load_cues, summed
+from semcal_cli.drive.cues.table import choose_frames, load_cues, summed
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError

@@ -16,7 +16,7 @@ from semcal_cli.assessment.intrinsics import (
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.assessment.uncertainty import MANY, Matrix, estimate_uncertainty
 from semcal_cli.config import PolishConfig
-from semcal_cli.drive.document import Camera, IntrinsicsSigma
+from semcal_cli.drive.camera import Camera, IntrinsicsSigma
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist

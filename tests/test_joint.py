@@ -13,10 +13,10 @@ from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import with_others
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.delay import delayed
-from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
-from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
+from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.motion import delayed
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.pose_error import compare_poses

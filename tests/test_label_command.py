@@ -21,7 +21,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds, read_label_images
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.labelling.card import card_names, find_card, read_card, read_classes
-from semcal_cli.labelling.models import picture_model
+from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.pictures import PictureLabeller
 

@@ -3,9 +3,14 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.observations import (
+    NO_CLASS,
+    FrameObservation,
+    LabelledCloud,
+    LabelledImage,
+    Observations,
+)
 from semcal_cli.drive.reading import mend
 from semcal_cli.synthetic.label_noise import (
     BLOB_SHARE,

@@ -12,12 +12,11 @@ from networks import COLORS, NAMES, POINT_CARD, card, color_network, constant_ne
 from onnx import TensorProto, helper
 
 from semcal_cli import _core
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.labelling.models import picture_model, point_model
+from semcal_cli.labelling.model import picture_model, point_model
 from semcal_cli.labelling.network import open_network
-from semcal_cli.labelling.picture_model import joined_masks
-from semcal_cli.labelling.pictures import PictureLabeller
+from semcal_cli.labelling.pictures import PictureLabeller, joined_masks
 from semcal_cli.labelling.sweeps import SweepLabeller
 
 WIDTH, HEIGHT = 96, 64

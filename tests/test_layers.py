@@ -23,7 +23,6 @@ WITH_TORCH = {
     )
 }
 WITH_OPENCV = {
-    "files/images",
     "drive/cues/intensity",
     "drive/cues/edges",
     "labelling/views",

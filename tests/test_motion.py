@@ -16,8 +16,7 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_clouds, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 from semcal_cli.result.calibration import read_calibration

@@ -15,8 +15,7 @@ from semcal_cli.drive.frame_selection import select_frames
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose
 

@@ -9,10 +9,16 @@ import yaml
 from click.testing import CliRunner
 
 from semcal_cli.cli import semcal
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cues.together import load_cues
-from semcal_cli.drive.document import Camera, Drive, Frame, read_drive
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.cues.table import load_cues
+from semcal_cli.drive.document import Drive, Frame, read_drive
+from semcal_cli.drive.observations import (
+    NO_CLASS,
+    FrameObservation,
+    LabelledCloud,
+    LabelledImage,
+    Observations,
+)
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform

@@ -4,8 +4,7 @@ from conftest import make_pose
 from test_projection import MODELS, incidence, make_camera
 
 from semcal_cli.config import PnpConfig
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.initialization.pnp import solve_pnp
 

@@ -9,11 +9,10 @@ from conftest import make_pose
 
 from semcal_cli import _core, pipeline
 from semcal_cli.config import PolishConfig, PyramidConfig, RefinementConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.initial_pose import InitialPose

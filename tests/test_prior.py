@@ -13,8 +13,7 @@ from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.sensitivity import Scatter, sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import PolishConfig, SensitivityConfig
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.observations import LabelledImage, Observations
+from semcal_cli.drive.observations import NO_CLASS, LabelledImage, Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
 from semcal_cli.refinement.polish import newton
 from semcal_cli.result.uncertainty import Uncertainty

@@ -6,8 +6,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.refinement.projection import Projection
 
 SAME_PIXEL = 1e-6

@@ -7,7 +7,7 @@ from conftest import make_pose
 
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.config.mine import MineConfig
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses

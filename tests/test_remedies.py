@@ -13,7 +13,8 @@ from semcal_cli.assessment import remedies
 from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS, advise
 from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError

@@ -10,9 +10,9 @@ import pytest
 from pages import page_of
 
 from semcal_cli.config import CueName
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.edges import NO_EDGE
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.report import read_report_input
 from semcal_cli.report.palette import color_tables
 from semcal_cli.report.pictures import MAX_POINTS, few_points, make_pictures

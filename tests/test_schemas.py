@@ -12,7 +12,7 @@ from dataset_trees import own_data
 from jsonschema import Draft202012Validator
 
 from semcal_cli.documentation import ADDRESS, WITH_SCHEMA, schema_address
-from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import document_text
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.labelling.card import CARDS
 from semcal_cli.result.calibration import read_calibration, write_calibration

@@ -16,12 +16,11 @@ from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.config import CalibrationConfig, CueName, ExactConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.segments import KINDS, SEGMENTS, STARTS, observe_segments
-from semcal_cli.drive.cues.together import load_cues
+from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses

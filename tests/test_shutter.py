@@ -14,13 +14,12 @@ from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.delay import delayed
-from semcal_cli.drive.document import Camera, Drive, Motion
+from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.document import Drive, Motion
 from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.motion import delayed, exposed_as, points_at, unrolled
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_clouds
-from semcal_cli.drive.shutter import exposed_as, points_at, unrolled
 from semcal_cli.experiments.baselines.soic import calibrate_by_soic
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose

@@ -18,12 +18,10 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.files import rows
-from semcal_cli.files.arrays import map_array
-from semcal_cli.files.dialect import Format, parse
-from semcal_cli.files.images import read_image
-from semcal_cli.files.picture_sizes import read_size
+from semcal_cli.files.documents import Format, parse
+from semcal_cli.files.images import read_image, read_size
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.files.reading import hash_file, read_bytes, read_text
+from semcal_cli.files.reading import hash_file, map_array, read_bytes, read_text
 from semcal_cli.files.yaml_values import MAX_DEPTH
 
 MAX_SECONDS = 5.0

@@ -15,10 +15,9 @@ from semcal_cli.assessment.leaked_labels import check_leaks
 from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.formats import read_extrinsic, read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced

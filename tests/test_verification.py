@@ -18,8 +18,7 @@ from semcal_cli.cli import semcal
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw

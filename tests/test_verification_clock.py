@@ -19,8 +19,7 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.initialization.initial_pose import InitialPose

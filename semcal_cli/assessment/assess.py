@@ -30,9 +30,8 @@ from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
 from semcal_cli.assessment.stages import Assessment, Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
 from semcal_cli.config import PolishConfig, RefinementConfig
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, intrinsic_value, sigma_of, with_intrinsics
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
-from semcal_cli.drive.intrinsics import intrinsic_value, sigma_of, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose

@@ -14,10 +14,10 @@ import numpy as np
 from semcal_cli.assessment.joint_fit import Problem, Variables
 from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.config import JointlyConfig, PolishConfig
-from semcal_cli.drive.delay import differs, twists_per_s
 from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.motion import differs, twists_per_s
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import adjoint
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
 from semcal_cli.geometry.poses import Pose

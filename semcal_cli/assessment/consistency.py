@@ -18,10 +18,9 @@ from semcal_cli.assessment.information import compared_by, information_by_square
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.alike import shares_alike
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.delay import delayed, differs, twists_per_s
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.motion import delayed, differs, twists_per_s
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.result.checks.check import Measured

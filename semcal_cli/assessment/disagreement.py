@@ -22,8 +22,7 @@ from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
 from semcal_cli.assessment.sensitivity import determined_sensitivity
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates

@@ -26,8 +26,7 @@ from semcal_cli.assessment.measurement import Measurement, measure, no_informati
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
-from semcal_cli.drive.document import IntrinsicsSigma
-from semcal_cli.drive.intrinsics import sigma_of
+from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist

@@ -21,13 +21,11 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import KINDS, kinds_of_segments
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.motion import motion_error_px
+from semcal_cli.drive.motion import motion_error_px, shutter_error_px
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
-from semcal_cli.drive.shutter import shutter_error_px
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.images import read_image
-from semcal_cli.files.picture_sizes import read_size
+from semcal_cli.files.images import read_image, read_size
 from semcal_cli.initialization.search import search_mountings
 
 MAX_GAP_S = 0.05

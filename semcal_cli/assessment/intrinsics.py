@@ -13,8 +13,7 @@ import numpy as np
 
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, bending, sensitivity
 from semcal_cli.config import SensitivityConfig
-from semcal_cli.drive.document import Camera, IntrinsicsSigma
-from semcal_cli.drive.intrinsics import DEFAULT_FOCAL_SIGMA, default_sigma, sigma_of
+from semcal_cli.drive.camera import DEFAULT_FOCAL_SIGMA, Camera, IntrinsicsSigma, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks.check import Measured

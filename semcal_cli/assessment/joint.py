@@ -17,10 +17,9 @@ from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by
 from semcal_cli.assessment.joint_fit import Fit, Problem, Variables, seen_by
 from semcal_cli.assessment.sensitivity import Matrix, sensitivity
 from semcal_cli.config import JointlyConfig, PolishConfig
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.intrinsics import intrinsic_value, with_all_coefficients
+from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
+from semcal_cli.drive.motion import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.shutter import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import RefinementConfig
-from semcal_cli.drive.delay import twists_per_s
-from semcal_cli.drive.intrinsics import check_intrinsics
+from semcal_cli.drive.camera import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 

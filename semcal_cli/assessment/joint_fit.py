@@ -30,9 +30,8 @@ from semcal_cli.config import (
     PolishConfig,
     SensitivityConfig,
 )
-from semcal_cli.drive.delay import delayed, twists_per_s
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_intrinsics
+from semcal_cli.drive.camera import Camera, intrinsic_value, variable, with_intrinsics
+from semcal_cli.drive.motion import delayed, twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 

@@ -12,9 +12,8 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks.check import Measured
 from semcal_cli.result.checks.table import LEAKED_LABELS

@@ -6,8 +6,8 @@ import math
 
 from semcal_cli import _core
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.motion import can_be_unrolled, shutter_error_px
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.shutter import can_be_unrolled, shutter_error_px
 from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks.table import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SHUTTER

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 
 from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.config import JointlyConfig, PolishConfig
-from semcal_cli.drive.delay import twists_per_s
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.intrinsics import COEFFICIENTS, OF_K
+from semcal_cli.drive.camera import CAMERA_MODELS, OF_K, Camera
+from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
@@ -74,7 +73,7 @@ def _asked(findings: Sequence[Finding], camera: Camera, done: JointlyConfig) -> 
     topics = {finding.topic for finding in findings}
     names: tuple[str, ...] = ()
     if not done.intrinsics and topics & {*OF_INTRINSICS}:
-        names = (*OF_K, RADIAL) if RADIAL in COEFFICIENTS[camera.model] else tuple(OF_K)
+        names = (*OF_K, RADIAL) if RADIAL in CAMERA_MODELS[camera.model].coefficients else tuple(OF_K)
     return JointlyConfig(names, with_delay=not done.with_delay and bool(topics & {*OF_CLOCKS}))
 
 

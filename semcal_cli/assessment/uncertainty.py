@@ -23,9 +23,8 @@ import numpy.typing as npt
 from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton

@@ -8,8 +8,8 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from semcal_cli.batch.execution import Execute, Run, execute_task
 from semcal_cli.batch.processes import Worker
+from semcal_cli.batch.run import Execute, Run, execute_task
 from semcal_cli.batch.tasks import Outcome, Task, failed
 from semcal_cli.errors import InputError, check_installed
 

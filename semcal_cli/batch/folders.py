@@ -12,15 +12,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
-from semcal_cli.batch.drives import folder_of
-from semcal_cli.batch.records import has_record
-from semcal_cli.batch.resume import locked, open_own
-from semcal_cli.batch.summary import CSV, JSONL, has_summary
-from semcal_cli.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task
+from semcal_cli.batch.records import CSV, JSONL, has_record, has_summary
+from semcal_cli.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task, folder_of
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError, os_reason
-from semcal_cli.files.kinds import FILE, FOLDER, LINK, check_own_file, kind_of
-from semcal_cli.files.reading import read_start, read_text
+from semcal_cli.files.reading import FILE, FOLDER, LINK, check_own_file, kind_of, read_start, read_text
+from semcal_cli.files.writing import locked, open_own
 
 LOCK, MARKER = ".lock", ".semcal_batch"
 """Markers of the folder of all results and of a drive's."""

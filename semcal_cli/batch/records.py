@@ -8,27 +8,31 @@ edited counts as none.
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import json
 import math
 import os
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
 from pydantic import JsonValue, TypeAdapter
 
 from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, Task
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import parse_document
-from semcal_cli.files.kinds import FILE, check_own_file, kind_of
+from semcal_cli.files.documents import parse_document, read_json_lines
 from semcal_cli.files.point_clouds import max_bytes
-from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, hash_file, read_text
+from semcal_cli.files.reading import FILE, MAX_DOCUMENT_BYTES, check_own_file, hash_file, kind_of, read_text
 from semcal_cli.files.validation import StrictModel, Version, validate
 from semcal_cli.files.writing import write_text
+from semcal_cli.geometry.poses import camera_center, quaternion_xyzw
 from semcal_cli.result.uncertainty import Covariance
 
 MAX_RECORD_BYTES = 32 << 20
@@ -209,3 +213,64 @@ def _is_unchanged(path: str, state: FileState | None) -> bool:
         return False
     now = read_state(Path(path))
     return now is not None and now.sha256 == state.sha256
+
+
+WORST_FIRST = (1, 3, 4, 0)
+"""Exit codes of drives, the most important first."""
+CSV, JSONL = "summary.csv", "summary.jsonl"
+COLUMNS = (
+    *("drive", "status", "exit_code", "mutual_information_nats"),
+    *("translation_x_m", "translation_y_m", "translation_z_m", "qx", "qy", "qz", "qw"),
+    *("camera_x_m", "camera_y_m", "camera_z_m"),
+    *("sigma_camera_x_m", "sigma_camera_y_m", "sigma_camera_z_m"),
+    *("sigma_rotation_x_deg", "sigma_rotation_y_deg", "sigma_rotation_z_deg"),
+    *("stamp", "result", "reasons"),
+)
+
+
+def worst(exit_codes: Iterable[int]) -> int:
+    """Exit code of a batch from those of its drives: 1 over 3 over 4 over 0."""
+    return min(exit_codes, key=WORST_FIRST.index, default=0)
+
+
+def write_summary(outcomes: Iterable[Outcome], folder: Path) -> None:
+    """Write summary.csv and summary.jsonl.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    lines, table = [], io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for outcome in sorted(outcomes, key=lambda outcome: outcome.drive):
+        lines.append(json.dumps(vars(outcome)) + "\n")
+        writer.writerow(_row(outcome))
+    for name, text in ((JSONL, "".join(lines)), (CSV, table.getvalue())):
+        check_own_file(folder / name)
+        write_text(text, folder / name)
+
+
+def has_summary(folder: Path) -> bool:
+    """Tell whether a batch of any version left a summary of some drives in a folder."""
+    path = folder / JSONL
+    try:
+        lines = [validate(Outcome, line, path) for line in read_json_lines(path)]
+    except InputError:
+        return False
+    return bool(lines)
+
+
+def _row(outcome: Outcome) -> list[object]:
+    pose: list[object] = [""] * 10
+    sigmas: list[object] = [""] * 6
+    if outcome.T_camera_lidar is not None:
+        T = np.array(outcome.T_camera_lidar)
+        pose = [*T[:3, 3].tolist(), *quaternion_xyzw(T).tolist(), *camera_center(T).tolist()]
+    if outcome.covariance is not None:
+        # The covariance is of a twist on the left: rho moves the camera's centre along the camera's axes.
+        deviations = np.sqrt(np.diag(np.array(outcome.covariance))).tolist()
+        sigmas = [*deviations[:3], *map(math.degrees, deviations[3:])]
+    known = (outcome.mutual_information_nats, outcome.stamp, outcome.result)
+    information, stamp, result = ("" if value is None else value for value in known)
+    head = [outcome.drive, outcome.status, outcome.exit_code, information]
+    return [*head, *pose, *sigmas, stamp, result, "; ".join(outcome.reasons)]

@@ -17,8 +17,8 @@ import click
 
 from semcal_cli.cli.ci import annotate
 from semcal_cli.cli.sections import Sections
+from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, MisplacedError, SemcalError
-from semcal_cli.files.picture_sizes import MAX_PIXELS
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
 GARBAGE_AFTER = 50_000

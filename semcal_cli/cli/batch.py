@@ -122,9 +122,8 @@ def batch(
 ) -> None:
     """Run a command on many drives."""
     from semcal_cli.batch.cluster import connect, execute_on
-    from semcal_cli.batch.execution import execute_here
-    from semcal_cli.batch.run import run_batch
-    from semcal_cli.batch.summary import worst
+    from semcal_cli.batch.records import worst
+    from semcal_cli.batch.run import execute_here, run_batch
     from semcal_cli.cli.batch_end import print_end
     from semcal_cli.cli.batch_progress import BatchProgress
     from semcal_cli.cli.worker import run_task
@@ -182,9 +181,8 @@ def _make_tasks(
         InputError: there are no drives, a transform is invalid, or the results would lie among files that are not
             theirs.
     """
-    from semcal_cli.batch.drives import find_drives, folder_of
     from semcal_cli.batch.folders import check_apart, check_distinct_folders, check_made_by_batch
-    from semcal_cli.batch.tasks import Task
+    from semcal_cli.batch.tasks import Task, find_drives, folder_of
 
     rest, also, max_points = _take_rest(command, calibration, is_here)
     found = find_drives(drives, sys.stdin)

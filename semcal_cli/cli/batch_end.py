@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from semcal_cli.batch.summary import CSV, JSONL
+from semcal_cli.batch.records import CSV, JSONL
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli.batch_progress import (
     STATUS_WIDTH,

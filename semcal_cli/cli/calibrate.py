@@ -40,7 +40,7 @@ from semcal_cli.cli.refinement import (
 from semcal_cli.cli.rules import CheckedCommand, given
 from semcal_cli.cli.search import SEARCH_RULES, STARTS, make_search, search_options
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig
-from semcal_cli.files.streams import takes_several
+from semcal_cli.files.writing import takes_several
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior

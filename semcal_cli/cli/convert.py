@@ -186,7 +186,7 @@ def convert(
     and in a drive likewise the offset of the clock, so that a next calibration begins with both.
     """
     from semcal_cli.errors import InputError
-    from semcal_cli.files.streams import STANDARD_OUTPUT, check_descriptor, descriptor
+    from semcal_cli.files.writing import STANDARD_OUTPUT, check_descriptor, descriptor
     from semcal_cli.formats import convert as convert_file
     from semcal_cli.formats.format import FormatOptions
 

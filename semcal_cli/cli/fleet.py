@@ -30,7 +30,7 @@ from semcal_cli.cli.options import (
 from semcal_cli.cli.rules import CheckedCommand
 
 if TYPE_CHECKING:
-    from semcal_cli.files.dialect import Format
+    from semcal_cli.files.documents import Format
     from semcal_cli.fleet.fleet import Fleet
 
 PLOTS = (".png", ".svg")
@@ -76,13 +76,12 @@ def fleet(
     **limits: float,
 ) -> None:
     """Combine the drives of a rig."""
-    from semcal_cli.batch.summary import JSONL
+    from semcal_cli.batch.records import JSONL
     from semcal_cli.cli.fleet_summary import print_fleet
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.drive.document import drive_file
-    from semcal_cli.files.dialect import document_text
-    from semcal_cli.files.documents import output_format
+    from semcal_cli.files.documents import document_text, output_format
     from semcal_cli.files.reading import is_folder
     from semcal_cli.files.writing import write_bytes
 
@@ -164,7 +163,7 @@ def _result_text(document: Mapping[str, Any], form: Format, output: Path | None)
         InputError: the YAML is larger than other commands read.
     """
     from semcal_cli.errors import InputError
-    from semcal_cli.files.dialect import document_text
+    from semcal_cli.files.documents import document_text
     from semcal_cli.formats.format import MAX_YAML_BYTES
 
     text = document_text(document, form)

@@ -174,8 +174,8 @@ def label(drive: Path | None, **options: Any) -> None:
 
 
 def _show(model: Path, options: dict[str, Any]) -> None:
-    from semcal_cli.labelling.models import describe_model
     from semcal_cli.labelling.network import open_network
+    from semcal_cli.labelling.pictures import describe_model
 
     card = options["image_card"] or options["point_card"]
     for name, text in describe_model(open_network(model, options["device"], options["threads"]), card):
@@ -228,7 +228,7 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
 def _picture_labeller(
     drive: Drive, labels: ImageLabels, device: str, num_threads: int | None
 ) -> PictureLabeller:
-    from semcal_cli.labelling.models import picture_model
+    from semcal_cli.labelling.model import picture_model
     from semcal_cli.labelling.network import open_network
     from semcal_cli.labelling.pictures import PictureLabeller
 
@@ -237,7 +237,7 @@ def _picture_labeller(
 
 
 def _point_sides(options: dict[str, Any]) -> list[Side]:
-    from semcal_cli.labelling.models import point_model
+    from semcal_cli.labelling.model import point_model
     from semcal_cli.labelling.network import open_network
     from semcal_cli.labelling.sides import segment_side, sweep_side
     from semcal_cli.labelling.sweeps import SweepLabeller

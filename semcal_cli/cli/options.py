@@ -20,7 +20,7 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.config.setting import settings_of
-from semcal_cli.files.streams import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
+from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
 
 
 class _Finite(click.ParamType[float]):

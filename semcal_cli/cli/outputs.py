@@ -20,14 +20,15 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import output_format
 from semcal_cli.files.reading import is_folder
-from semcal_cli.files.streams import (
+from semcal_cli.files.writing import (
     STANDARD_OUTPUT,
     check_descriptor,
+    check_replaceable,
     descriptor,
     is_standard_stream,
     takes_several,
+    write_text,
 )
-from semcal_cli.files.writing import check_replaceable, write_text
 from semcal_cli.result.calibration import calibration_text, write_calibration
 from semcal_cli.result.intervals import stated_error
 

@@ -156,8 +156,7 @@ def _observe(
         CalibrationError: the points or the pixels carry no information.
     """
     from semcal_cli.config import AUTO, LABELS
-    from semcal_cli.drive.cues.table import chosen, maximised
-    from semcal_cli.drive.cues.together import load_cues
+    from semcal_cli.drive.cues.table import chosen, load_cues, maximised
     from semcal_cli.drive.reading import load_points
     from semcal_cli.files.point_clouds import Sweeps
 

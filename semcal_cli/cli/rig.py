@@ -18,7 +18,7 @@ from semcal_cli.cli.tables import labelled, matrix_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import document_text
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.writing import make_folder, write_text

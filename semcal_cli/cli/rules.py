@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from semcal_cli.cli.options import OutputFile
-from semcal_cli.files.streams import descriptor
+from semcal_cli.files.writing import descriptor
 
 COMMANDLINE, DEFAULT_MAP = click.core.ParameterSource.COMMANDLINE, click.core.ParameterSource.DEFAULT_MAP
 

@@ -22,7 +22,7 @@ from semcal_cli.cli.options import (
 from semcal_cli.cli.rules import given
 from semcal_cli.config import AlignmentConfig, InitializationConfig
 from semcal_cli.errors import InputError
-from semcal_cli.files.streams import descriptor
+from semcal_cli.files.writing import descriptor
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import Direction

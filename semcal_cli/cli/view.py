@@ -122,7 +122,7 @@ def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.documents import output_format
-    from semcal_cli.files.streams import descriptor
+    from semcal_cli.files.writing import descriptor
 
     if descriptor(output) is not None:
         raise click.UsageError("-o: the page saves to a file, and its address goes to standard output")

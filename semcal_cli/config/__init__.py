@@ -28,6 +28,8 @@ AUTO: tuple[CueName, ...] = ("auto",)
 MAX_FRAMES = 70
 """Frames of a longer drive that are used. More of them make an answer hardly better: its error is then that of the
 labels' borders."""
+MAX_PIXELS = 100_000_000
+"""Most pixels of a picture."""
 MAX_POINTS = 10_000_000
 """Points of the largest sweep that is read, and rows of a file of their labels or features. A file has at most 64
 bytes a point."""

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from semcal_cli.errors import InputError, describe, os_reason
-from semcal_cli.files.picture_sizes import read_size
+from semcal_cli.files.images import read_size
 from semcal_cli.files.reading import is_folder, read_start
 from semcal_cli.formats.values import image_side
 

@@ -16,11 +16,10 @@ from semcal_cli.datasets.files import need_file, writable_name
 from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
-from semcal_cli.drive.document import Drive
-from semcal_cli.drive.output import output_drive_file
+from semcal_cli.drive.document import Drive, output_drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.picture_sizes import holds_colors
+from semcal_cli.files.documents import document_text
+from semcal_cli.files.images import holds_colors
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
 from semcal_cli.formats.values import rigid

@@ -1,9 +1,194 @@
-"""Conversion of a drive's camera to that of the Rust core."""
+"""The camera of a drive: its lens, its intrinsics by name, and how well they are known."""
 
-from __future__ import annotations
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal, NamedTuple, TypeAlias
+
+from pydantic import Field, ValidationInfo, field_validator
 
 from semcal_cli import _core
-from semcal_cli.drive.document import Camera
+from semcal_cli.config import MAX_PIXELS, JointlyConfig
+from semcal_cli.config.synthetic import ReadoutDirection
+from semcal_cli.errors import InputError, describe, mismatch
+from semcal_cli.files.validation import StrictModel, length
+
+CameraModel: TypeAlias = Literal[
+    "plumb_bob",
+    "rational_polynomial",
+    "thin_prism",
+    "fisheye",
+    "omnidirectional",
+    "equirectangular",
+    "fov",
+    "double_sphere",
+]
+ImageSide = Annotated[int, Field(gt=0, le=0xFFFF)]
+Sigma = Annotated[float, Field(ge=0.0, le=1e6)]
+Pixels = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""Entry of K. The limits are beyond any image."""
+Intrinsics: TypeAlias = Annotated[tuple[Annotated[tuple[Pixels, ...], length(3, 3)], ...], length(3, 3)]
+Coefficient = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""Distortion coefficient. The limits are beyond the sixth power of any telephoto lens, and nothing overflows."""
+Readout = Annotated[float, Field(ge=0.0, le=1.0)]
+"""Time in seconds from the first line of a picture to the last. No shutter rolls for longer than a frame takes."""
+
+DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX = 0.001, 1.0
+"""Standard deviations of the focal lengths, as a share of them, and of the principal point where a drive states none.
+They are a convention, and what the verdict is said to hold for; what they cost the pose stands beside it."""
+
+
+class Interval(NamedTuple):
+    """Interval of allowed values; an open one excludes its ends."""
+
+    low: float
+    high: float
+    is_open: bool = False
+
+    def check(self, name: str, value: float) -> None:
+        """Check that a value lies inside.
+
+        Raises:
+            ValueError: the value lies outside.
+        """
+        inside = self.low < value < self.high or (not self.is_open and value in (self.low, self.high))
+        if not inside:
+            least, most = ("more than", "less than") if self.is_open else ("at least", "at most")
+            raise mismatch(f"{name} {value}", f"{least} {self.low:g} and {most} {self.high:g}")
+
+
+class Lens(NamedTuple):
+    """The numbers of a camera model beyond K."""
+
+    coefficients: tuple[str, ...]
+    """Names of the distortion coefficients, in their order."""
+    counts: tuple[int, ...]
+    """Allowed numbers of them; 0 means a lens without distortion."""
+    parameters: Mapping[str, Interval] = {}
+    """Intervals of the parameters that a model needs beyond K and distortion."""
+    angles: Mapping[int, Interval] = {}
+    """Intervals of the coefficients that are angles, by their index."""
+
+
+FOCAL_PX = Interval(1e-3, 1e9)
+"""Focal lengths, in pixels or in pixels per radian: beyond any lens and any image."""
+_RIGHT_ANGLE = Interval(-math.pi / 2, math.pi / 2, is_open=True)
+_POLYNOMIAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_THIN_PRISM = (*_POLYNOMIAL, "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_SPHERES = {"xi": Interval(-1.0, 1.0, is_open=True), "alpha": Interval(0.0, 1.0)}
+CAMERA_MODELS: dict[CameraModel, Lens] = {
+    "plumb_bob": Lens(_POLYNOMIAL[:5], (0, 4, 5)),
+    "rational_polynomial": Lens(_POLYNOMIAL, (0, 8)),
+    "thin_prism": Lens(_THIN_PRISM, (0, 12, 14), angles={12: _RIGHT_ANGLE, 13: _RIGHT_ANGLE}),
+    "fisheye": Lens(("k1", "k2", "k3", "k4"), (0, 4)),
+    "omnidirectional": Lens(("k1", "k2", "p1", "p2"), (0, 4), {"xi": Interval(0.0, 100.0)}),
+    "equirectangular": Lens((), (0,)),
+    "fov": Lens(("w",), (1,), angles={0: Interval(0.0, math.pi, is_open=True)}),
+    "double_sphere": Lens((), (0,), _SPHERES),
+}
+"""The lens of each camera model."""
+OF_K = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
+"""Row and column of each in the matrix K."""
+
+
+class IntrinsicsSigma(StrictModel):
+    """Standard deviations of the intrinsics, as of independent errors, from the report of a camera calibration."""
+
+    fx: Sigma = 0.0
+    """Standard deviation of fx, in pixels."""
+    fy: Sigma = 0.0
+    """Standard deviation of fy, in pixels."""
+    cx: Sigma = 0.0
+    """Standard deviation of cx, in pixels."""
+    cy: Sigma = 0.0
+    """Standard deviation of cy, in pixels."""
+
+
+class Camera(StrictModel):
+    """Image size, intrinsics and lens of a camera."""
+
+    model: CameraModel
+    """Camera model. plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are OpenCV's,
+    omnidirectional is OpenCV's omnidir (Mei and Rives), fov is by Devernay and Faugeras, double_sphere is by Usenko,
+    Demmel and Cremers."""
+    width: ImageSide
+    """Columns of the image."""
+    height: ImageSide
+    """Rows of the image."""
+    K: Intrinsics
+    """Intrinsic matrix in pixels, with zero skew; an integer pixel is a pixel centre. The focal lengths of an
+    equirectangular image are pixels per radian, width / (2 pi) for a full turn; its principal point is the direction of
+    the z axis."""
+    distortion: Annotated[tuple[Coefficient, ...], length(0), Field(validate_default=True)] = ()
+    """Distortion coefficients in OpenCV's order; absent means none. The coefficient of fov is w, in radians."""
+    parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
+    """Parameters of a model beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
+    intrinsics_sigma: IntrinsicsSigma | None = None
+    """Standard deviations of the intrinsics, which become part of the intervals of the pose. Absent, they are taken for
+    0.1 % and one pixel (`semcal_cli.drive.camera.sigma_of`); zeros say that the intrinsics are exact."""
+    readout_s: Readout = 0.0
+    """Time from the first line of a picture to the last, of a rolling shutter, in seconds; 0 is a global shutter.
+    `image_stamp` is when the first line is read. It is compensated where the drive gives a motion."""
+    direction: ReadoutDirection = "down"
+    """Way in which a rolling shutter reads the lines; down begins with the uppermost row."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows of the image."""
+        return self.width, self.height
+
+    def zoomed(self, scale: float) -> "Camera":
+        """Make the same camera with its focal lengths multiplied by a factor."""
+        (fx, _, cx), (_, fy, cy), last_row = self.K
+        return self.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
+
+    @field_validator("height")
+    @classmethod
+    def _check_pixels(cls, height: int, info: ValidationInfo) -> int:
+        width: int = info.data.get("width", 0)
+        if width * height > MAX_PIXELS:
+            raise mismatch(f"{width:,} x {height:,} pixels", f"at most {MAX_PIXELS:,}")
+        return height
+
+    @field_validator("K")
+    @classmethod
+    def _check_intrinsics(cls, K: Intrinsics) -> Intrinsics:
+        (fx, skew, _), (below, fy, _), last_row = K
+        if last_row != (0.0, 0.0, 1.0):
+            raise mismatch(f"last row {list(last_row)}", "[0, 0, 1]")
+        if skew != 0.0 or below != 0.0:
+            raise mismatch(f"skew {skew or below}", "0")
+        if fx <= 0.0 or fy <= 0.0:
+            raise mismatch(f"focal lengths {fx} and {fy}", "both above 0")
+        FOCAL_PX.check("fx", fx)
+        FOCAL_PX.check("fy", fy)
+        return K
+
+    @field_validator("distortion")
+    @classmethod
+    def _check_distortion(cls, distortion: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if (model := info.data.get("model")) is None:
+            return distortion
+        lens = CAMERA_MODELS[model]
+        if len(distortion) not in lens.counts:
+            needed = " or ".join(map(str, lens.counts))
+            raise mismatch(f"{len(distortion)} coefficients", f"{needed} for {model}")
+        for place, interval in lens.angles.items():
+            if place < len(distortion):
+                interval.check(f"[{place}]", distortion[place])
+        return distortion
+
+    @field_validator("parameters")
+    @classmethod
+    def _check_parameters(cls, parameters: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        if (model := info.data.get("model")) is None:
+            return parameters
+        intervals = CAMERA_MODELS[model].parameters
+        if parameters.keys() != intervals.keys():
+            found, needed = (", ".join(map(describe, names)) or "none" for names in (parameters, intervals))
+            raise mismatch(found, f"{needed} for {model}")
+        for name, interval in intervals.items():
+            interval.check(name, parameters[name])
+        return parameters
 
 
 def core_camera(camera: Camera) -> _core.Camera:
@@ -11,3 +196,119 @@ def core_camera(camera: Camera) -> _core.Camera:
     K = [list(row) for row in camera.K]
     distortion = list(camera.distortion)
     return _core.Camera(camera.model, camera.width, camera.height, K, distortion, camera.parameters)
+
+
+# Intrinsics by name: fx, fy, cx, cy, and the numbers of each lens.
+
+
+def intrinsic_names(model: CameraModel) -> tuple[str, ...]:
+    """List the names of all intrinsics of a model: those of K, distortion coefficients, and parameters."""
+    return (*OF_K, *CAMERA_MODELS[model].coefficients, *CAMERA_MODELS[model].parameters)
+
+
+def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None:
+    """Check that a camera has intrinsics of these names.
+
+    Raises:
+        InputError: it has not; the message begins with `where`.
+    """
+    known = intrinsic_names(camera.model)
+    for name in names:
+        if name not in known:
+            raise InputError(f"{where}: found {name!r}, needed names of {camera.model}: {', '.join(known)}")
+
+
+def with_all_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
+    """Write out the zeros of a lens that leaves out coefficients of these names."""
+    lens = CAMERA_MODELS[camera.model]
+    needed = max(
+        (lens.coefficients.index(name) + 1 for name in names if name in lens.coefficients), default=0
+    )
+    if needed <= len(camera.distortion):
+        return camera
+    count = min(count for count in lens.counts if count >= needed)
+    missing = (0.0,) * (count - len(camera.distortion))
+    return camera.model_copy(update={"distortion": (*camera.distortion, *missing)})
+
+
+def without_last_zeros(camera: Camera) -> Camera:
+    """Leave out the zeros that a lens ends with, so that equal lenses have equal coefficients."""
+    count = max((place for place, value in enumerate(camera.distortion, 1) if value), default=0)
+    return camera.model_copy(update={"distortion": camera.distortion[:count]})
+
+
+def intrinsic_value(camera: Camera, name: str) -> float:
+    """Give the value of an intrinsic; 0 for a coefficient that the lens leaves out."""
+    if name in OF_K:
+        row, column = OF_K[name]
+        return camera.K[row][column]
+    if name in camera.parameters:
+        return camera.parameters[name]
+    index = CAMERA_MODELS[camera.model].coefficients.index(name)
+    return camera.distortion[index] if index < len(camera.distortion) else 0.0
+
+
+def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:
+    """Copy a camera with other values of some intrinsics.
+
+    Raises:
+        ValueError: the values are impossible.
+    """
+    camera = with_all_coefficients(camera, tuple(values))
+    document = camera.model_dump()
+    K, distortion = [list(row) for row in camera.K], list(camera.distortion)
+    for name, value in values.items():
+        if name in OF_K:
+            row, column = OF_K[name]
+            K[row][column] = value
+        elif name in camera.parameters:
+            document["parameters"][name] = value
+        else:
+            distortion[CAMERA_MODELS[camera.model].coefficients.index(name)] = value
+    document |= {"K": tuple(map(tuple, K)), "distortion": tuple(distortion)}
+    if camera.intrinsics_sigma is not None:
+        # What is stated of values that are replaced is not true of the others.
+        document["intrinsics_sigma"] |= {name: 0.0 for name in OF_K if name in values}
+    return Camera.model_validate(document)
+
+
+def variable(camera: Camera, name: str) -> str:
+    """Name an intrinsic as the core does: those of the lens by their index among its numbers."""
+    if name in OF_K:
+        return name
+    of_lens = CAMERA_MODELS[camera.model].coefficients[: len(camera.distortion)]
+    return str((*of_lens, *sorted(camera.parameters)).index(name))
+
+
+# How well they are known.
+
+
+def sigma_of(camera: Camera) -> IntrinsicsSigma:
+    """Give the standard deviations of the intrinsics: those that the drive states, or else what a good lens has.
+
+    The K of an equirectangular picture is its size, and exact.
+    """
+    if camera.intrinsics_sigma is not None:
+        return camera.intrinsics_sigma
+    return IntrinsicsSigma() if camera.model == "equirectangular" else default_sigma(camera)
+
+
+def default_sigma(camera: Camera) -> IntrinsicsSigma:
+    """Give the standard deviations that are taken where a drive states none."""
+    return _of_shares(camera, DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX)
+
+
+def stating(camera: Camera, jointly: JointlyConfig) -> Camera:
+    """Let a camera state the errors of its intrinsics that settings give; the K of an equirectangular one is exact."""
+    share, center_px = jointly.focal_sigma, jointly.center_sigma_px
+    if (share is None and center_px is None) or camera.model == "equirectangular":
+        return camera
+    known, given = sigma_of(camera), _of_shares(camera, share or 0.0, center_px or 0.0)
+    focal, center = known if share is None else given, known if center_px is None else given
+    stated = IntrinsicsSigma(fx=focal.fx, fy=focal.fy, cx=center.cx, cy=center.cy)
+    return camera.model_copy(update={"intrinsics_sigma": stated})
+
+
+def _of_shares(camera: Camera, focal_share: float, center_px: float) -> IntrinsicsSigma:
+    (fx, _, _), (_, fy, _), _ = camera.K
+    return IntrinsicsSigma(fx=focal_share * fx, fy=focal_share * fy, cx=center_px, cy=center_px)

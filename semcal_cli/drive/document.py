@@ -1,19 +1,18 @@
 """The drive: the input of a calibration, described by a `drive.yaml`."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.config.synthetic import ReadoutDirection
-from semcal_cli.drive.lenses import COEFFICIENTS, DISTORTION_COUNTS, FOCAL_PX, PARAMETERS, CameraModel
-from semcal_cli.drive.other_documents import OF_RIG, check_is_drive
-from semcal_cli.errors import InputError, describe, mismatch
+from semcal_cli.drive.camera import Camera
+from semcal_cli.errors import InputError, MisplacedError, mismatch
 from semcal_cli.files.documents import read_document
-from semcal_cli.files.picture_sizes import MAX_PIXELS
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import (
     FileName,
@@ -34,21 +33,12 @@ Id = Annotated[int, Field(ge=0, le=0xFFFF)]
 Ids = Annotated[tuple[Id, ...], length(0)]
 ColorValue = Annotated[int, Field(ge=0, le=255)]
 Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
-ImageSide = Annotated[int, Field(gt=0, le=0xFFFF)]
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
 """Time in seconds. The limits refuse nanoseconds since 1970."""
-Sigma = Annotated[float, Field(ge=0.0, le=1e6)]
-Pixels = Annotated[float, Field(ge=-1e9, le=1e9)]
-"""Entry of K. The limits are beyond any image."""
-Intrinsics: TypeAlias = Annotated[tuple[Annotated[tuple[Pixels, ...], length(3, 3)], ...], length(3, 3)]
-Coefficient = Annotated[float, Field(ge=-1e12, le=1e12)]
-"""Distortion coefficient. The limits are beyond the sixth power of any telephoto lens, and nothing overflows."""
 Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
-Readout = Annotated[float, Field(ge=0.0, le=1.0)]
-"""Time in seconds from the first line of a picture to the last. No shutter rolls for longer than a frame takes."""
 DEFAULT_CLOCK_SIGMA_S = 0.02
 """Standard deviation of the clock of a camera that nothing triggers, in seconds."""
 MAX_OFFSET_S = 1.0
@@ -58,101 +48,6 @@ TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 
 def _orthonormal(T: StatedTransform) -> StatedTransform:
     return tuple(tuple(row) for row in orthonormal(np.array(T)).tolist())
-
-
-class IntrinsicsSigma(StrictModel):
-    """Standard deviations of the intrinsics, as of independent errors, from the report of a camera calibration."""
-
-    fx: Sigma = 0.0
-    """Standard deviation of fx, in pixels."""
-    fy: Sigma = 0.0
-    """Standard deviation of fy, in pixels."""
-    cx: Sigma = 0.0
-    """Standard deviation of cx, in pixels."""
-    cy: Sigma = 0.0
-    """Standard deviation of cy, in pixels."""
-
-
-class Camera(StrictModel):
-    """Image size, intrinsics and lens of a camera."""
-
-    model: CameraModel
-    """Camera model. plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are OpenCV's,
-    omnidirectional is OpenCV's omnidir (Mei and Rives), fov is by Devernay and Faugeras, double_sphere is by Usenko,
-    Demmel and Cremers."""
-    width: ImageSide
-    """Columns of the image."""
-    height: ImageSide
-    """Rows of the image."""
-    K: Intrinsics
-    """Intrinsic matrix in pixels, with zero skew; an integer pixel is a pixel centre. The focal lengths of an
-    equirectangular image are pixels per radian, width / (2 pi) for a full turn; its principal point is the direction of
-    the z axis."""
-    distortion: Annotated[tuple[Coefficient, ...], length(0), Field(validate_default=True)] = ()
-    """Distortion coefficients in OpenCV's order; absent means none. The coefficient of fov is w, in radians."""
-    parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
-    """Parameters of a model beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
-    intrinsics_sigma: IntrinsicsSigma | None = None
-    """Standard deviations of the intrinsics, which become part of the intervals of the pose. Absent, they are taken for
-    0.1 % and one pixel (`semcal_cli.drive.intrinsics.sigma_of`); zeros say that the intrinsics are exact."""
-    readout_s: Readout = 0.0
-    """Time from the first line of a picture to the last, of a rolling shutter, in seconds; 0 is a global shutter.
-    `image_stamp` is when the first line is read. It is compensated where the drive gives a motion."""
-    direction: ReadoutDirection = "down"
-    """Way in which a rolling shutter reads the lines; down begins with the uppermost row."""
-
-    def zoomed(self, scale: float) -> "Camera":
-        """Make the same camera with its focal lengths multiplied by a factor."""
-        (fx, _, cx), (_, fy, cy), last_row = self.K
-        return self.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
-
-    @field_validator("height")
-    @classmethod
-    def _check_pixels(cls, height: int, info: ValidationInfo) -> int:
-        width: int = info.data.get("width", 0)
-        if width * height > MAX_PIXELS:
-            raise mismatch(f"{width:,} x {height:,} pixels", f"at most {MAX_PIXELS:,}")
-        return height
-
-    @field_validator("K")
-    @classmethod
-    def _check_intrinsics(cls, K: Intrinsics) -> Intrinsics:
-        (fx, skew, _), (below, fy, _), last_row = K
-        if last_row != (0.0, 0.0, 1.0):
-            raise mismatch(f"last row {list(last_row)}", "[0, 0, 1]")
-        if skew != 0.0 or below != 0.0:
-            raise mismatch(f"skew {skew or below}", "0")
-        if fx <= 0.0 or fy <= 0.0:
-            raise mismatch(f"focal lengths {fx} and {fy}", "both above 0")
-        for name, focal in (("fx", fx), ("fy", fy)):
-            FOCAL_PX.check(name, focal)
-        return K
-
-    @field_validator("distortion")
-    @classmethod
-    def _check_distortion(cls, distortion: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        model = info.data.get("model")
-        counts = DISTORTION_COUNTS.get(model, ()) if model else ()
-        if counts and len(distortion) not in counts:
-            needed = " or ".join(map(str, counts))
-            raise mismatch(f"{len(distortion)} coefficients", f"{needed} for {model}")
-        for place, interval in COEFFICIENTS.get(model, {}).items() if model else ():
-            if place < len(distortion):
-                interval.check(f"[{place}]", distortion[place])
-        return distortion
-
-    @field_validator("parameters")
-    @classmethod
-    def _check_parameters(cls, parameters: dict[str, float], info: ValidationInfo) -> dict[str, float]:
-        if "model" not in info.data:
-            return parameters
-        intervals = PARAMETERS.get(info.data["model"], {})
-        if set(parameters) != set(intervals):
-            found, needed = (", ".join(map(describe, names)) or "none" for names in (parameters, intervals))
-            raise mismatch(found, f"{needed} for {info.data['model']}")
-        for name, interval in intervals.items():
-            interval.check(name, parameters[name])
-        return parameters
 
 
 class Lidar(StrictModel):
@@ -248,7 +143,7 @@ class Motion(StrictModel):
     """Whether the times of points are relative to `points_stamp`, or absolute on the clock of the stamps."""
 
     @model_validator(mode="after")
-    def _check_one(self) -> "Motion":
+    def _check_one(self) -> Motion:
         ways = {"twist": self.twist, "poses": self.poses, "speed_m_s": self.speed_m_s}
         found = [name for name, value in ways.items() if value is not None]
         if len(found) != 1:
@@ -353,3 +248,35 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
     return drive
+
+
+RIG = "semcal_rig"
+"""Version key of a rig of several cameras; see `semcal_cli.rig`."""
+CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
+"""Version keys of files with a transform."""
+OF_RIG = (
+    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the drive of one of "
+    "its cameras"
+)
+
+
+def check_is_drive(document: Mapping[str, Any], path: Path) -> None:
+    """Check that a document is no other one of semcal's; whether it is a drive is checked by its validation.
+
+    Raises:
+        MisplacedError: it holds a transform.
+        InputError: it is a rig.
+    """
+    if RIG in document:
+        raise InputError(f"{path}: {OF_RIG}")
+    if CALIBRATIONS & document.keys():
+        raise MisplacedError(f"{path}: found a calibration where the drive belongs")
+
+
+SUFFIXES = (".yaml", ".yml")
+"""Suffixes of a drive's file; any other name is that of its folder."""
+
+
+def output_drive_file(output: Path) -> Path:
+    """Locate the file of a drive that is to be written, given by its folder or by the file; neither need exist."""
+    return output if output.suffix in SUFFIXES else output / DRIVE_FILE

@@ -9,13 +9,12 @@ from time import perf_counter
 
 from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, CueName, check_config
 from semcal_cli.drive.alike import copied_frames
-from semcal_cli.drive.cues.table import choose_frames, chosen, maximised
-from semcal_cli.drive.cues.together import load_cues
-from semcal_cli.drive.document import Camera, Drive, Motion, read_drive
+from semcal_cli.drive.camera import Camera, stating
+from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised
+from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
-from semcal_cli.drive.intrinsics import stating
+from semcal_cli.drive.motion import unrolled
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.geometry.poses import Pose
@@ -53,7 +52,7 @@ class LoadedDrive:
         return replace(self, drive=drive, observations=replace(self.observations, camera=camera))
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
-        """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.shutter`."""
+        """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.motion`."""
         observations = unrolled(self.observations, T_camera_lidar)
         return self if observations is self.observations else replace(self, observations=observations)
 

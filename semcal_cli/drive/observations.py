@@ -19,8 +19,11 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.config import StartsConfig
 from semcal_cli.drive.alike import alike_frames
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera, Lidar
+from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.document import Lidar
+
+NO_CLASS = 255
+"""The class of points and pixels that carry no information."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,7 @@ class LabelledCloud:
     """(N, C) features, whose codes are the classes; None without features."""
     exposed_s: npt.NDArray[np.float64] | None = None
     """(N,) moment at which each point is seen, in seconds after the exposure of the picture's middle line; None if all
-    are seen at that moment. See `semcal_cli.drive.shutter`."""
+    are seen at that moment. See `semcal_cli.drive.motion`."""
 
     @property
     def num_points(self) -> int:

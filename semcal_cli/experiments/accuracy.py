@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from semcal_cli.config import EDGE_BAND_PX, Estimator, InitializationConfig, RefinementConfig
-from semcal_cli.drive.cues.together import load_cues
+from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.reading import mend, read_observations

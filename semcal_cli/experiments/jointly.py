@@ -12,11 +12,10 @@ import numpy as np
 
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import InitializationConfig, JointlyConfig, RefinementConfig
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.document import Camera, Drive
-from semcal_cli.drive.intrinsics import intrinsic_value, with_intrinsics
+from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.experiment import Experiment

@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig
 from semcal_cli.config.mine import MINE_WITH_VECTORS
-from semcal_cli.drive.cues.together import load_cues
+from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations

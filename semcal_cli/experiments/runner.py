@@ -8,14 +8,13 @@ from typing import Any, TypeVar
 
 from semcal_cli.batch.pace import Pace
 from semcal_cli.batch.processes import ProcessError, Worker, in_processes
-from semcal_cli.batch.resume import locked, resume
+from semcal_cli.batch.run import resume
 from semcal_cli.errors import CalibrationError, InputError, os_reason
 from semcal_cli.experiments.journal import Found, Journal
 from semcal_cli.experiments.page_tables import measured_here
 from semcal_cli.experiments.result_files import FILES
-from semcal_cli.files.kinds import check_own_file
-from semcal_cli.files.reading import read_text
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.reading import check_own_file, read_text
+from semcal_cli.files.writing import locked, write_text
 from semcal_cli.threads import set_num_threads
 
 JOURNAL, MEASURED = "results.jsonl", "measured.txt"

@@ -21,8 +21,7 @@ from semcal_cli.experiments.experiment import Experiment
 from semcal_cli.experiments.plot_style import ACCENT, GREY, make_logarithmic
 from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.summary import NUMBER, Column, common, digits, grouped, median, of
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses

@@ -1,12 +1,28 @@
-"""Documents: YAML and JSON files of a mapping or a list, read with messages that name the file."""
+"""Documents: YAML and JSON files of a mapping or a list, read without surprises, and written to the last bit.
 
+YAML follows the 1.2 core schema: `no` and `1:30` are text, `1e-3` is a number. Anchors, aliases and tags are
+refused: semcal's files do not need them, and with them a small file could grow into a large document.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
-from semcal_cli.errors import InputError, describe
-from semcal_cli.files.dialect import FORMATS, Format, parse
+import yaml
+
+from semcal_cli.documentation import WITH_SCHEMA, schema_address
+from semcal_cli.errors import InputError, describe, mismatch
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
-from semcal_cli.files.streams import descriptor
+from semcal_cli.files.writing import descriptor
+from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, plain_value, yaml_loader
+
+Format: TypeAlias = Literal["yaml", "json"]
+FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
+LONGEST_LINE = 2**31 - 1
+"""Number of columns after which a written line may be broken: all that PyYAML's library in C can count."""
 
 
 def read_document(path: Path) -> dict[Any, Any]:
@@ -69,6 +85,150 @@ def _parse(text: str, format: Format, where: str) -> Any:
         return parse(text, format)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def parse(text: str, format: Format) -> Any:
+    """Parse a text.
+
+    Raises:
+        ValueError: the text is not well-formed; the message names the place and the error.
+    """
+    try:
+        if format == "yaml":
+            document = parse_yaml(text)
+        else:
+            document = JSON.decode(text)
+            check_depth(document)
+        if "\\" in text:
+            check_texts(document)
+        return document
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
+        raise ValueError(reason(error)) from None
+
+
+def check_texts(document: object) -> None:
+    """Check that a document has no lone surrogates, which no file can hold. They can only come from an escape.
+
+    Raises:
+        ValueError: a key or a value has one.
+    """
+    try:
+        json.dumps(document, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise mismatch(ascii(error.object[error.start]), "text without lone surrogates") from None
+
+
+def check_depth(document: object) -> None:
+    """Check that a document of JSON is no deeper than one of YAML may be, whatever depth the interpreter bears.
+
+    Raises:
+        ValueError: it has more than `MAX_DEPTH` lists and mappings inside one another.
+    """
+    level = [document]
+    for _ in range(MAX_DEPTH + 1):
+        nodes = [value for value in level if isinstance(value, dict | list)]
+        if not nodes:
+            return
+        level = list(chain.from_iterable(node.values() if isinstance(node, dict) else node for node in nodes))
+    raise ValueError("nested too deeply")
+
+
+def reason(error: Exception, num_lines: int = 0) -> str:
+    """Say in a few words why a text is not well-formed; `num_lines` stand before the text that was parsed."""
+    match error:
+        case RecursionError():
+            return "nested too deeply"
+        case json.JSONDecodeError():
+            return f"line {num_lines + error.lineno}: {error.msg}"
+        case yaml.MarkedYAMLError(problem="exceeded maximum nesting depth"):  # from PyYAML 6.0.4 on
+            return "nested too deeply"
+        case yaml.MarkedYAMLError():
+            line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+            return line + ", ".join(filter(None, (error.context, error.problem)))
+        case yaml.reader.ReaderError():
+            return f"character {error.position} is a control character"
+    if "set_int_max_str_digits" in str(error):  # This is Python's advice to programmers.
+        return "found a whole number of too many digits"
+    return str(error)
+
+
+def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    mapping: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in mapping:
+            raise ValueError(f"key {describe(key)} is given twice")
+        mapping[key] = value
+    return mapping
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"found {name}, needed a finite number")
+
+
+JSON = json.JSONDecoder(object_pairs_hook=_mapping, parse_constant=_refuse_constant)
+"""The parser of JSON's dialect."""
+
+
+def compose_yaml(text: str) -> yaml.Node:
+    """Find the nodes of a YAML text that `parse` accepts, with their places in it."""
+    node = yaml.compose(text, yaml_loader())
+    assert node is not None
+    return node
+
+
+def scalar_of(node: yaml.Node) -> Any:
+    """Give the value of a scalar of `compose_yaml`, as `parse` gives it."""
+    return node.value if getattr(node, "style", None) else plain_value(node.value)
+
+
+def make_dumper(base: Any) -> Any:
+    """Make what writes for readers of YAML 1.1 and 1.2: text that either would read as another type is quoted.
+
+    Args:
+        base: PyYAML's own writer, or the faster one of its library in C, which writes the same bytes.
+    """
+    dumper: Any = type("Dumper", (base,), {})
+    for name, scalar in CORE_SCHEMA.items():
+        pattern = re.compile(f"^(?:{scalar.pattern})$")
+        dumper.add_implicit_resolver(f"tag:yaml.org,2002:{name}", pattern, scalar.first)
+    dumper.add_representer(list, _represent_list)
+    return dumper
+
+
+def _represent_list(dumper: Any, data: Iterable[Any]) -> yaml.SequenceNode:
+    """Put numbers side by side, so that each row of a matrix is on one line."""
+    flow_style = all(isinstance(item, int | float) for item in data)
+    node: yaml.SequenceNode = dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flow_style)
+    return node
+
+
+_DUMPER = make_dumper(yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper)
+
+
+def document_text(document: Mapping[str, Any], format: Format) -> str:
+    """Format a document of plain values as text, with keys in the order given and floats exact to the last bit.
+
+    YAML of a document that has a JSON Schema begins with a comment that tells editors where it is.
+    """
+    plain = _plain(document)
+    if format == "json":
+        return json.dumps(plain, indent=2, allow_nan=False) + "\n"
+    key, comment = next(iter(plain), ""), ""
+    if key in WITH_SCHEMA:
+        comment = f"# yaml-language-server: $schema={schema_address(key, plain[key])}\n"
+    return comment + yaml.dump(plain, Dumper=_DUMPER, sort_keys=False, width=LONGEST_LINE)
+
+
+def _plain(value: Any) -> Any:
+    """Reduce a value to types of both formats: plain floats without negative zero, lists, dicts."""
+    match value:
+        case dict():
+            return {key: _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case float():
+            return float(value) + 0.0
+    return value
 
 
 def output_format(path: Path) -> Format:

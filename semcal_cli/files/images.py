@@ -1,20 +1,32 @@
-"""Reading and writing of images."""
+"""Reading and writing of images, whose sizes are read from their headers before they take any memory."""
 
 from __future__ import annotations
 
+import os
+from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO, TypeAlias
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError
-from semcal_cli.files.picture_sizes import MAX_PIXELS, Size, damaged_picture, stated_size
 from semcal_cli.files.reading import check_size, open_file, size_of
 from semcal_cli.files.writing import write_bytes
 
 BYTES_A_PIXEL, MORE_BYTES = 8, 1 << 24
 """Largest size of a picture's file: bytes for each pixel, and bytes that it may hold besides, such as a preview."""
+MAX_HEADER_BYTES = 16 << 20
+"""Bytes at the start of a large file, among which its header is looked for."""
+PNG, JPEG, BMP = b"\x89PNG", b"\xff\xd8\xff", b"BM"
+"""First bytes of the formats."""
+PNG_SIGNATURE_BYTES = 8
+COLORS = ("RGB", "RGBA")
+"""Pillow's modes of PNG whose pixels are colours; pixels of the other modes are one number, or one and alpha."""
+
+Size: TypeAlias = tuple[int, int]
+"""Columns and rows."""
 
 
 def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
@@ -32,6 +44,8 @@ def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
     Raises:
         InputError: the file is missing, or is not an image, or is one of another size.
     """
+    import cv2
+
     with open_file(path) as file:
         width, height = found = stated_size(path, file)
         _check_pixels(path, found, size)
@@ -44,7 +58,7 @@ def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
     except cv2.error:
         image = None
     if image is None or image.shape[1::-1] != found:
-        raise damaged_picture(path)
+        raise _damaged(path)
     return image.astype(np.uint8, copy=False)
 
 
@@ -54,16 +68,44 @@ def check_image(path: Path, size: Size) -> None:
     Raises:
         InputError: the file is missing, or is not an image, or is one of another size.
     """
+    _check_pixels(path, read_size(path), size)
+
+
+def read_size(path: Path) -> Size:
+    """Read the columns and rows of a PNG, JPEG or BMP from its header.
+
+    Raises:
+        InputError: the file is missing, or is not an image.
+    """
     with open_file(path) as file:
-        _check_pixels(path, stated_size(path, file), size)
+        return stated_size(path, file)
 
 
-def _check_pixels(path: Path, found: Size, needed: Size | None) -> None:
-    width, height = found
-    if needed is not None and found != needed:
-        raise InputError(f"{path}: found {width} x {height} pixels, needed {needed[0]} x {needed[1]}")
-    if width * height > MAX_PIXELS:
-        raise InputError(f"{path}: found {width:,} x {height:,} pixels, needed at most {MAX_PIXELS:,}")
+def stated_size(path: Path, file: BinaryIO) -> Size:
+    """Read the columns and rows from the header of an open file, which is left at its start.
+
+    Raises:
+        InputError: the file is not an image.
+    """
+    size, _ = _header(path, file)
+    file.seek(0)
+    return size
+
+
+def holds_colors(path: Path) -> bool:
+    """Tell whether a label image is a PNG of colours, whose pixels are not ids.
+
+    Raises:
+        InputError: the file is missing, or cannot be read.
+    """
+    with open_file(path) as file:
+        if not file.read(len(PNG)).startswith(PNG):
+            return False
+        try:
+            _, mode = _header(path, file)
+        except InputError:
+            return False
+    return mode in COLORS
 
 
 def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
@@ -76,7 +118,56 @@ def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
     Raises:
         InputError: the suffix is not .png, or the file cannot be written. An existing file stays untouched then.
     """
+    import cv2
+
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .png")
     _, content = cv2.imencode(".png", image)
     write_bytes(content.tobytes(), path)
+
+
+def _check_pixels(path: Path, found: Size, needed: Size | None) -> None:
+    width, height = found
+    if needed is not None and found != needed:
+        raise InputError(f"{path}: found {width} x {height} pixels, needed {needed[0]} x {needed[1]}")
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{path}: found {width:,} x {height:,} pixels, needed at most {MAX_PIXELS:,}")
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(f"{path}: found a damaged picture, needed a whole one")
+
+
+def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
+    """Read the size and Pillow's mode of the picture in an open file."""
+    num_bytes = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    start = file.read(len(PNG))
+    if not start.startswith((PNG, JPEG, BMP)):
+        found = f"{num_bytes:,} bytes of no known format"
+        raise InputError(f"{path}: found {found}, needed a PNG, JPEG or BMP")
+    file.seek(0)
+    # A header that goes on for ever would take memory and time.
+    head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))
+    try:
+        size, mode = _parse_header(head, start)
+    except Exception:  # Pillow lets errors of any kind through, as struct's.
+        raise _damaged(path) from None
+    if 0 in size:
+        raise _damaged(path)
+    return size, mode
+
+
+def _parse_header(head: BinaryIO, start: bytes) -> tuple[Size, str]:
+    """Parse a header by Pillow's parts: `PIL.Image.open` warns of sizes that are judged here, by `MAX_PIXELS`."""
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin
+
+    if start.startswith(PNG):
+        # The first chunk alone, since Pillow refuses errors in later ones that OpenCV reads past.
+        head.seek(PNG_SIGNATURE_BYTES)
+        stream = PngImagePlugin.PngStream(head)
+        stream.call(*stream.read())
+        return stream.im_size, stream.im_mode or ""
+    open_picture = JpegImagePlugin.JpegImageFile if start.startswith(JPEG) else BmpImagePlugin.BmpImageFile
+    picture = open_picture(head)
+    return picture.size, picture.mode

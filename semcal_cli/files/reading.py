@@ -1,12 +1,18 @@
 """Reading of regular files as a whole, up to a limit, and tests of paths."""
 
+from __future__ import annotations
+
 import errno
 import os
 import stat
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import numpy.typing as npt
+from numpy.lib.format import open_memmap
 
 from semcal_cli.errors import InputError, mismatch, os_reason
 
@@ -138,3 +144,55 @@ def _check_regular(path: Path, found: os.stat_result) -> None:
 
 def _no_file(path: Path, found: str) -> InputError:
     return InputError(f"{path}: found {found}, needed a file")
+
+
+FILE, FOLDER, LINK = "a file", "a folder", "a link"
+_TESTS = (
+    (stat.S_ISREG, FILE),
+    (stat.S_ISDIR, FOLDER),
+    (stat.S_ISLNK, LINK),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def kind_of(path: Path) -> str | None:
+    """Describe what stands at a path; links are not followed. None if nothing can be seen there."""
+    try:
+        mode = os.lstat(path).st_mode
+    except (OSError, ValueError):
+        return None
+    return next((kind for is_kind, kind in _TESTS if is_kind(mode)), "a device")
+
+
+def check_own_file(path: Path) -> None:
+    """Check that a file of our own may be read, replaced or made: nothing else stands at its path.
+
+    A link would lead the writing elsewhere, and the opening of a pipe may never end.
+
+    Raises:
+        InputError: something else stands there.
+    """
+    if (kind := kind_of(path)) not in (FILE, None):
+        raise InputError(f"{path}: found {kind}, needed a file or nothing")
+
+
+def map_array(path: Path, max_bytes: int, needed_for: str = "") -> npt.NDArray[Any]:
+    """Map the array of a `.npy` file of at most `max_bytes` bytes, which is read where it is used.
+
+    Args:
+        path: The file.
+        max_bytes: Largest size.
+        needed_for: Words that say what the limit applies to.
+
+    Raises:
+        InputError: the file is missing, is larger, or holds no array.
+    """
+    with open_file(path) as file:
+        check_size(path, size_of(file), max_bytes, needed_for)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return open_memmap(path, mode="r")  # which refuses Python objects
+    except Exception:  # The header of the file is Python, so it can fail in many ways.
+        raise InputError(f"{path}: found no NumPy array, needed one") from None

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.errors import InputError, describe
-from semcal_cli.files.dialect import JSON, check_depth, check_texts, reason
+from semcal_cli.files.documents import JSON, check_depth, check_texts, reason
 from semcal_cli.files.reading import check_size, open_file, size_of
 from semcal_cli.files.yaml_values import MAX_DEPTH
 

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.batch.summary import JSONL
+from semcal_cli.batch.records import JSONL
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.drive.document import first_stamp, read_drive
 from semcal_cli.errors import InputError

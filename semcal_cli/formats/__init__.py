@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.drive.document import Camera, drive_file
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.reading import is_same_file
 from semcal_cli.files.writing import write_bytes

@@ -9,8 +9,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
+from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.errors import InputError, describe
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
 from semcal_cli.formats.lenses import (
@@ -77,7 +76,7 @@ def ros_intrinsics(document: Node) -> Intrinsics:
     model = MODELS[str(lens.value)]
 
     def model_of(distortion: Node, count: int) -> str:
-        is_long = count in DISTORTION_COUNTS["thin_prism"][1:]
+        is_long = count in CAMERA_MODELS["thin_prism"].counts[1:]
         return "thin_prism" if is_long and model == "rational_polynomial" else model
 
     found = matrix_camera(document, model_of)

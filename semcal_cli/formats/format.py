@@ -9,12 +9,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import parse_any
+from semcal_cli.files.documents import document_text, parse_any
 from semcal_cli.files.reading import read_bytes
-from semcal_cli.files.streams import STANDARD_INPUT, read_standard_input
+from semcal_cli.files.writing import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.keyed import keyed
 from semcal_cli.formats.node import Node
 from semcal_cli.geometry.poses import Pose

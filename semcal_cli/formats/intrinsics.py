@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.drive.lenses import DISTORTION_COUNTS, PARAMETERS
+from semcal_cli.drive.camera import CAMERA_MODELS
 from semcal_cli.errors import InputError, describe
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
@@ -58,14 +58,15 @@ def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
 
 def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:
     """Replace the camera model and keep K and the coefficients."""
-    counts = next((counts for name, counts in DISTORTION_COUNTS.items() if name == model), None)
-    if counts is None:
-        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(DISTORTION_COUNTS)}")
-    if block["model"] != model and {block["model"], model} & PARAMETERS.keys():
+    lens = next((lens for name, lens in CAMERA_MODELS.items() if name == model), None)
+    if lens is None:
+        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(CAMERA_MODELS)}")
+    both = (lens for name, lens in CAMERA_MODELS.items() if name in (block["model"], model))
+    if block["model"] != model and any(lens.parameters for lens in both):
         raise InputError(f"{path}: found model {block['model']!r}, which cannot be taken as --model {model}")
     distortion = block.get("distortion", [])
-    if not isinstance(distortion, list) or len(distortion) not in counts:
+    if not isinstance(distortion, list) or len(distortion) not in lens.counts:
         found = len(distortion) if isinstance(distortion, list) else describe(distortion)
-        needed = " or ".join(map(str, counts))
+        needed = " or ".join(map(str, lens.counts))
         raise InputError(f"{path}: found {found} coefficients, needed {needed} for --model {model}")
     return block | {"model": model}

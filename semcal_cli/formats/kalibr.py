@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.lenses import PARAMETERS, CameraModel
+from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.formats.camera_entries import camera_format
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.lenses import (
@@ -53,7 +52,7 @@ def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
     lens = "none" if kind == "ds" else _known(entry.first("distortion_model"), LENSES[kind])
     width, height = (entry.child("resolution", side).side() for side in entry.first("resolution").numbers(2))
     found = LENSES[kind][lens]
-    parameters = tuple(PARAMETERS.get(found, {}))
+    parameters = tuple(CAMERA_MODELS[found].parameters)
     intrinsics = entry.first("intrinsics").numbers(len(parameters) + 4)
     block: dict[str, Any] = {"width": width, "height": height, "model": found}
     block["K"] = intrinsic_matrix(*intrinsics[len(parameters) :])
@@ -93,7 +92,7 @@ def _entry(where: str, camera: Camera) -> dict[str, Any]:
         "distortion_coeffs": distortion,
         "distortion_model": lens if distortion else "none",
         "intrinsics": [
-            *(camera.parameters[name] for name in PARAMETERS.get(camera.model, ())),
+            *(camera.parameters[name] for name in CAMERA_MODELS[camera.model].parameters),
             *pixels_of(camera),
         ],
         "resolution": [camera.width, camera.height],

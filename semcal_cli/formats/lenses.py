@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
+from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.errors import InputError, describe
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.node import Node
@@ -109,7 +108,7 @@ def coefficients_of(camera: Camera) -> list[float]:
 
 def with_count(camera: Camera, count: int) -> Camera:
     """Give a lens without distortion as many zeros as a file has coefficients, if its model can have so many."""
-    if camera.distortion or count not in DISTORTION_COUNTS[camera.model]:
+    if camera.distortion or count not in CAMERA_MODELS[camera.model].counts:
         return camera
     return camera.model_copy(update={"distortion": (0.0,) * count})
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_list
-from semcal_cli.files.streams import STANDARD_INPUT
+from semcal_cli.files.writing import STANDARD_INPUT
 from semcal_cli.formats.documents import Pair, base_format
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.node import Node

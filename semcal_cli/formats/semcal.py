@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
-from semcal_cli.drive.document import MAX_OFFSET_S, Camera, Drive
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import MAX_OFFSET_S, Drive
 from semcal_cli.errors import InputError, MisplacedError
 from semcal_cli.files.validation import (
     StatedTransform,

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from semcal_cli.files.dialect import compose_yaml, scalar_of
+from semcal_cli.files.documents import compose_yaml, scalar_of
 
 JSON_GAP = re.compile(r"[\s,:]*")
 DECODER = json.JSONDecoder()

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, describe, one_of
 from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import PnpConfig
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_motion

@@ -12,9 +12,8 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg

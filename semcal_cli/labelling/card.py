@@ -8,7 +8,8 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.drive.document import Ids, ImageSide
+from semcal_cli.drive.camera import ImageSide
+from semcal_cli.drive.document import Ids
 from semcal_cli.errors import InputError, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import StrictModel, Version, check_distinct, length, validate

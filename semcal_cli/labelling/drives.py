@@ -12,12 +12,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeAlias
 
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive, Frame, output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
-from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.reading import hash_file
 from semcal_cli.files.validation import validate
 from semcal_cli.files.writing import make_folder, write_bytes, write_text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from typing import Any, TypeAlias
 
@@ -10,12 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, about
-from semcal_cli.labelling.card import CompletePictureCard
-from semcal_cli.labelling.model import Model, wrong_key
-from semcal_cli.labelling.picture_model import joined_masks
+from semcal_cli.labelling.card import CompletePictureCard, PointCard
+from semcal_cli.labelling.model import MASKS, Model, card_of, picture_model, point_model, wrong_key
+from semcal_cli.labelling.network import Network
 from semcal_cli.labelling.views import Picture, make_views
+
+SHOWN = (640, 480)
+"""Columns and rows of the picture on which a network is tried that takes any size."""
+MIDDLE_GRAY = 128
 
 MAX_SHARES = 255
 """Most classes of a file of probabilities."""
@@ -195,3 +199,38 @@ def _are_probabilities(scores: Scores, are_first: bool) -> bool:
         and np.abs(each.sum(axis) - 1.0).max() <= SUM_TOLERANCE
         for each in scores
     )
+
+
+def joined_masks(outputs: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.float32]:
+    """Join classes and masks of queries to probabilities (1, C, h, w): Cheng et al., Mask2Former, 2022.
+
+    Args:
+        outputs: Logits of the classes (1, Q, C + 1), the last of which is none, and of the masks (1, Q, h, w).
+    """
+    classes, masks = (np.asarray(outputs[name], np.float64)[0] for name in MASKS)
+    likely = np.exp(classes - classes.max(1, keepdims=True))
+    likely /= likely.sum(1, keepdims=True)
+    inside = 1.0 / (1.0 + np.exp(-masks))
+    return np.asarray(np.einsum("qc,qhw->chw", likely[:, :-1], inside)[None], np.float32)
+
+
+def describe_model(network: Network, card: str | None) -> list[tuple[str, str]]:
+    """Describe what is understood of a network, in pairs of a word and a sentence, and try it if it is for pictures.
+
+    Arguments and errors are those of `picture_model`.
+    """
+    stated, _ = card_of(network, card)
+    if isinstance(stated, PointCard):
+        return point_model(network, card).describe()
+    model = picture_model(network, card)
+    return [*model.describe(), ("tried", _tried(model))]
+
+
+def _tried(model: Model[CompletePictureCard]) -> str:
+    """Run a network on a grey picture, and describe the labels that it gives."""
+    width, height = SHOWN if model.card.size is None else model.card.size
+    K = ((float(width), 0.0, width / 2.0), (0.0, float(width), height / 2.0), (0.0, 0.0, 1.0))
+    camera = Camera(model="plumb_bob", width=width, height=height, K=K)
+    ids = PictureLabeller(model, camera).ids(np.full((height, width, 3), MIDDLE_GRAY, np.uint8))
+    found = ", ".join(map(str, np.unique(ids)[:8]))
+    return f"labels of a grey picture of {width} x {height}: ids {found}"

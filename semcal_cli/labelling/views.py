@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import InputError
 from semcal_cli.labelling.card import Fit
 

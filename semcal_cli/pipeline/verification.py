@@ -20,10 +20,10 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.config.setting import check_settings
-from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.events import Listener, ignore
 from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.reading import hash_file
 from semcal_cli.formats import read_extrinsic

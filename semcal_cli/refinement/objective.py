@@ -20,9 +20,8 @@ except ModuleNotFoundError:
 from torch import Tensor
 from torch.nn import functional
 
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.refinement.projection import Projection
 

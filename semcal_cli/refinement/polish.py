@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import PolishConfig
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import HeldOut
 from semcal_cli.result.checks.table import (

@@ -9,9 +9,7 @@ from typing import TypeAlias
 import torch
 from torch import Tensor
 
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.lenses import CameraModel
+from semcal_cli.drive.camera import Camera, CameraModel, core_camera
 
 TINY = 1e-24
 """Keeps the gradient of a radius finite on the optical axis."""

@@ -21,10 +21,8 @@ from typing import Protocol
 
 from semcal_cli import _core
 from semcal_cli.config import PyramidConfig
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks.table import REFINEMENT_NOT_SETTLED

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.geometry.poses import Pose, camera_center, inverse
 from semcal_cli.report.colors import Colors, hex_color, palettes

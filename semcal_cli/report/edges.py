@@ -7,11 +7,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.edges import EDGES, NO_EDGE, gradients
 from semcal_cli.drive.cues.intensity import grey_values, lens_mask
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.report.colors import NO_EDGE_NAME, STEP_COLORS
 
 GREY_STRENGTH = 0.25

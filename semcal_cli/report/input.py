@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.config import AUTO, MAX_FRAMES, CueName
-from semcal_cli.drive.cues.table import choose_frames, chosen, maximised, recorded
-from semcal_cli.drive.cues.together import load_cues
+from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised, recorded
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.motion import unrolled
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
 from semcal_cli.formats.format import Format, FormatOptions

@@ -14,13 +14,12 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_names
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.cues.segments import SegmentationConfig
-from semcal_cli.drive.document import Camera, Drive
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.motion import points_at, unrolled
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
-from semcal_cli.drive.shutter import points_at, unrolled
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder

@@ -16,8 +16,8 @@ from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.config import LABELS
 from semcal_cli.drive.cues.table import files_of
-from semcal_cli.drive.shutter import unrolled
-from semcal_cli.files.dialect import document_text
+from semcal_cli.drive.motion import unrolled
+from semcal_cli.files.documents import document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import camera_center

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.document import Camera, Drive, Frame
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.motion import unrolled
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import load_points, read_frame_image, read_observations
-from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
-from semcal_cli.files.picture_sizes import read_size
+from semcal_cli.files.images import read_size
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import Extrinsic

@@ -12,8 +12,8 @@ import numpy as np
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets
 from semcal_cli.documentation import entry_address
+from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.cues.table import maximised, recorded
-from semcal_cli.drive.document import Camera
 from semcal_cli.errors import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.input import ReportInput

@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from semcal_cli.drive.delay import delayed, twists_per_s
-from semcal_cli.drive.document import Camera, Drive
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.motion import delayed, twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera_words import camera_differences, offset_words

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, JsonValue, field_validator, model_validator
 
 from semcal_cli.config import AUTO, LABELS, CueName
-from semcal_cli.drive.document import Camera, Drive
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, describe, mismatch
-from semcal_cli.files.dialect import Format, document_text
-from semcal_cli.files.documents import output_format, read_document
+from semcal_cli.files.documents import Format, document_text, output_format, read_document
 from semcal_cli.files.validation import (
     Count,
     Figure,

@@ -7,8 +7,7 @@ from typing import Annotated, TypeAlias
 
 from pydantic import AfterValidator, Field, model_validator
 
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value
+from semcal_cli.drive.camera import Camera, intrinsic_names, intrinsic_value
 from semcal_cli.errors import describe, listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
 from semcal_cli.result.uncertainty import check_covariance

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from semcal_cli.drive.document import Camera
-from semcal_cli.drive.intrinsics import without_last_zeros
+from semcal_cli.drive.camera import Camera, without_last_zeros
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
 from semcal_cli.result.intervals import figure
 

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.result.uncertainty import NORMAL_95, Uncertainty
 
 AHEAD_M = 10.0

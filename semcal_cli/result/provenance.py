@@ -9,8 +9,8 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from semcal_cli.drive.document import Camera, Drive, drive_file
-from semcal_cli.drive.intrinsics import without_last_zeros
+from semcal_cli.drive.camera import Camera, without_last_zeros
+from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.files.reading import hash_file
 from semcal_cli.result.calibration import Input, InputFrame
 

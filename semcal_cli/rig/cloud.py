@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.motion import unrolled
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_points, read_frame_image
-from semcal_cli.drive.shutter import unrolled
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.cloud import (
     MAX_SEEN,

@@ -12,8 +12,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Drive, read_drive
-from semcal_cli.drive.other_documents import RIG
+from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import InputError, describe, mismatch, one_of
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.reading import is_folder, read_bytes

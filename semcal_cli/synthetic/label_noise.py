@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 
 Labels = npt.NDArray[np.uint8]
 

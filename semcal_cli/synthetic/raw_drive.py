@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from semcal_cli.drive.document import DRIVE_FILE, Drive, Frame
 from semcal_cli.drive.reading import read_clouds, read_label_images
-from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import document_text
 from semcal_cli.files.images import write_image
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
 from semcal_cli.files.writing import write_bytes, write_text

@@ -14,11 +14,10 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, Lens, SynthConfig
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera
-from semcal_cli.drive.lenses import CameraModel
+from semcal_cli.drive.camera import Camera, CameraModel, core_camera
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
 from semcal_cli.synthetic.frame_files import (

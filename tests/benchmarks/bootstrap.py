@@ -15,9 +15,8 @@ import numpy as np
 
 from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.page_tables import run_script

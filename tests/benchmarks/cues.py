@@ -26,7 +26,7 @@ from semcal_cli.cli.options import CueList
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.cues.together import summed
+from semcal_cli.drive.cues.table import summed
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_frame_image

@@ -25,11 +25,10 @@ from semcal_cli import _core
 from semcal_cli.assessment.rivals import sigmas_behind
 from semcal_cli.config import PolishConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.edges import EDGES, STARTS, observe_edges
 from semcal_cli.drive.cues.intensity import grey_values
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform

@@ -25,7 +25,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from bags import NS, START_NS, BagWriter
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.camera import Camera
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.speed import SEMCAL
 

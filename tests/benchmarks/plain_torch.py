@@ -22,9 +22,8 @@ from torch.nn import functional
 
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.config.mine import MineConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork

@@ -22,10 +22,10 @@ from semcal_cli import _core
 from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.segments import SEGMENTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform

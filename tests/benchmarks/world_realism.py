@@ -19,10 +19,15 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.config.synthetic import Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS, class_table
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.drive.observations import (
+    NO_CLASS,
+    FrameObservation,
+    LabelledCloud,
+    LabelledImage,
+    Observations,
+)
+from semcal_cli.drive.reading import class_table, load_observations
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic.frame_files import UNLABELED

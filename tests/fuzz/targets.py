@@ -19,21 +19,18 @@ from pathlib import Path
 import numpy as np
 from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, TREES
 
-from semcal_cli.batch.drives import find_drives
-from semcal_cli.batch.records import SIGNED, read_outcome
-from semcal_cli.batch.summary import write_summary
-from semcal_cli.batch.tasks import Task, describe_result
+from semcal_cli.batch.records import SIGNED, read_outcome, write_summary
+from semcal_cli.batch.tasks import Task, describe_result, find_drives
 from semcal_cli.config import Limits
 from semcal_cli.datasets import load_dataset
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.ply import read_vertices
 from semcal_cli.datasets.recording import Request
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Camera, Drive, Motion, read_drive
+from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.motion import compensated
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import output_format, parse_document
+from semcal_cli.files.documents import document_text, output_format, parse_document
 from semcal_cli.files.validation import StrictModel, validate
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.members import read_members

@@ -22,8 +22,8 @@ from semcal_cli.datasets.bags.topics import Request, choose_topics
 from semcal_cli.datasets.bags.transforms import reference
 from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Options, Written, write_drive
+from semcal_cli.drive.document import output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
-from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import is_folder, is_same_file
 from semcal_cli.files.writing import make_folder

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config import MAX_PIXELS
 from semcal_cli.datasets.bags.messages import COMPRESSED, Message, MessageError
 from semcal_cli.errors import InputError
-from semcal_cli.files.picture_sizes import MAX_PIXELS, Size, stated_size
+from semcal_cli.files.images import Size, stated_size
 
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 

@@ -18,13 +18,12 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import ExactConfig, StartsConfig
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.cues.intensity import grey_values, lens_mask
-from semcal_cli.drive.document import Camera, Drive, Frame
+from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated
-from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, about
 from semcal_cli.files.point_clouds import Sweeps

@@ -22,8 +22,8 @@ from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.arrays import map_array
 from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
+from semcal_cli.files.reading import map_array
 from semcal_cli.threads import thread_pool
 
 Vectors = npt.NDArray[np.float16]

@@ -17,13 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.cues.segments import STARTS
-from semcal_cli.drive.document import Camera, Drive, Frame
+from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import Compensated, compensated
-from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps

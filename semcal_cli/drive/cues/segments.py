@@ -15,11 +15,10 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import StartsConfig
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import compensated
-from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, Observations
 from semcal_cli.drive.reading import make_observations, mend, read_clouds, read_image_classes
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps

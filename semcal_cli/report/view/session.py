@@ -18,11 +18,10 @@ from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.motion import unrolled
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import document_text
-from semcal_cli.files.documents import output_format
+from semcal_cli.files.documents import document_text, output_format
 from semcal_cli.files.writing import write_text
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose, pose_from_mounting
