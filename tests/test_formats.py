@@ -183,7 +183,7 @@ WRONG = {
         (
             yaml.dump(STAMPED | {"child_frame_id": "b"}),
             [],
-            "found frames 'os_sensor' and 'b', needed --camera",
+            "found frames os_sensor, b, needed --camera to name one of them",
         ),
         (
             "results: {T_lidar_camera: [1, 2]}",
@@ -193,7 +193,7 @@ WRONG = {
         (
             yaml.dump(STAMPED | {"header": {"frame_id": "base_link"}}),
             [],
-            "found frame 'base_link', needed --lidar base_link if it is the LiDAR's own",
+            "found frames base_link, front_optical, needed --lidar to name the LiDAR's own",
         ),
         ("results: 'a", [], "while scanning a quoted scalar"),
     ],
@@ -221,7 +221,7 @@ WRONG = {
         (json.dumps(SENSORS), ["--camera", "a", "--lidar", "a"], "found 'a' for both"),
     ],
     "a.urdf": [
-        ("<robot><joint/></robot>", [], "found links none, needed --camera to name one"),
+        ("<robot><joint/></robot>", [], "found links none, needed two links"),
         ("<!DOCTYPE a><joint/>", [], "found <!DOCTYPE, needed XML without declarations"),
         (ROBOT.replace("fixed", "revolute"), [], "joint 'in': found type 'revolute' between them"),
         (ROBOT, ["--camera", "nose"], "found no joints from 'velodyne' to 'nose'"),

@@ -29,9 +29,8 @@ from semcal_cli.errors import InputError, describe
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.formats.frames import T_BODY_OPTICAL
-from semcal_cli.formats.node import Node
+from semcal_cli.formats.node import MAX_MOUNT_M, Node, pick
 from semcal_cli.formats.pose import ANGLES, PLACE
-from semcal_cli.formats.values import MAX_MOUNT_M, pick
 from semcal_cli.geometry.poses import Pose, inverse
 
 FOV_DEG = 0.1, 179.9

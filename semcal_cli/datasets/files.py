@@ -8,7 +8,7 @@ from pathlib import Path
 from semcal_cli.errors import InputError, describe, os_reason
 from semcal_cli.files.images import read_size
 from semcal_cli.files.reading import is_folder, read_start
-from semcal_cli.formats.values import image_side
+from semcal_cli.formats.node import image_side
 
 
 def need_file(path: Path) -> Path:

@@ -20,7 +20,7 @@ from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.intrinsics import read_intrinsics
-from semcal_cli.formats.values import rigid
+from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.poses import Pose
 
 SUFFIXES = {

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.errors import InputError, listed
-from semcal_cli.formats.keyed import read_keyed
-from semcal_cli.formats.kitti import OBJECT_KEY, ODOMETRY_KEY, beside_camera0, camera0_pose
-from semcal_cli.formats.node import Node
-from semcal_cli.formats.values import camera_block, image_side
+from semcal_cli.formats.kitti import OBJECT_KEY, ODOMETRY_KEY, beside_camera0, camera0_pose, read_keyed
+from semcal_cli.formats.node import Node, camera_block, image_side
 from semcal_cli.geometry.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}

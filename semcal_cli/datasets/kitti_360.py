@@ -23,10 +23,9 @@ from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_rows, speeds_mps
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.intrinsics import read_intrinsics
-from semcal_cli.formats.keyed import read_keyed
-from semcal_cli.formats.kitti_360 import camera0_pose
+from semcal_cli.formats.kitti import read_keyed, unrectified_camera0_pose
+from semcal_cli.formats.node import MAX_WORLD_M, pick
 from semcal_cli.formats.pose import from_line, from_rows, rotation
-from semcal_cli.formats.values import MAX_WORLD_M, pick
 from semcal_cli.geometry.poses import Pose, inverse
 
 USUAL_CAMERA = "image_00"
@@ -53,7 +52,7 @@ def read(request: Request) -> Recording:
     rectified = _is_rectified(camera, request.rectified)
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
     to_velo = root / "calibration/calib_cam_to_velo.txt"
-    T_camera0_lidar = camera0_pose(to_velo, read_text(to_velo))
+    T_camera0_lidar = unrectified_camera0_pose(to_velo, read_text(to_velo))
     images = _images(root, sequence, camera, rectified)
     folder = _windows_folder(root, sequence)
     if folder is None:

@@ -15,7 +15,7 @@ from semcal_cli.datasets.files import files_by_stem, folders, image_size, number
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.reading import is_folder, read_text
-from semcal_cli.formats.values import pick
+from semcal_cli.formats.node import pick
 
 USUAL_CAMERA = "image_2"
 

@@ -11,7 +11,7 @@ from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joine
 from semcal_cli.datasets.trajectory import read_speeds
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
-from semcal_cli.formats.values import parse_number, pick, stamp_s
+from semcal_cli.formats.node import parse_number, pick, stamp_s
 
 USUAL_CAMERA = "image_2"
 

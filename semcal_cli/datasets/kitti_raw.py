@@ -15,10 +15,9 @@ from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
-from semcal_cli.formats.keyed import read_keyed
-from semcal_cli.formats.kitti import beside_camera0
+from semcal_cli.formats.kitti import beside_camera0, read_keyed
+from semcal_cli.formats.node import parse_numbers, pick, rigid, stamp_s
 from semcal_cli.formats.pose import rotation, transform
-from semcal_cli.formats.values import parse_numbers, pick, rigid, stamp_s
 from semcal_cli.geometry.poses import Pose
 
 USUAL_CAMERA = "image_02"

@@ -22,8 +22,7 @@ from semcal_cli.datasets.trajectory import speeds_mps
 from semcal_cli.errors import InputError, describe
 from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats.node import Node
-from semcal_cli.formats.values import MAX_STAMP_S, MAX_WORLD_M, camera_block, number, pick, rigid
+from semcal_cli.formats.node import MAX_STAMP_S, MAX_WORLD_M, Node, camera_block, number, pick, rigid
 from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
 
 LIDAR_CHANNEL = "LIDAR_TOP"

@@ -11,9 +11,9 @@ from typing import Any
 from semcal_cli.datasets.files import folders, image_size, need_file
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
-from semcal_cli.formats.keyed import read_keyed
+from semcal_cli.formats.kitti import read_keyed
+from semcal_cli.formats.node import camera_block, pick
 from semcal_cli.formats.pose import from_line
-from semcal_cli.formats.values import camera_block, pick
 
 
 def read(request: Request) -> Recording:

@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.datasets.labels import stem
 from semcal_cli.errors import InputError
-from semcal_cli.formats.values import MAX_STAMP_S
+from semcal_cli.formats.node import MAX_STAMP_S
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
 SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")

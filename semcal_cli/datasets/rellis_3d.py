@@ -19,7 +19,7 @@ from semcal_cli.datasets.trajectory import read_speeds
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats import read_transform
-from semcal_cli.formats.values import camera_block, parse_numbers, pick, rigid
+from semcal_cli.formats.node import camera_block, parse_numbers, pick, rigid
 from semcal_cli.geometry.poses import Pose
 
 CAMERA = "pylon_camera_node"

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
-from semcal_cli.formats.values import MAX_WORLD_M, number, parse_numbers
+from semcal_cli.formats.node import MAX_WORLD_M, number, parse_numbers
 from semcal_cli.geometry.poses import Vector
 
 KITTI_PERIOD_S = 0.1

@@ -22,7 +22,7 @@ from semcal_cli.files.documents import document_text
 from semcal_cli.files.images import holds_colors
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
-from semcal_cli.formats.values import rigid
+from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 
 UNWRITTEN = Path("the drive that is to be written")

@@ -1,56 +1,30 @@
-"""Transforms from files of any known format, and into them: one module each, its direction stated as an equation."""
+"""Transforms from files of any known format, and into them, each with its direction stated as an equation."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, describe, listed
 from semcal_cli.files.reading import is_same_file
 from semcal_cli.files.writing import write_bytes
-from semcal_cli.formats import nuscenes, semcal
+from semcal_cli.formats import bases, semcal
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.formats.lenses import UnnamedLensError, tell_clock
+from semcal_cli.formats.lenses import UnnamedLensError
+from semcal_cli.formats.semcal import Extrinsic as Extrinsic
 from semcal_cli.formats.table import FORMATS as FORMATS
 from semcal_cli.formats.table import find_format as find_format
 from semcal_cli.geometry.poses import Pose, as_transform
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.camera_words import offset_words
 
 DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
-
-
-@dataclass(frozen=True)
-class Extrinsic:
-    """What a file says of where a camera is."""
-
-    T_camera_lidar: Pose
-    """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres."""
-    source: Source
-
-    @cached_property
-    def record(self) -> Calibration | None:
-        """The calibration that semcal wrote with the transform; None if the file is none."""
-        return semcal.record_in(self.source)
-
-    @cached_property
-    def half_widths(self) -> tuple[float, ...] | None:
-        """Half widths (6,) of the 95 % intervals, metres and degrees; None if none is known or believed."""
-        return semcal.half_widths_in(self.source)
-
-    @cached_property
-    def camera(self) -> Camera | None:
-        """The camera that the transform belongs to: of the calibration, or of the drive; None if the file has none."""
-        return semcal.camera_in(self.source)
-
-
 DOUBTED = "{}: the transform is not trusted, which its reasons explain"
 """What is said of a transform that is written all the same."""
 
@@ -156,10 +130,8 @@ def write_transform(
         InputError: the transform is not rigid, the format is not known or needs an option that is not given, or the
             file cannot be written.
     """
-    T_camera_lidar, path = (
-        as_transform(T_camera_lidar, "T_camera_lidar"),
-        None if path is None else Path(path),
-    )
+    T_camera_lidar = as_transform(T_camera_lidar, "T_camera_lidar")
+    path = None if path is None else Path(path)
     format, options = find_format(name), replace(options or FormatOptions(), file=path, is_written=True)
     _check_options(format, options)
     try:
@@ -202,26 +174,25 @@ def convert(
     """
     source, path = Path(source), None if output is None else Path(output)
     read_files = [drive_file(source)]
-    if source.name == nuscenes.TABLE:
-        read_files.append(source.with_name(nuscenes.SENSORS))
+    if source.name == bases.TABLE:
+        read_files.append(source.with_name(bases.SENSORS))
     if path is not None and any(is_same_file(path, each) for each in read_files):
         raise InputError(f"{path}: found the file that is read, needed another name")
-    written, record = write_options or FormatOptions(), None
+    written = write_options or FormatOptions()
     if find_format(to).has_transform:
         found = read_extrinsic(source, from_format, read_options)
-        T_camera_lidar, camera = found.T_camera_lidar, found.camera
         record = found.record
     else:
         _check_options(semcal.FORMAT, read_options or FormatOptions())
         content = Source.read(drive_file(source))
         if not semcal.FORMAT.recognises(content):
             _check_form(content)
-        T_camera_lidar, camera = np.eye(4), semcal.camera_in(content)
-        if camera is None or from_format not in (None, semcal.FORMAT.name):
+        found, record = Extrinsic(np.eye(4), content), None
+        if found.camera is None or from_format not in (None, semcal.FORMAT.name):
             raise InputError(
                 f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
             )
-    text = write_transform(T_camera_lidar, path, to, replace(written, intrinsics=camera))
+    text = write_transform(found.T_camera_lidar, path, to, replace(written, intrinsics=found.camera))
     if is_doubted(record):
         written.note(DOUBTED.format(source))
     return text
@@ -264,8 +235,10 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
         raise InputError(f"{path}: found what is nested too deep, needed a file with a transform") from None
     if content != source.content:
         write_bytes(content, path)
-    if format is not semcal.FORMAT:
-        tell_clock(of_file, is_set=False)
+    if of_file.time_offset_s is not None:
+        is_set = semcal.DRIVE in source.mapping
+        place = f"set the clock in {path}" if is_set else f"left out the clock, which {path} has no place for"
+        of_file.note(f"{place}: {offset_words(of_file.time_offset_s)}")
     return format
 
 

@@ -11,11 +11,10 @@ from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.errors import InputError, describe
-from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
+from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.lenses import (
     NAMES,
     Intrinsics,
-    LensReader,
     check_lens,
     check_same_camera,
     coefficients_of,
@@ -26,7 +25,7 @@ from semcal_cli.formats.lenses import (
     with_count,
 )
 from semcal_cli.formats.node import Node
-from semcal_cli.formats.storage import is_storage
+from semcal_cli.formats.opencv import is_storage
 from semcal_cli.geometry.poses import Pose
 
 NAME, LENS = "camera-info", "distortion_model"
@@ -70,7 +69,7 @@ def ros_intrinsics(document: Node) -> Intrinsics:
     Raises:
         InputError: the lens is not known, or a value is missing or wrong.
     """
-    lens = document.first(LENS)
+    lens = document.at(LENS)
     if str(lens.value) not in MODELS:
         raise lens.mismatch(f"one of: {', '.join(MODELS)}")
     model = MODELS[str(lens.value)]
@@ -101,7 +100,9 @@ def _is_camera_info(source: Source) -> bool:
     return LENS in source.mapping and has_K and not is_storage(source.text)
 
 
-def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
+    if LENS not in source.mapping:
+        return None
     refuse_camera(source.path, camera)
     return ros_intrinsics(Node(str(source.path), source.document))
 
@@ -154,11 +155,11 @@ def _set(document: Node, camera: Camera, options: FormatOptions) -> None:
         next((document.value[name] for name in NAMES[side] if name in document.value), None)
         for side in ("width", "height")
     ]
+    lens, needed = document.at(LENS), LENS_NAMES[camera.model]
     check_same_camera(options, camera, sides)
-    lens = document.first(LENS)
-    if MODELS.get(str(lens.value)) != MODELS[LENS_NAMES[camera.model]]:
-        raise lens.mismatch(repr(LENS_NAMES[camera.model]))
-    K, distortion = (document.first(*NAMES[key]) for key in ("K", "distortion"))
+    if MODELS.get(str(lens.value)) != MODELS[needed]:
+        raise lens.mismatch(repr(needed))
+    K, distortion = (document.first(NAMES[key]) for key in ("K", "distortion"))
     after = [numbers_of(camera), _coefficients(with_count(camera, len(distortion.data())))]
     for node, before, numbers in zip((K, distortion), (K.data(), distortion.data()), after, strict=True):
         if isinstance(node.value, dict) and len(numbers) != len(before):
@@ -171,9 +172,8 @@ FORMAT = Format(
     "no transform: size, K and distortion of a ROS CameraInfo; IN is a calibration or a drive",
     _is_camera_info,
     _read,
-    document_writer(_put),
-    _put,
+    put=_put,
     asks=("camera",),
     has_transform=False,
-    lens=LensReader(lambda source: LENS in source.mapping, _read_lens),
+    read_lens=_read_lens,
 )

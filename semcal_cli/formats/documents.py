@@ -7,15 +7,22 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
-from semcal_cli.formats.lenses import LensReader, SetLens
+from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import Notation
 from semcal_cli.geometry.poses import Pose, inverse
 
 Find: TypeAlias = Callable[[Node, FormatOptions], Node]
 """Finds the entry of a document that holds the pose, and adds it to a document that is written anew."""
+SetLens: TypeAlias = Callable[[dict[str, Any], Camera, FormatOptions, bool], None]
+"""Sets the intrinsics in the entry of a camera, which may be of a new file."""
+
+
+def document_of(source: Source) -> Node:
+    """Make the node of a file's document."""
+    return Node(str(source.path), source.document)
 
 
 def under(*keys: str) -> Find:
@@ -39,15 +46,16 @@ def entry_format(
     notation: Notation,
     *,
     maps_camera: bool = False,
-    as_json: bool = False,
-    asks: tuple[str, ...] = (),
-    lens: LensReader | None = None,
     set_lens: SetLens | None = None,
+    **others: Any,
 ) -> Format:
-    """Make the format of documents with one entry that holds T_camera_lidar or, if it maps the camera, its inverse."""
+    """Make the format of documents with one entry that holds T_camera_lidar or, if it maps the camera, its inverse.
+
+    Intrinsics are set by `set_lens` in the same entry. The others are fields of `Format`.
+    """
 
     def read(source: Source, options: FormatOptions) -> Pose:
-        T = notation.read(find(Node(str(source.path), source.document), options), options)
+        T = notation.read(find(document_of(source), options), options)
         return inverse(T) if maps_camera else T
 
     def put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
@@ -57,8 +65,7 @@ def entry_format(
         if set_lens is not None and options.intrinsics is not None:
             set_lens(entry, options.intrinsics, options, is_new)
 
-    make = document_writer(put, as_json=as_json)
-    return Format(name, equation, recognises, read, make, put, asks, lens=lens)
+    return Format(name, equation, recognises, read, put=put, **others)
 
 
 class Pair(NamedTuple):
@@ -88,7 +95,7 @@ def base_format(
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
-        pair = find(Node(str(source.path), source.document), options)
+        pair = find(document_of(source), options)
         T_base_optical = notation.read(pair.camera, options) @ pair.T_frame_optical
         return inverse(T_base_optical) @ notation.read(pair.lidar, options)
 

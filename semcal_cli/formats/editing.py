@@ -1,7 +1,8 @@
 """Changes of a user's document in place: every byte outside the replaced values stays as it is.
 
-The change is made to the plain document. Where a value differs then, its text is replaced; new keys and items follow
-the last one of their mapping or list. The new text is read again before anything is written.
+The change is made to the plain document. Where a value differs then, its text is replaced, and new keys follow the last
+one of their mapping. The new text is read again before anything is written. Libraries that keep comments (ruamel.yaml)
+lay out anew what they write: they lose comments between brackets, indentation and line ends.
 """
 
 from __future__ import annotations
@@ -11,17 +12,22 @@ import json
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
+import yaml
+
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import parse_any
+from semcal_cli.files.documents import compose_yaml, parse_any, scalar_of
 from semcal_cli.formats.format import Source
-from semcal_cli.formats.spans import Place, place_of
 
 LINE_END = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
-COMMENT = re.compile("#[^\r\n\x85\u2028\u2029]*")
+BLANK = " \t\r\n\x85\u2028\u2029"
+JSON_GAP = re.compile(r"[\s,:]*")
+DECODER = json.JSONDecoder()
 MARK = "\ufeff"
 """Byte order mark."""
 PLAIN_WORD = re.compile(r"[A-Za-z_]\w*", re.ASCII)
@@ -35,31 +41,23 @@ def edited(source: Source, change: Callable[[Any], object]) -> bytes:
     Raises:
         InputError: the file is not well-formed, or the layout of its text does not allow the change.
     """
-    wanted = deepcopy(source.document)
+    wanted, text = deepcopy(source.document), source.text
     change(wanted)
-    text = source.text
     if text.startswith(MARK):
         raise InputError(f"{source.path}: found two byte order marks, needed one or none")
-    edits = _Edits(text, is_json=source.path.suffix.lower() == ".json")
     if _is_same(source.document, wanted):
         return source.content
-    edits.change(place_of(text, is_json=edits.is_json), source.document, wanted)
+    edits = _Edits(text, is_json=source.path.suffix.lower() == ".json")
+    edits.change(edits.document, source.document, wanted)
     after = edits.apply()
-    if not _is_same(_parsed(after, source), wanted):
-        raise InputError(
-            f"{source.path}: found values that no others can replace where they stand, needed each key and each row "
-            "on a line of its own"
-        )
-    mark = codecs.BOM_UTF8 if source.content.startswith(codecs.BOM_UTF8) else b""
-    return mark + after.encode()
-
-
-def _parsed(text: str, source: Source) -> Any:
-    """The document of a text; None if the text is not well-formed."""
-    try:
-        return parse_any(text, source.path)
-    except InputError:
-        return None
+    with suppress(InputError):
+        if _is_same(parse_any(after, source.path), wanted):
+            mark = codecs.BOM_UTF8 if source.content.startswith(codecs.BOM_UTF8) else b""
+            return mark + after.encode()
+    raise InputError(
+        f"{source.path}: found values that no others can replace where they stand, needed each key and each row "
+        "on a line of its own"
+    )
 
 
 def _is_same(a: Any, b: Any) -> bool:
@@ -75,13 +73,73 @@ def _is_same(a: Any, b: Any) -> bool:
     return isinstance(a, bool) == isinstance(b, bool) and bool(a == b)
 
 
+@dataclass(frozen=True)
+class _Place:
+    """A value in a text."""
+
+    start: int
+    """Index of its first character."""
+    end: int
+    """Index after its last character."""
+    find_items: Callable[[], dict[Any, _Place]]
+    column: int | None = None
+    """Column of the items of a list or mapping in YAML's block style; None for any other value."""
+
+    @cached_property
+    def items(self) -> dict[Any, _Place]:
+        """Places of the values of a mapping by their keys, or of a list by their indices, in order."""
+        return self.find_items()
+
+
+def _json_place(text: str, start: int) -> _Place:
+    def items() -> dict[Any, _Place]:
+        found: dict[Any, _Place] = {}
+        at = after_gap(start + 1)
+        while text[at] not in "]}":
+            key: Any = len(found)
+            if text[start] == "{":
+                key, end = DECODER.raw_decode(text, at)
+                at = after_gap(end)
+            found[key] = _json_place(text, at)
+            at = after_gap(found[key].end)
+        return found
+
+    def after_gap(at: int) -> int:
+        gap = JSON_GAP.match(text, at)
+        return at if gap is None else gap.end()
+
+    start = after_gap(start)
+    return _Place(start, DECODER.raw_decode(text, start)[1], items)
+
+
+def _yaml_place(text: str, node: yaml.Node) -> _Place:
+    def items() -> dict[Any, _Place]:
+        if isinstance(node, yaml.MappingNode):
+            return {scalar_of(key): _yaml_place(text, value) for key, value in node.value}
+        return {index: _yaml_place(text, value) for index, value in enumerate(node.value)}
+
+    start, end = int(node.start_mark.index), int(node.end_mark.index)
+    # PyYAML counts what follows a block to it, up to the next sign.
+    if isinstance(node, yaml.CollectionNode) and not node.flow_style:
+        end = max(place.end for place in items().values())
+        return _Place(start, end, items, int(node.start_mark.column))
+    if getattr(node, "style", None) in ("|", ">"):
+        end = len(text[:end].rstrip(BLANK))
+    return _Place(start, end, items)
+
+
 @dataclass
 class _Edits:
-    """Pieces of a text and what replaces them, in the order of the text."""
+    """Pieces of a text that our reader accepts, and what replaces them."""
 
     text: str
     is_json: bool
     pieces: list[tuple[int, int, str]] = field(default_factory=list)
+
+    @property
+    def document(self) -> _Place:
+        """Place of the whole document."""
+        return _json_place(self.text, 0) if self.is_json else _yaml_place(self.text, compose_yaml(self.text))
 
     def apply(self) -> str:
         """Make the new text; what is added at one place keeps its order, the innermost first."""
@@ -91,25 +149,23 @@ class _Edits:
             at = end
         return "".join([*parts, self.text[at:]])
 
-    def change(self, place: Place, before: Any, after: Any) -> None:
+    def change(self, place: _Place, before: Any, after: Any) -> None:
         """Replace what differs between two values that are not the same."""
         match before, after:
             case dict(), dict() if before.keys() <= after.keys():
-                old, new = list(before), [key for key in after if key not in before]
-            case list(), list() if after or not before:
-                old = list(range(min(len(before), len(after))))
-                new = list(range(len(before), len(after)))
-                self._remove(place, len(after))
+                pairs = {key: (value, after[key]) for key, value in before.items()}
+            case list(), list() if len(before) == len(after):
+                pairs = dict(enumerate(zip(before, after, strict=True)))
             case _:
                 self._replace(place, after)
                 return
-        changed = [key for key in old if not _is_same(before[key], after[key])]
-        for key in changed:
-            self.change(place.items[key], before[key], after[key])
-        if new:
-            self._add(place, new, after)
+        for key, (old, new) in pairs.items():
+            if not _is_same(old, new):
+                self.change(place.items[key], old, new)
+        if len(after) > len(before):
+            self._add(place, {key: value for key, value in after.items() if key not in before})
 
-    def _replace(self, place: Place, value: Any) -> None:
+    def _replace(self, place: _Place, value: Any) -> None:
         """Replace a whole value: a list in block style by one of its style, anything else by a text on one line."""
         if place.column is not None and isinstance(value, list):
             rows = [f"- {self._flow(item)}" for item in value]
@@ -119,69 +175,31 @@ class _Edits:
             new = f" {self._flow(value)}" if follows_sign else self._flow(value)
         self.pieces.append((place.start, place.end, new))
 
-    def _add(self, place: Place, keys: list[Any], container: Any) -> None:
-        """Add keys of a mapping or indices of a list after the last one, laid out as that one is."""
+    def _add(self, place: _Place, new: dict[str, Any]) -> None:
+        """Add keys after the last one of a mapping, laid out as that one is; rows of a matrix have a line each."""
         places = list(place.items.values())
         if place.column is not None:
             found = LINE_END.search(self.text, places[-1].end)
             at = len(self.text) if found is None else found.start()
-            lines = [line for key in keys for line in self._lines(key, container)]
             before = self._line_end(at) + " " * place.column
-            self.pieces.append((at, at, "".join(before + line for line in lines)))
+            for key, value in new.items():
+                rows = [self._flow(row) for row in value] if _is_matrix(value) else []
+                lines = [
+                    self._text(key) + (":" if rows else f": {self._flow(value)}"),
+                    *(f"- {row}" for row in rows),
+                ]
+                self.pieces.append((at, at, "".join(before + line for line in lines)))
             return
         gap = self._gap(place, places)
-        new = [self._entry(key, container, gap) for key in keys]
         at = places[-1].end if places else place.start + 1
-        separator = f",{gap or ' '}"
-        self.pieces.append((at, at, (separator if places else "") + separator.join(new)))
-
-    def _remove(self, place: Place, count: int) -> None:
-        """Remove the items of a list after the first `count`, and leave the comments beside them."""
-        places = list(place.items.values())
-        for last, item in zip(places[count - 1 :], places[count:], strict=False):
-            start = last.end
-            gap = self.text[start : item.start]
-            if place.column is None and "#" not in gap:
-                self.pieces.append((start, item.end, ""))
-                continue
-            # Between two items stand blanks, comments and one sign.
-            sign = start + COMMENT.sub(lambda found: " " * len(found[0]), gap).index(
-                "," if place.column is None else "-"
-            )
-            if place.column is None:
-                self.pieces += [(sign, sign + 1, ""), (item.start, item.end, "")]
-            else:
-                self.pieces.append((*self._whole_line(start, sign, item.end), ""))
-
-    def _whole_line(self, low: int, start: int, end: int) -> tuple[int, int]:
-        """Extend a piece of the text to its whole lines, if they begin after `low` and nothing else stands on them."""
-        first = max((found.end() for found in LINE_END.finditer(self.text, low, start)), default=low)
-        after = LINE_END.search(self.text, end)
-        last = len(self.text) if after is None else after.end()
-        if self.text[first:start].strip() or self.text[end:last].strip():
-            return start, end
-        return first, last
-
-    def _lines(self, key: Any, container: Any) -> list[str]:
-        """Lines of an item in block style; the rows of a matrix stand on a line each."""
-        value = container[key]
-        if isinstance(container, list):
-            return [f"- {self._flow(value)}"]
-        if _is_matrix(value):
-            return [f"{self._text(key)}:", *(f"- {self._flow(row)}" for row in value)]
-        return [f"{self._text(key)}: {self._flow(value)}"]
-
-    def _entry(self, key: Any, container: Any, gap: str) -> str:
-        """Text of an item between brackets; if each has a line of its own, so have the rows of a matrix."""
-        value = container[key]
-        if gap and _is_matrix(value):
-            inner = gap + "  "
-            text = f"[{inner}{f',{inner}'.join(map(self._flow, value))}{gap}]"
-        else:
+        for index, (key, value) in enumerate(new.items()):
+            separator = f",{gap or ' '}" if places or index else ""
             text = self._flow(value)
-        return text if isinstance(container, list) else f"{self._text(key)}: {text}"
+            if gap and _is_matrix(value):
+                text = f"[{gap}  {f',{gap}  '.join(map(self._flow, value))}{gap}]"
+            self.pieces.append((at, at, f"{separator}{self._text(key)}: {text}"))
 
-    def _gap(self, place: Place, places: list[Place]) -> str:
+    def _gap(self, place: _Place, places: list[_Place]) -> str:
         """Line end and indentation before the last item between brackets; empty if it stands beside another one."""
         if not places:
             return ""

@@ -14,12 +14,10 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, parse_any
 from semcal_cli.files.reading import read_bytes
 from semcal_cli.files.writing import STANDARD_INPUT, read_standard_input
-from semcal_cli.formats.keyed import keyed
-from semcal_cli.formats.node import Node
 from semcal_cli.geometry.poses import Pose
 
 if TYPE_CHECKING:
-    from semcal_cli.formats.lenses import LensReader
+    from semcal_cli.formats.lenses import Intrinsics
 
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 """Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""
@@ -126,15 +124,13 @@ class Source:
     @cached_property
     def mapping(self) -> dict[Any, Any]:
         """The document if it is a mapping, else an empty mapping, for recognising formats."""
-        found = self._quietly()
-        return found if isinstance(found, dict) else {}
+        return self._readable if isinstance(self._readable, dict) else {}
 
     @cached_property
     def records(self) -> list[dict[Any, Any]]:
         """The document if it is a list of mappings, else an empty list, for recognising formats."""
-        found = self._quietly()
-        is_so = isinstance(found, list) and all(isinstance(item, dict) for item in found)
-        return found if is_so else []
+        found = self._readable
+        return found if isinstance(found, list) and all(isinstance(item, dict) for item in found) else []
 
     @cached_property
     def start(self) -> str:
@@ -143,16 +139,11 @@ class Source:
             return self.text.lstrip()
         return ""
 
-    @cached_property
-    def lines(self) -> Node:
-        """The `key: values` lines of the text, for recognising formats; none if the content is no text."""
-        return keyed(self.path, self.start)
-
-    def _quietly(self) -> Any:
-        try:
+    @property
+    def _readable(self) -> Any:
+        with suppress(InputError):
             return self.document
-        except InputError:
-            return None
+        return None
 
 
 MAX_YAML_BYTES = 1_000_000
@@ -160,10 +151,6 @@ MAX_YAML_BYTES = 1_000_000
 
 FRAMES = ("frame", "camera", "lidar")
 """Options that files with named frames leave open."""
-Put: TypeAlias = Callable[[Any, Pose, FormatOptions], None]
-"""Puts T_camera_lidar into a document, which is empty where a new file is made."""
-Make: TypeAlias = Callable[[Pose, FormatOptions], bytes]
-"""Makes the content of a new file of T_camera_lidar."""
 
 
 @dataclass(frozen=True)
@@ -176,16 +163,19 @@ class Format:
     recognises: Callable[[Source], bool]
     read: Callable[[Source, FormatOptions], Pose]
     """Reads T_camera_lidar; raises `InputError` if the file is wrong or leaves something open."""
-    make: Make
-    """Makes a new file; raises `InputError` if an option is missing."""
-    put: Put | None = None
-    """Replaces the transform in a document and leaves the rest; None if files of the format cannot be edited."""
+    make: Callable[[Pose, FormatOptions], bytes] | None = None
+    """Makes a new file of T_camera_lidar; None if `put` does so in an empty document."""
+    put: Callable[[Any, Pose, FormatOptions], None] | None = None
+    """Replaces T_camera_lidar in a document and leaves the rest; None if files of the format cannot be edited."""
     asks: tuple[str, ...] = ()
     """Options among `direction`, `frame`, `camera` and `lidar` that its files leave open."""
     has_transform: bool = True
     """Whether its files hold a transform; one without holds only intrinsics."""
-    lens: LensReader | None = None
-    """Reader of the intrinsics that its files hold; None if they hold none."""
+    as_json: bool = False
+    """Whether a new document is JSON whatever the suffix of its file."""
+    read_lens: Callable[[Source, str | None, str | None], Intrinsics | None] | None = None
+    """Reads the intrinsics of a camera, by its name and the camera model that the user asks for, if any; None if the
+    file is another one."""
 
     def write(self, T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         """Make the content of a new file.
@@ -193,16 +183,11 @@ class Format:
         Raises:
             InputError: an option is missing, or no new file can be made.
         """
-        return self.make(T_camera_lidar, replace(options, is_written=True))
-
-
-def document_writer(put: Put, *, as_json: bool = False) -> Make:
-    """Make a writer that puts a transform into an empty document, written as JSON if asked or if the suffix says so."""
-
-    def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+        options = replace(options, is_written=True)
+        if self.make is not None:
+            return self.make(T_camera_lidar, options)
+        assert self.put is not None
         document: dict[str, Any] = {}
-        put(document, T_camera_lidar, options)
-        is_json = as_json or (options.file is not None and options.file.suffix.lower() == ".json")
+        self.put(document, T_camera_lidar, options)
+        is_json = self.as_json or (options.file is not None and options.file.suffix.lower() == ".json")
         return document_text(document, "json" if is_json else "yaml").encode()
-
-    return make

@@ -33,16 +33,6 @@ def has_word(name: str, words: set[str]) -> bool:
     return bool(words & {word.lower() for word in WORD.findall(name.replace("LiDAR", "Lidar"))})
 
 
-def is_ambiguous(name: str) -> bool:
-    """Tell whether a name may be a camera's as well as a LiDAR's."""
-    return has_word(name, CAMERA_WORDS) and has_word(name, LIDAR_WORDS)
-
-
-def named_by(words: set[str], names: Collection[str], other: str | None) -> list[str]:
-    """Find the names with one of some words, except an ambiguous one that the user gives to the other sensor."""
-    return [name for name in names if has_word(name, words) and not (name == other and is_ambiguous(name))]
-
-
 def camera_and_lidar(
     where: str, kind: str, names: Collection[str], options: FormatOptions, *, prefers_optical: bool = False
 ) -> tuple[str, str]:
@@ -56,22 +46,26 @@ def camera_and_lidar(
         prefers_optical: Whether the only optical frame goes before other frames of cameras.
 
     Raises:
-        InputError: the file does not have a name that the user gives, the words of its names leave a choice, or both
-            are the same.
+        InputError: the file does not have a name that the user gives, or the words of its names leave a choice.
     """
-    cameras = named_by(CAMERA_WORDS, names, options.lidar)
+    if len(set(names)) < 2:
+        raise InputError(f"{where}: found {kind} {listed(names)}, needed two {kind}")
+    cameras = [name for name in names if has_word(name, CAMERA_WORDS) and name != options.lidar]
     optical = [name for name in cameras if has_word(name, OPTICAL_WORDS)]
-    lidars = named_by(LIDAR_WORDS, names, options.camera)
+    if prefers_optical and len(optical) == 1:
+        cameras = optical
+    lidars = [name for name in names if has_word(name, LIDAR_WORDS) and name != options.camera]
     chosen = []
-    for side, wanted, found in (
-        ("camera", options.camera, optical if prefers_optical and len(optical) == 1 else cameras),
-        ("lidar", options.lidar, lidars),
+    for side, wanted, found, other_words, needed in (
+        ("camera", options.camera, cameras, LIDAR_WORDS, "one of them"),
+        ("lidar", options.lidar, lidars, CAMERA_WORDS, "the LiDAR's own"),
     ):
-        is_told = wanted is None and len(found) == 1 and not is_ambiguous(found[0])
-        if not is_told and wanted not in names:
-            needed = f"needed {options.prefix}{side} to name one of them"
-            raise InputError(f"{where}: found {kind} {listed(names)}, {needed}")
-        chosen.append(found[0] if wanted is None else wanted)
+        if wanted is None and len(found) == 1 and not has_word(found[0], other_words):
+            wanted = found[0]
+        if wanted is None or wanted not in names:
+            option = f"{options.prefix}{side}"
+            raise InputError(f"{where}: found {kind} {listed(names)}, needed {option} to name {needed}")
+        chosen.append(wanted)
     camera, lidar = chosen
     check_two(where, camera, lidar, f"two {kind}")
     return camera, lidar
@@ -106,33 +100,9 @@ def between(where: str, T_parent_child: Pose, parent: str, child: str, options: 
         InputError: the names do not tell which frame is the camera's, or whether it is an optical one, and the user
             does not state it.
     """
-    camera = camera_frame(where, parent, child, options)
+    camera, _ = camera_and_lidar(where, "frames", (parent, child), options)
     T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
     return inverse(T_lidar_camera @ optical_axes(where, camera, options))
-
-
-def camera_frame(where: str, parent: str, child: str, options: FormatOptions) -> str:
-    """Find which of two frames is the camera's; the other one is the LiDAR's.
-
-    Raises:
-        InputError: the names do not tell, and the user does not state it.
-    """
-    if parent == child:
-        raise InputError(f"{where}: found frame {parent!r} as parent and as child, needed two frames")
-    found = f"{where}: found frames {parent!r} and {child!r}"
-    cameras = named_by(CAMERA_WORDS, (parent, child), options.lidar)
-    is_told = len(cameras) == 1 and not is_ambiguous(cameras[0])
-    camera = options.camera or (cameras[0] if is_told else None)
-    if camera not in (parent, child):
-        raise InputError(f"{found}, needed {options.prefix}camera to name the camera's")
-    lidar = parent if camera == child else child
-    if options.lidar not in (None, lidar):
-        raise InputError(f"{found}, needed {options.lidar!r} as {options.prefix}lidar says")
-    if options.lidar is None and (not has_word(lidar, LIDAR_WORDS) or has_word(lidar, CAMERA_WORDS)):
-        raise InputError(
-            f"{where}: found frame {lidar!r}, needed {options.prefix}lidar {lidar} if it is the LiDAR's own"
-        )
-    return camera
 
 
 def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:

@@ -11,10 +11,9 @@ from semcal_cli.files.reading import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
 from semcal_cli.formats.format import Source
 from semcal_cli.formats.lenses import Intrinsics
-from semcal_cli.formats.node import Node
-from semcal_cli.formats.storage import is_storage
+from semcal_cli.formats.node import Node, camera_block
+from semcal_cli.formats.opencv import is_storage
 from semcal_cli.formats.table import FORMATS
-from semcal_cli.formats.values import camera_block
 
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
@@ -49,8 +48,8 @@ def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
 
 def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
     for format in FORMATS:
-        if format.lens is not None and format.lens.recognises(source):
-            return format.lens.read(source, camera, model)
+        if format.read_lens is not None and (found := format.read_lens(source, camera, model)) is not None:
+            return found
     document = Node(str(source.path), source.document).mapping
     keys = ", ".join(describe(key) for key in list(document)[:5]) or "none"
     raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_AS}")
@@ -58,15 +57,14 @@ def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
 
 def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:
     """Replace the camera model and keep K and the coefficients."""
-    lens = next((lens for name, lens in CAMERA_MODELS.items() if name == model), None)
-    if lens is None:
-        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(CAMERA_MODELS)}")
-    both = (lens for name, lens in CAMERA_MODELS.items() if name in (block["model"], model))
-    if block["model"] != model and any(lens.parameters for lens in both):
+    lenses = {str(name): lens for name, lens in CAMERA_MODELS.items()}
+    if model not in lenses:
+        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(lenses)}")
+    if block["model"] != model and (lenses[block["model"]].parameters or lenses[model].parameters):
         raise InputError(f"{path}: found model {block['model']!r}, which cannot be taken as --model {model}")
-    distortion = block.get("distortion", [])
-    if not isinstance(distortion, list) or len(distortion) not in lens.counts:
+    distortion, counts = block.get("distortion", []), lenses[model].counts
+    if not isinstance(distortion, list) or len(distortion) not in counts:
         found = len(distortion) if isinstance(distortion, list) else describe(distortion)
-        needed = " or ".join(map(str, lens.counts))
+        needed = " or ".join(map(str, counts))
         raise InputError(f"{path}: found {found} coefficients, needed {needed} for --model {model}")
     return block | {"model": model}

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
-from semcal_cli.formats.camera_entries import camera_format
+from semcal_cli.formats.entries import camera_format
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.lenses import (
     Intrinsics,
-    LensReader,
     UnnamedLensError,
     check_lens,
     check_same_camera,
@@ -19,8 +18,7 @@ from semcal_cli.formats.lenses import (
     tell,
     with_count,
 )
-from semcal_cli.formats.node import Node
-from semcal_cli.formats.values import pick
+from semcal_cli.formats.node import Node, pick
 
 LENSES: dict[str, dict[str, CameraModel]] = {
     "pinhole": {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"},
@@ -39,29 +37,24 @@ MODELS: dict[CameraModel, tuple[str, str]] = {
 KEYS = {"K": "intrinsics", "distortion": "distortion_coeffs", "parameters": "intrinsics"}
 
 
-def _chain(source: Source) -> dict[str, Any]:
-    """Cameras with intrinsics, by their names."""
+def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
     entries = source.mapping.items()
-    return {str(key): entry for key, entry in entries if isinstance(entry, dict) and "camera_model" in entry}
-
-
-def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
-    chain = _chain(source)
+    chain = {str(key): entry for key, entry in entries if isinstance(entry, dict) and "camera_model" in entry}
+    if not chain:
+        return None
     entry = Node(str(source.path), chain[pick("camera", camera, list(chain), source.path)])
-    kind = _known(entry.first("camera_model"), LENSES)
-    lens = "none" if kind == "ds" else _known(entry.first("distortion_model"), LENSES[kind])
-    width, height = (entry.child("resolution", side).side() for side in entry.first("resolution").numbers(2))
+    kind = _known(entry.at("camera_model"), LENSES)
+    lens = "none" if kind == "ds" else _known(entry.at("distortion_model"), LENSES[kind])
     found = LENSES[kind][lens]
+    width, height = (entry.child("resolution", side).side() for side in entry.at("resolution").numbers(2))
     parameters = tuple(CAMERA_MODELS[found].parameters)
-    intrinsics = entry.first("intrinsics").numbers(len(parameters) + 4)
+    intrinsics = entry.at("intrinsics").numbers(len(parameters) + 4)
     block: dict[str, Any] = {"width": width, "height": height, "model": found}
     block["K"] = intrinsic_matrix(*intrinsics[len(parameters) :])
-    if kind != "ds":
-        # Without distortion, coefficients may be there or not; a pinhole's are looked at.
-        is_needed = lens != "none"
-        block["distortion"] = entry.first("distortion_coeffs").value if is_needed else []
-        if kind == "pinhole" and not is_needed:
-            block["distortion"] = entry.mapping.get("distortion_coeffs", [])
+    if lens != "none":
+        block["distortion"] = entry.at("distortion_coeffs").value
+    elif kind != "ds":
+        block["distortion"] = entry.mapping.get("distortion_coeffs", [])
     if parameters:
         block["parameters"] = dict(zip(parameters, intrinsics, strict=False))
     return Intrinsics(block, KEYS)
@@ -107,12 +100,10 @@ def _set_lens(entry: dict[str, Any], camera: Camera, options: FormatOptions, is_
     if not {"camera_model", "intrinsics"} <= entry.keys():
         return
     sides, coefficients = entry.get("resolution"), entry.get("distortion_coeffs")
-    sides = sides if isinstance(sides, list) else [sides]
-    check_same_camera(options, camera, sides)
     count = len(coefficients) if isinstance(coefficients, list) else 0
     found = _entry(str(options.file), with_count(camera, count))
     names = [(key, entry.get(key, found[key]), found[key]) for key in ("camera_model", "distortion_model")]
-    check_same_camera(options, camera, sides, *names)
+    check_same_camera(options, camera, sides if isinstance(sides, list) else [sides], *names)
     entry |= found
     tell(options, camera)
 
@@ -122,6 +113,6 @@ FORMAT = camera_format(
     "T_cam_lidar of a camchain's camera",
     "T_cam_lidar",
     "cam0",
-    lens=LensReader(lambda source: bool(_chain(source)), _read),
     set_lens=_set_lens,
+    read_lens=_read_lens,
 )

@@ -1,23 +1,69 @@
-"""KITTI's `Tr` (odometry, calib.txt) and `Tr_velo_to_cam` with `R0_rect` (object): p_camera0 = [R0_rect] T p_velo.
+"""Calibration files of KITTI, KITTI-360 and OpenCalib: lines of `key: values`, or twelve numbers alone.
 
-Camera 0 is the rectified one; the others are moved along its x axis, as `P1` to `P3` say (Geiger et al., *Vision meets
-robotics: The KITTI dataset*, 2013, eqs. 3 to 8).
+KITTI's `Tr` (odometry, calib.txt), or `Tr_velo_to_cam` with `R0_rect` (object): p_camera0 = [R0_rect] T p_velo. Camera
+0 is the rectified one; the others are moved along its x axis, as `P1` to `P3` say (Geiger et al., *Vision meets
+robotics: The KITTI dataset*, 2013, eqs. 3 to 8). In KITTI-360's calib_cam_to_velo.txt, camera 0 is as it was before
+rectification.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from semcal_cli.errors import InputError
+from semcal_cli.files.reading import read_text
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.formats.keyed import keyed, row
-from semcal_cli.formats.node import Node
-from semcal_cli.formats.pose import from_line, rotation, transform
-from semcal_cli.formats.values import rigid
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.formats.node import Node, parse_numbers, rigid
+from semcal_cli.formats.pose import from_line, from_rows, rotation, transform
+from semcal_cli.geometry.poses import Pose, inverse
 
 CAMERAS = ("P0", "P1", "P2", "P3")
 ODOMETRY_KEY, OBJECT_KEY, RECTIFICATION = "Tr", "Tr_velo_to_cam", "R0_rect"
+KITTI_360_FILE, KITTI_360_KEY = "calib_cam_to_velo.txt", "camera 0 to LiDAR"
+
+
+class _Twice:
+    """The values of a key that stands on several lines: nobody can tell which are meant."""
+
+    def __repr__(self) -> str:
+        return "it twice"
+
+
+def keyed(path: Path, text: str) -> Node:
+    """Take the lines of a file for a document: the numbers under each key, or a text where not all are numbers."""
+    values: dict[str, object] = {}
+    for key, colon, line in (line.partition(":") for line in text.splitlines()):
+        if colon:
+            name = key.strip()
+            values[name] = _Twice() if name in values else _numbers(line)
+    return Node(str(path), values)
+
+
+def read_keyed(path: Path) -> Node:
+    """Read a file.
+
+    Raises:
+        InputError: the file is missing, or is not text.
+    """
+    return keyed(path, read_text(path))
+
+
+def _numbers(line: str) -> list[float] | str:
+    try:
+        return [float(word) for word in line.split()]
+    except ValueError:
+        return line.strip()
+
+
+def _keys(source: Source) -> set[str]:
+    return set(keyed(source.path, source.start).value)
+
+
+def _row(T: Pose) -> str:
+    """Write the first 12 numbers of a transform, by rows."""
+    return " ".join(map(repr, T[:3].ravel().tolist()))
 
 
 def beside_camera0(projection: Node) -> Pose:
@@ -44,7 +90,18 @@ def camera0_pose(lines: Node, key: str, options: FormatOptions | None = None) ->
     return T if key == ODOMETRY_KEY else rotation(lines.at(RECTIFICATION), options) @ T
 
 
-def _format(name: str, equation: str, key: str, first_line: str = "") -> Format:
+def unrectified_camera0_pose(path: Path, text: str, options: FormatOptions | None = None) -> Pose:
+    """Read T_camera0_lidar (4, 4) from the text of KITTI-360's calib_cam_to_velo.txt.
+
+    Raises:
+        InputError: the text is not a rigid transform of twelve numbers.
+    """
+    return inverse(
+        from_rows(f"{path}: {KITTI_360_KEY}", parse_numbers(path, KITTI_360_KEY, text, 12), options)
+    )
+
+
+def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
     def read(source: Source, options: FormatOptions) -> Pose:
         lines = keyed(source.path, source.text)
         T = camera0_pose(lines, key, options)
@@ -58,16 +115,30 @@ def _format(name: str, equation: str, key: str, first_line: str = "") -> Format:
         if options.camera is not None:
             needed = "needed nothing: a new file has camera 0 alone"
             raise InputError(f"--to-camera: found {options.camera!r}, {needed}")
-        return f"{first_line}{key}: {row(T_camera_lidar)}\n".encode()
+        return f"{first_line}{key}: {_row(T_camera_lidar)}\n".encode()
 
     equation = f"p_camera0 = {equation} p_velo; --camera P2 for another camera"
-    return Format(name, equation, lambda source: key in source.lines.mapping, read, make, asks=("camera",))
+    return Format(name, equation, lambda source: key in _keys(source), read, make, asks=("camera",))
 
 
-ODOMETRY = _format("kitti-odometry", "Tr", ODOMETRY_KEY)
-OBJECT = _format(
+ODOMETRY = _kitti("kitti-odometry", "Tr", ODOMETRY_KEY)
+OBJECT = _kitti(
     "kitti-object",
     "R0_rect Tr_velo_to_cam",
     OBJECT_KEY,
     f"{RECTIFICATION}: {' '.join(map(repr, np.eye(3).ravel().tolist()))}\n",
+)
+KITTI_360 = Format(
+    "kitti-360",
+    "p_velo = T p_camera0: calib_cam_to_velo.txt, known by its name; camera 0 before rectification",
+    lambda source: source.path.name == KITTI_360_FILE,
+    lambda source, options: unrectified_camera0_pose(source.path, source.text, options),
+    lambda T_camera_lidar, options: f"{_row(inverse(T_camera_lidar))}\n".encode(),
+)
+OPENCALIB = Format(
+    "opencalib",
+    "p_camera = T p_lidar: T of calib.txt",
+    lambda source: {"T"} <= _keys(source) <= {"K", "D", "T"},
+    lambda source, options: from_line(keyed(source.path, source.text).at("T"), options),
+    lambda T_camera_lidar, options: f"T: {_row(T_camera_lidar)}\n".encode(),
 )

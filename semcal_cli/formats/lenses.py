@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.errors import InputError, describe
-from semcal_cli.formats.format import FormatOptions, Source
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.node import Node
-from semcal_cli.result.camera_words import offset_words
 
 NAMES = {
     "K": ("camera_matrix", "cameraMatrix", "CameraMatrix", "K", "k"),
@@ -37,19 +35,6 @@ class Intrinsics(NamedTuple):
     """The file's own names of the keys of the block, for messages."""
 
 
-@dataclass(frozen=True)
-class LensReader:
-    """Reader of the intrinsics in the files of a format."""
-
-    recognises: Callable[[Source], bool]
-    read: Callable[[Source, str | None, str | None], Intrinsics]
-    """Reads a camera, by its name in the file and by the camera model that the user asks for, if any."""
-
-
-SetLens: TypeAlias = Callable[[dict[str, Any], Camera, FormatOptions, bool], None]
-"""Sets the intrinsics in the entry of a camera, which may be of a new file."""
-
-
 def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intrinsics:
     """Read K, coefficients and the size of pictures by the names that ROS and OpenCV give them.
 
@@ -60,14 +45,14 @@ def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intri
     Raises:
         InputError: a key is missing or wrong, or the lens is not known.
     """
-    K, distortion = (document.first(*NAMES[key]) for key in ("K", "distortion"))
+    K, distortion = (document.first(NAMES[key]) for key in ("K", "distortion"))
     numbers, coefficients = K.data(), distortion.data()
     if len(numbers) != 9:
         raise InputError(f"{K.where}: found {len(numbers)} numbers, needed 9 by rows")
     block = {
         "model": model_of(distortion, len(coefficients)),
-        "width": document.first(*NAMES["width"]).side(),
-        "height": document.first(*NAMES["height"]).side(),
+        "width": document.first(NAMES["width"]).side(),
+        "height": document.first(NAMES["height"]).side(),
         "K": [numbers[0:3], numbers[3:6], numbers[6:9]],
         "distortion": coefficients,
     }
@@ -161,10 +146,3 @@ def tell(options: FormatOptions, camera: Camera) -> None:
     pixels = zip(("fx", "fy", "cx", "cy"), pixels_of(camera), strict=True)
     figures = ", ".join(f"{name} {value:.6g}" for name, value in pixels)
     options.note(f"set the intrinsics in {options.file}: {figures}")
-
-
-def tell_clock(options: FormatOptions, *, is_set: bool) -> None:
-    """Say whether the offset of the camera's clock was set, if there is one."""
-    if options.time_offset_s is not None:
-        told = "set the clock in {}" if is_set else "left out the clock, which {} has no place for"
-        options.note(f"{told.format(options.file)}: {offset_words(options.time_offset_s)}")

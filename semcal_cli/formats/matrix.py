@@ -7,15 +7,16 @@ import re
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frames import turned
-from semcal_cli.formats.kitti_360 import FILE
+from semcal_cli.formats.kitti import KITTI_360_FILE
+from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import PLACE, XYZW, from_rows, numbers_of, pose_of
-from semcal_cli.formats.values import parse_numbers
 from semcal_cli.geometry.poses import Pose
 
 SHAPES = ((3, 4), (4, 4))
@@ -29,6 +30,7 @@ def directed(
     recognises: Callable[[Source], bool],
     read: Callable[[Source, FormatOptions], Pose],
     make: Callable[[Pose, FormatOptions], bytes],
+    **others: Any,
 ) -> Format:
     """Make a format whose files do not say which way round their transform is, so that the user has to."""
     return Format(
@@ -38,6 +40,7 @@ def directed(
         lambda source, options: turned(str(source.path), read(source, options), options),
         lambda T_camera_lidar, options: make(turned(f"--to {name}", T_camera_lidar, options), options),
         asks=("direction",),
+        **others,
     )
 
 
@@ -113,7 +116,7 @@ ARRAY = directed(
 TEXT = directed(
     "text",
     "4 x 4 or 3 x 4 numbers",
-    lambda source: source.path.name != FILE and sum(_counts(source)) in (12, 16),
+    lambda source: source.path.name != KITTI_360_FILE and sum(_counts(source)) in (12, 16),
     _read_text,
     _make_text,
 )

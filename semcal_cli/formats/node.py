@@ -1,21 +1,34 @@
-"""A value of a document that knows where it stands.
+"""Checked values of files, and the values of a document, which know where they stand.
 
-Methods raise an `InputError` that names file and key, what was found and what was needed, where the value is another.
+An `InputError` names file and key, what was found and what was needed, where a value is another.
 """
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, TypeGuard
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.errors import InputError, describe, listed
-from semcal_cli.files.validation import key_part
-from semcal_cli.formats.values import image_side, number
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.drive.camera import Camera
+from semcal_cli.errors import InputError, describe, listed, one_of
+from semcal_cli.files.validation import key_part, validate
+from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
+
+MAX_SIDE = 0xFFFF
+"""Largest number of pixels along a side of an image in a drive."""
+MAX_STAMP_S = 1e10
+"""Largest stamp of a drive, seconds."""
+MAX_MOUNT_M = 1e5
+"""Largest distance between two frames of a rig: a tenth of a drive's limit, so that several in a row stay below."""
+MAX_WORLD_M = 1e8
+"""Largest distance between two places on Earth."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +69,14 @@ class Node:
             raise found.mismatch("a value")
         return found
 
-    def first(self, *names: str) -> Node:
+    def first(self, names: Sequence[str]) -> Node:
         """Look up the first of several names of a value, which may be empty."""
-        name = next((name for name in names if name in self.mapping), None)
-        if name is None and len(names) == 1:
-            raise self.child(names[0], None).mismatch("a value")
-        if name is None:
-            raise InputError(
-                f"{self.where}: found keys {listed(self.mapping)}, needed one of: {', '.join(names)}"
-            )
-        return self.child(name, self.mapping[name])
+        for name in names:
+            if name in self.mapping:
+                return self.child(name, self.mapping[name])
+        raise InputError(
+            f"{self.where}: found keys {listed(self.mapping)}, needed one of: {', '.join(names)}"
+        )
 
     def text(self) -> str:
         """Read a text."""
@@ -98,29 +109,107 @@ class Node:
         """Read a matrix (rows, columns) of a list of its numbers by rows."""
         return np.reshape(self.numbers(rows * columns), (rows, columns))
 
-    def rows(self) -> list[float]:
-        """Read the numbers, by rows, of a 4 x 4 or 3 x 4 matrix: a list of rows, or one of numbers."""
-        rows = self.value
-        if _is_flat(rows):
-            return self.numbers()
-        if (
-            not isinstance(rows, list)
-            or len(rows) not in (3, 4)
-            or any(not isinstance(row, list) or len(row) != 4 for row in rows)
-        ):
-            raise self.mismatch("4 rows of 4 numbers")
-        return [number(self.where, value) for row in rows for value in row]
+
+def number(where: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
+    """Check that a value is a finite number from `low` to `high`; `where` names its file and key."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{where}: found {describe(value)}, needed a number")
+    try:
+        found = float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise InputError(f"{where}: found {describe(value)}, needed a finite number")
+    if not low <= found <= high:
+        raise InputError(f"{where}: found {describe(value)}, needed at least {low:g} and at most {high:g}")
+    return found
 
 
-def rows_like(before: object, T: Pose) -> list[Any]:
-    """Rows of a transform, laid out as the matrix that they replace: in one list, or without the last row."""
-    if _is_flat(before):
-        numbers: list[Any] = T.ravel()[: len(before)].tolist()
-        return numbers
-    rows: list[Any] = T[: 3 if isinstance(before, list) and len(before) == 3 else 4].tolist()
-    return rows
+def image_side(where: str, value: object) -> int:
+    """Check the number of pixels along a side of an image; it is never rounded."""
+    pixels = number(where, value)
+    if not pixels.is_integer() or not 1 <= pixels <= MAX_SIDE:
+        raise InputError(f"{where}: found {describe(value)}, needed a whole number from 1 to {MAX_SIDE}")
+    return int(pixels)
 
 
-def _is_flat(rows: object) -> TypeGuard[list[object]]:
-    """Tell whether a matrix is a list of its numbers by rows."""
-    return isinstance(rows, list) and len(rows) in (12, 16) and not any(isinstance(row, list) for row in rows)
+def stamp_s(where: str, seconds: float) -> float:
+    """Check a time in seconds, which must be in the range of a drive's stamps."""
+    return number(where, seconds, -MAX_STAMP_S, MAX_STAMP_S)
+
+
+def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
+    """Check a rigid transform that reaches at most `farthest_m` along an axis, and remove its rounding."""
+    try:
+        check_rigid(T)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    farthest = float(np.abs(T[:3, 3]).max())
+    if not farthest <= farthest_m:
+        raise InputError(f"{where}: found a translation of {farthest:g}, needed at most {farthest_m:g} m")
+    return nearest_rigid(T)
+
+
+def pick(
+    kind: str, wanted: str | None, known: Sequence[str], where: object, *, usual: str | None = None
+) -> str:
+    """Choose a sequence, a camera or the like: the wanted one, else the usual one, else the only one.
+
+    Args:
+        kind: What is chosen, as messages call it.
+        wanted: The name that the user gives, if any.
+        known: All names.
+        where: The file or folder that messages name.
+        usual: The name that is taken if none is wanted.
+    """
+    choice = usual if wanted is None else wanted
+    if not known:
+        raise InputError(f"{where}: found no {kind}, needed {usual or 'one'}")
+    if choice in known:
+        return str(choice)
+    if choice is None and len(known) == 1:
+        return known[0]
+    found = "none given" + (f", and no {usual}" if usual else "") if wanted is None else f"found {wanted!r}"
+    raise InputError(f"{where}: {kind}: {found}, needed {one_of(choice or '', known)}")
+
+
+def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
+    """Check the camera block of a drive that was made from a file.
+
+    Args:
+        path: The file.
+        block: The block.
+        keys: Names of the block's keys in the file, where they differ; messages name these.
+    """
+    try:
+        validate(Camera, block, Path("camera"))
+    except InputError as error:
+        found = re.fullmatch(r"camera: (\w+)(.*)", str(error), re.DOTALL)
+        key, complaint = found.groups() if found else ("camera", f": {error}")
+        raise InputError(f"{path}: {keys.get(key, key)}{complaint}") from None
+    return block
+
+
+def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
+    """Parse the finite numbers (count,) of a text."""
+    words, needed = text.split(), f"needed {' or '.join(map(str, counts))}"
+    for word in words:
+        if _finite(word) is None:
+            raise InputError(f"{path}: {key}: found {word[:40]!r}, {needed} numbers, all finite")
+    if len(words) not in counts:
+        raise InputError(f"{path}: {key}: found {len(words)} numbers, {needed}, all finite")
+    return np.array([float(word) for word in words])
+
+
+def parse_number(where: str, text: str) -> float:
+    """Parse a finite number."""
+    value = _finite(text)
+    if value is None:
+        raise InputError(f"{where}: found {text[:40]!r}, needed a finite number")
+    return value
+
+
+def _finite(word: str) -> float | None:
+    with suppress(ValueError):
+        return value if math.isfinite(value := float(word)) else None
+    return None

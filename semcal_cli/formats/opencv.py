@@ -1,22 +1,30 @@
-"""OpenCV FileStorage with `CameraExtrinsicMat` (4 x 4). Users store both directions, so --direction is needed.
+"""OpenCV's FileStorage: `CameraExtrinsicMat` (4 x 4), which users store in both directions, so --direction is needed.
 
 The intrinsics beside it have the names of OpenCV's calibration sample (samples/cpp/.../camera_calibration.cpp), or
 those of an omnidirectional camera (Mei and Rives) as camodocal and KITTI-360 write it.
+
+OpenCV's own parser aborts the process on many damaged files. Its YAML (modules/core/src/persistence_yml.cpp) differs
+from the standard: a first line `%YAML:1.0`, tags on matrices, and, from older versions, no space after a key's colon.
+Its XML (persistence_xml.cpp) writes a key as an element, an item of a sequence as an element `_`, and numbers with
+blanks between.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
+from semcal_cli.files.documents import parse_document
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.lenses import (
     LEAST_COUNTS,
     NAMES,
     Intrinsics,
-    LensReader,
     check_lens,
     coefficients_of,
     intrinsic_matrix,
@@ -27,22 +35,72 @@ from semcal_cli.formats.lenses import (
 from semcal_cli.formats.matrix import directed
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import from_rows
-from semcal_cli.formats.storage import is_storage, parse_storage
+from semcal_cli.formats.xml import parse_xml
 from semcal_cli.geometry.poses import Pose
 
 KEY = "CameraExtrinsicMat"
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
 MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
 """Camera model of each number of coefficients, if the lens is no fisheye."""
-MEI_KEYS = {"K": PROJECTION, "distortion": DISTORTION, "parameters": MIRROR}
+OF_STANDARD_YAML = (
+    (re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n"), ""),
+    (re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>"), ""),
+    (re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE), r"\1: "),
+)
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+
+def is_storage(text: str) -> bool:
+    """Whether a text was written by OpenCV."""
+    return text.lstrip().startswith(("%YAML:", "<")) or "opencv-matrix" in text
 
 
 def _storage(source: Source) -> Node:
-    return Node(str(source.path), parse_storage(source.text, source.path))
+    text = source.text
+    if text.lstrip().startswith("<"):
+        return Node(str(source.path), _parse_xml(text, source.path))
+    for pattern, replacement in OF_STANDARD_YAML:
+        text = pattern.sub(replacement, text)
+    return Node(str(source.path), parse_document(text, source.path))
+
+
+def _parse_xml(text: str, path: Path) -> dict[Any, Any]:
+    root = parse_xml(text, path)
+    try:
+        document = _value(root)
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    if root.tag != "opencv_storage" or not isinstance(document, dict):
+        raise InputError(
+            f"{path}: found XML of {describe(root.tag)}, needed 'opencv_storage' with keys in it"
+        )
+    return document
+
+
+def _value(element: ET.Element) -> Any:
+    """Convert an element to a mapping, a list, a text, a number or a list of numbers."""
+    if len(element):
+        if all(child.tag == "_" for child in element):
+            return [_value(child) for child in element]
+        found: dict[str, Any] = {}
+        for child in element:
+            if child.tag in found:
+                raise ValueError(f"key {describe(child.tag)} is given twice")
+            found[child.tag] = _value(child)
+        return found
+    text = (element.text or "").strip()
+    words = text.split()
+    if not words or not all(NUMBER.fullmatch(word) for word in words):
+        return text.strip('"')
+    values = [float(word) for word in words]
+    # A matrix of one number has a list of one.
+    return values if len(values) > 1 or element.tag == "data" else values[0]
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
-    node = _storage(source).first(KEY)
+    node = _storage(source).at(KEY)
     values = node.data()
     if len(values) not in (12, 16):
         raise InputError(f"{node.where}: found {len(values)} numbers, needed 16 by rows, or 12")
@@ -75,16 +133,16 @@ def _mei(storage: Node) -> Intrinsics:
     fx, fy, cx, cy = (storage.at(PROJECTION).at(key).number() for key in ("gamma1", "gamma2", "u0", "v0"))
     block = {
         "model": "omnidirectional",
-        "width": storage.first(*NAMES["width"]).side(),
-        "height": storage.first(*NAMES["height"]).side(),
+        "width": storage.first(NAMES["width"]).side(),
+        "height": storage.first(NAMES["height"]).side(),
         "K": intrinsic_matrix(fx, fy, cx, cy),
         "distortion": [storage.at(DISTORTION).at(key).number() for key in ("k1", "k2", "p1", "p2")],
         "parameters": {"xi": storage.at(MIRROR).at("xi").number()},
     }
-    return Intrinsics(block, MEI_KEYS)
+    return Intrinsics(block, {"K": PROJECTION, "distortion": DISTORTION, "parameters": MIRROR})
 
 
-def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
     def model_of(distortion: Node, count: int) -> str:
         """Derive the camera model from the number of coefficients; cv2.fisheye, too, has four."""
         if model is not None:
@@ -100,6 +158,8 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
             raise InputError(f"{distortion.where}: found {count} numbers, needed one of: {counts}")
         return MODELS[count]
 
+    if not is_storage(source.start):
+        return None
     refuse_camera(source.path, camera)
     storage = _storage(source)
     if MIRROR in storage.mapping:
@@ -110,13 +170,11 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
     return Intrinsics(block, keys)
 
 
-FORMAT = replace(
-    directed(
-        "opencv",
-        f"{KEY} of a FileStorage",
-        lambda source: KEY in source.start and is_storage(source.start),
-        _read,
-        _make,
-    ),
-    lens=LensReader(lambda source: is_storage(source.start), _read_lens),
+FORMAT = directed(
+    "opencv",
+    f"{KEY} of a FileStorage",
+    lambda source: KEY in source.start and is_storage(source.start),
+    _read,
+    _make,
+    read_lens=_read_lens,
 )

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.formats.node import Node, rows_like
-from semcal_cli.formats.values import MAX_MOUNT_M, rigid
+from semcal_cli.formats.node import MAX_MOUNT_M, Node, rigid
 from semcal_cli.geometry.poses import Pose, nearest_rigid, pose_from_quaternion, quaternion_xyzw, rpy
 
 PLACE, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
@@ -27,11 +26,7 @@ class Notation(Protocol):
     """How the entry of a document holds a pose."""
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
-        """Read the pose (4, 4).
-
-        Raises:
-            InputError: a number is missing or wrong, or the transform is not rigid.
-        """
+        """Read the pose (4, 4); raise an `InputError` if a number is wrong, or the transform not rigid."""
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
         """Replace the pose, in the layout that the entry has."""
@@ -46,11 +41,25 @@ class Matrix:
     def read(self, node: Node, options: FormatOptions) -> Pose:
         """Read the pose (4, 4)."""
         found = node.at(self.key)
-        return from_rows(found.where, found.rows(), options)
+        if is_flat(found.value):
+            return from_rows(found.where, found.numbers(), options)
+        if not isinstance(found.value, list) or len(found.value) not in (3, 4):
+            raise found.mismatch("4 rows of 4 numbers")
+        rows = [found.child(index, row).numbers(4) for index, row in enumerate(found.value)]
+        return from_rows(found.where, rows, options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        """Replace the matrix, in the layout that it has."""
-        entry[self.key] = rows_like(entry.get(self.key), T)
+        """Replace the matrix, in the layout that it has: in one list, or without the last row."""
+        before = entry.get(self.key)
+        if is_flat(before):
+            entry[self.key] = T.ravel()[: len(before)].tolist()
+        else:
+            entry[self.key] = T[: 3 if isinstance(before, list) and len(before) == 3 else 4].tolist()
+
+
+def is_flat(rows: object) -> TypeGuard[list[object]]:
+    """Tell whether a matrix is a list of its numbers by rows."""
+    return isinstance(rows, list) and len(rows) in (12, 16) and not any(isinstance(row, list) for row in rows)
 
 
 @dataclass(frozen=True)
@@ -171,21 +180,20 @@ def checked(where: str, T: Pose, options: FormatOptions | None, farthest_m: floa
     Raises:
         InputError: the transform is not rigid, or farther than any rig. With options, it names the one for a repair.
     """
-    if options is None:
+    if options is not None and options.on_repair is not None and np.isfinite(T).all():
+        _, scales, _ = np.linalg.svd(T[:3, :3])
+        nearest = nearest_rigid(T)
+        is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
+        if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
+            options.on_repair(
+                f"{where}: found no rotation (determinant {np.prod(scales):.4g}, rows stretched by {scales[-1]:.4g} to "
+                f"{scales[0]:.4g}), took the nearest"
+            )
+            T = nearest
         return rigid(where, T, farthest_m)
-    if options.on_repair is None or not np.isfinite(T).all():
-        try:
-            return rigid(where, T, farthest_m)
-        except InputError as error:
-            repair = "; --repair takes the nearest rotation" if "needed a rotation" in str(error) else ""
-            raise InputError(f"{error}{repair}") from None
-    _, scales, _ = np.linalg.svd(T[:3, :3])
-    nearest = nearest_rigid(T)
-    is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
-    if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
-        options.on_repair(
-            f"{where}: found no rotation (determinant {np.prod(scales):.4g}, rows stretched by {scales[-1]:.4g} to "
-            f"{scales[0]:.4g}), took the nearest"
-        )
-        return rigid(where, nearest, farthest_m)
-    return rigid(where, T, farthest_m)
+    try:
+        return rigid(where, T, farthest_m)
+    except InputError as error:
+        if options is None or "needed a rotation" not in str(error):
+            raise
+        raise InputError(f"{error}; --repair takes the nearest rotation") from None

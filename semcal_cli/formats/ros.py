@@ -1,21 +1,29 @@
-"""ROS 2's `static_transform_publisher`, on a command line or in an XML launch file: p_parent = T p_child.
+"""ROS's transforms between two named frames, p_parent = T p_child: a publisher's arguments, or a stamped message.
 
-`--frame-id` is the parent, `--child-frame-id` the child. Without names of arguments, as in ROS 1: x y z yaw pitch roll,
-or x y z qx qy qz qw, then parent and child (geometry2, tf2_ros/src/static_transform_broadcaster_program.cpp).
+`static_transform_publisher` stands on a command line or in an XML launch file. Its `--frame-id` is the parent,
+`--child-frame-id` the child. Without names of arguments, as in ROS 1: x y z yaw pitch roll, or x y z qx qy qz qw, then
+parent and child (geometry2, tf2_ros/src/static_transform_broadcaster_program.cpp).
+
+In tf2's TransformStamped as YAML, `header.frame_id` is the parent. Apollo's extrinsics have its layout; their child is
+a camera's optical frame (apollo, modules/drivers/camera/params).
 """
 
 from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import replace
+from typing import Any
+from xml.sax.saxutils import quoteattr
 
 from semcal_cli.errors import InputError, listed
+from semcal_cli.formats.documents import document_of, under
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
-from semcal_cli.formats.frames import CAMERA_WORDS, between, has_word, named
-from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, numbers_of, pose_of
-from semcal_cli.formats.values import parse_number
+from semcal_cli.formats.frames import CAMERA_WORDS, between, camera_and_lidar, has_word, named, optical_axes
+from semcal_cli.formats.node import Node, parse_number
+from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, Numbers, numbers_of, pose_of
 from semcal_cli.formats.xml import looks_like_xml, parse_xml
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, inverse
 
 PUBLISHER = "static_transform_publisher"
 USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}
@@ -128,8 +136,6 @@ def _make_command(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 
 
 def _make_launch(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    from xml.sax.saxutils import quoteattr
-
     arguments = quoteattr(_arguments(T_camera_lidar, options))
     node = f'<node pkg="tf2_ros" exec="{PUBLISHER}" args={arguments}/>'
     return f"<launch>\n  {node}\n</launch>\n".encode()
@@ -150,4 +156,55 @@ LAUNCH = Format(
     _read_launch,
     _make_launch,
     asks=FRAMES,
+)
+
+STAMPED_POSE = Numbers({"translation": PLACE, "rotation": XYZW}, are_named=True)
+
+
+def _stamped_frames(document: Node) -> tuple[str, str]:
+    """Parent and child."""
+    return document.at("header").at("frame_id").text(), document.at("child_frame_id").text()
+
+
+def _read_stamped(source: Source, options: FormatOptions) -> Pose:
+    document = document_of(source)
+    T_parent_child = STAMPED_POSE.read(document.at("transform"), options)
+    return between(document.where, T_parent_child, *_stamped_frames(document), options)
+
+
+def _read_apollo(source: Source, options: FormatOptions) -> Pose:
+    _, child = _stamped_frames(document_of(source))
+    frame = options.frame or "optical"
+    return _read_stamped(source, replace(options, camera=options.camera or child, frame=frame))
+
+
+def _put_stamped(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
+    where = str(options.file)
+    if "child_frame_id" in document:
+        # A file that names its frames keeps these names, and which of them is the camera's.
+        parent, child = _stamped_frames(Node(where, document))
+        camera, _ = camera_and_lidar(where, "frames", (parent, child), options)
+        T_lidar_frame = inverse(T_camera_lidar) @ inverse(optical_axes(where, camera, options))
+        T = T_lidar_frame if camera == child else inverse(T_lidar_frame)
+    else:
+        T, lidar, camera = named(T_camera_lidar, options)
+        document["header"], document["child_frame_id"] = {"frame_id": lidar}, camera
+    STAMPED_POSE.put(under("transform")(Node(where, document), options).mapping, T)
+
+
+TF2 = Format(
+    "tf2",
+    "p_parent = T p_child: header.frame_id, child_frame_id, transform.translation, transform.rotation (x y z w)",
+    lambda source: {"header", "child_frame_id", "transform"} <= source.mapping.keys(),
+    _read_stamped,
+    put=_put_stamped,
+    asks=FRAMES,
+)
+APOLLO = replace(
+    TF2,
+    name="apollo",
+    equation="p_parent = T p_child as in tf2; the child is a camera's optical frame",
+    # The layout is that of tf2, which reads it wherever the names tell the camera.
+    recognises=lambda source: False,
+    read=_read_apollo,
 )

@@ -5,6 +5,8 @@ A calibration, a drive with its reference, what `fleet` writes, or a bare transf
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,8 +26,8 @@ from semcal_cli.files.validation import (
     check_not_newer,
     validate,
 )
-from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
-from semcal_cli.formats.lenses import check_same_camera, tell, tell_clock, with_count
+from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.lenses import check_same_camera, tell, with_count
 from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -39,14 +41,26 @@ class _Transform(StrictModel):
     T_camera_lidar: Transform
 
 
-class _Widths(StrictModel):
+class _Part(StrictModel):
+    """The part of a fleet's result that is used; the other keys are for readers."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keep_known(cls, document: Any) -> Any:
+        known = cls.model_fields
+        return (
+            {key: document[key] for key in known if key in document}
+            if isinstance(document, dict)
+            else document
+        )
+
+
+class _Widths(_Part):
     half_width_95_camera_center_m: Widths
     half_width_95_rotation_deg: Widths
 
 
-class _Fleet(StrictModel):
-    """The part of a fleet's result that is used; the other keys are for readers."""
-
+class _Fleet(_Part):
     semcal_fleet: Version
     T_camera_lidar: StatedTransform
     T_lidar_camera: StatedTransform
@@ -61,52 +75,42 @@ class _Fleet(StrictModel):
         )
         return self
 
-    @classmethod
-    def read(cls, source: Source) -> _Fleet:
-        """Read the used part of a fleet's result."""
-        kept = {name: source.mapping[name] for name in cls.model_fields if name in source.mapping}
-        widths = kept.get("uncertainty")
-        if isinstance(widths, dict):
-            kept["uncertainty"] = {name: widths[name] for name in _Widths.model_fields if name in widths}
-        return validate(cls, kept, source.path)
 
+@dataclass(frozen=True)
+class Extrinsic:
+    """What a file says of where a camera is. Properties raise an `InputError` if a file of semcal's is wrong."""
 
-def record_in(source: Source) -> Calibration | None:
-    """The calibration in a file; None if the file is not a calibration of semcal's.
+    T_camera_lidar: Pose
+    """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres."""
+    source: Source
 
-    Raises:
-        InputError: the file is a calibration, and wrong.
-    """
-    if CALIBRATION not in source.mapping:
-        return None
-    return validate(Calibration, source.document, source.path)
+    @cached_property
+    def record(self) -> Calibration | None:
+        """The calibration that semcal wrote with the transform; None if the file is none."""
+        if CALIBRATION not in self.source.mapping:
+            return None
+        return validate(Calibration, self.source.document, self.source.path)
 
+    @cached_property
+    def half_widths(self) -> tuple[float, ...] | None:
+        """Half widths (6,) of the 95 % intervals, metres and degrees; None if none is known or believed."""
+        known: Uncertainty | _Widths | None = None
+        if FLEET in self.source.mapping:
+            known = validate(_Fleet, self.source.document, self.source.path).uncertainty
+        elif self.record is not None:
+            known = self.record.believed_uncertainty
+        if known is None:
+            return None
+        return (*known.half_width_95_camera_center_m, *known.half_width_95_rotation_deg)
 
-def camera_in(source: Source) -> Camera | None:
-    """The camera that the transform in a file belongs to: a calibration's, or a drive's; None if there is none.
-
-    Raises:
-        InputError: the file is a calibration or a drive, and wrong.
-    """
-    if (record := record_in(source)) is not None:
-        return record.used_camera
-    return validate(Drive, source.document, source.path).camera if DRIVE in source.mapping else None
-
-
-def half_widths_in(source: Source) -> tuple[float, ...] | None:
-    """The half widths (6,) of a transform's 95 % intervals, metres and degrees; None if none is known or believed.
-
-    Raises:
-        InputError: the file is a result of semcal's, and wrong.
-    """
-    known: Uncertainty | _Widths | None = None
-    if FLEET in source.mapping:
-        known = _Fleet.read(source).uncertainty
-    elif (record := record_in(source)) is not None:
-        known = record.believed_uncertainty
-    if known is None:
-        return None
-    return (*known.half_width_95_camera_center_m, *known.half_width_95_rotation_deg)
+    @cached_property
+    def camera(self) -> Camera | None:
+        """The camera that the transform belongs to: of the calibration, or of the drive; None if the file has none."""
+        if self.record is not None:
+            return self.record.used_camera
+        if DRIVE not in self.source.mapping:
+            return None
+        return validate(Drive, self.source.document, self.source.path).camera
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
@@ -119,7 +123,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
             raise MisplacedError(f"{source.path}: found a drive without a reference, {needed}")
         return np.array(drive.T_camera_lidar)
     if FLEET in source.mapping:
-        return orthonormal(np.array(_Fleet.read(source).T_camera_lidar))
+        return orthonormal(np.array(validate(_Fleet, source.document, source.path).T_camera_lidar))
     return np.array(validate(_Transform, source.document, source.path).T_camera_lidar)
 
 
@@ -135,24 +139,19 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     if DRIVE not in document:
         document.setdefault(TRANSFORM, 1)
         document["T_camera_lidar"] = T_camera_lidar.tolist()
-        tell_clock(options, is_set=False)
-    else:
-        _put_into_drive(document, T_camera_lidar.tolist(), options)
-
-
-def _put_into_drive(document: dict[str, Any], rows: list[list[float]], options: FormatOptions) -> None:
-    """Replace the transform, the intrinsics and the clock of a drive, which must be one before and after."""
+        return
     assert options.file is not None
-    validate(Drive, {**document, "T_camera_lidar": rows}, options.file)
+    placed = {"T_camera_lidar": T_camera_lidar.tolist()}
+    validate(Drive, document | placed, options.file)
     if options.intrinsics is not None:
         _set_camera(document["camera"], options.intrinsics, options)
     if options.time_offset_s is not None:
-        _set_clock(document, options.time_offset_s, options)
-    document["T_camera_lidar"] = rows
+        _check_clock(options.time_offset_s, options)
+        document["time_offset_s"] = options.time_offset_s
+    document.update(placed)
     validate(Drive, document, options.file)
     if options.intrinsics is not None:
         tell(options, options.intrinsics)
-    tell_clock(options, is_set=True)
 
 
 def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
@@ -167,26 +166,25 @@ def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -
         block["parameters"] = dict(camera.parameters)
 
 
-def _set_clock(document: dict[str, Any], time_offset_s: float, options: FormatOptions) -> None:
-    """Replace the offset of the camera's clock in a drive, which holds those of some size only."""
+def _check_clock(time_offset_s: float, options: FormatOptions) -> None:
+    """Refuse an offset that no drive may have."""
     if abs(time_offset_s) > MAX_OFFSET_S:
         raise InputError(
             f"{options.file}: time_offset_s: found {time_offset_s:g} to be set, needed {-MAX_OFFSET_S:g} to "
             f"{MAX_OFFSET_S:g}: correct image_stamp by it instead"
         )
-    document["time_offset_s"] = time_offset_s
 
 
-def _is_bare(source: Source) -> bool:
-    """Whether a file holds nothing but the matrix under its name, which says which way round it is."""
-    return source.mapping.keys() == {"T_camera_lidar"}
+def _is_ours(source: Source) -> bool:
+    """Whether a file is of semcal's, or holds nothing but the matrix under the name that states its direction."""
+    keys = source.mapping.keys()
+    return bool({CALIBRATION, DRIVE, FLEET, TRANSFORM} & keys) or keys == {"T_camera_lidar"}
 
 
 FORMAT = Format(
     "semcal",
     "p_camera = T p_lidar: T_camera_lidar of a calibration, a drive, a fleet or a bare transform",
-    lambda source: bool({CALIBRATION, DRIVE, FLEET, TRANSFORM} & source.mapping.keys()) or _is_bare(source),
+    _is_ours,
     _read,
-    document_writer(_put),
-    _put,
+    put=_put,
 )

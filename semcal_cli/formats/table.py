@@ -1,51 +1,32 @@
-"""The table of formats: a format is a module, and a line here."""
+"""The table of formats."""
 
 from __future__ import annotations
 
 from semcal_cli.errors import InputError, one_of
-from semcal_cli.formats import (
-    autoware,
-    camera_entries,
-    camera_info,
-    colmap,
-    direct_visual_lidar,
-    fast_livo2,
-    kalibr,
-    kitti,
-    kitti_360,
-    matrix,
-    nuscenes,
-    opencalib,
-    opencv,
-    rellis3d,
-    ros,
-    semcal,
-    tf2,
-    urdf,
-)
+from semcal_cli.formats import bases, camera_info, entries, kalibr, kitti, matrix, opencv, ros, semcal, urdf
 from semcal_cli.formats.format import Format
 
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,
     ros.COMMAND,
     ros.LAUNCH,
-    tf2.TF2,
-    tf2.APOLLO,
-    autoware.FORMAT,
+    ros.TF2,
+    ros.APOLLO,
+    bases.AUTOWARE,
     urdf.FORMAT,
     kitti.ODOMETRY,
     kitti.OBJECT,
-    kitti_360.FORMAT,
-    rellis3d.FORMAT,
-    nuscenes.FORMAT,
+    kitti.KITTI_360,
+    entries.RELLIS_3D,
+    bases.NUSCENES,
     kalibr.FORMAT,
-    camera_entries.LIDAR2CAM,
+    entries.LIDAR2CAM,
     opencv.FORMAT,
     camera_info.FORMAT,
-    direct_visual_lidar.FORMAT,
-    opencalib.FORMAT,
-    fast_livo2.FORMAT,
-    colmap.FORMAT,
+    entries.DIRECT_VISUAL_LIDAR,
+    kitti.OPENCALIB,
+    entries.FAST_LIVO2,
+    entries.COLMAP,
     matrix.TUM,
     matrix.TEXT,
     matrix.ARRAY,

@@ -9,8 +9,8 @@ import numpy as np
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frames import camera_and_lidar, named, optical_axes
+from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import ANGLES, PLACE, numbers_of, pose_of
-from semcal_cli.formats.values import parse_numbers
 from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose, inverse
 

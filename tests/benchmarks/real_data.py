@@ -16,7 +16,7 @@ import yaml
 
 from semcal_cli.datasets import kitti, kitti_raw
 from semcal_cli.files.images import read_image
-from semcal_cli.formats.keyed import read_keyed
+from semcal_cli.formats.kitti import read_keyed
 
 CITYSCAPES = [
     *(

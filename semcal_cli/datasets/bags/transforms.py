@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.datasets.bags.messages import plain_frame
 from semcal_cli.errors import InputError, listed
-from semcal_cli.formats.values import MAX_WORLD_M, rigid
+from semcal_cli.formats.node import MAX_WORLD_M, rigid
 from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
 
 TF_STATIC = "/tf_static"

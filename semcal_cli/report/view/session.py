@@ -23,7 +23,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, output_format
 from semcal_cli.files.writing import write_text
-from semcal_cli.formats.values import rigid
+from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.poses import Pose, pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.initialization.initial_pose import InitialPose

@@ -1,0 +1,115 @@
+"""Formats with the poses of several sensors on one base: Autoware's sensor kits, and the table of nuScenes' sensors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from semcal_cli.errors import InputError, listed
+from semcal_cli.files.documents import read_list
+from semcal_cli.files.writing import STANDARD_INPUT
+from semcal_cli.formats.documents import Pair, base_format
+from semcal_cli.formats.format import FRAMES, FormatOptions
+from semcal_cli.formats.frames import T_BODY_OPTICAL, camera_and_lidar, optical_axes
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.pose import ANGLES, PLACE, WXYZ, Numbers
+
+KIT_KEYS = (*PLACE, *ANGLES)
+
+
+def _kits(document: Node) -> list[Node]:
+    """Mappings of sensors that each have x y z (metres) and roll pitch yaw (radians)."""
+
+    def is_sensor(name: object, entry: object) -> bool:
+        return isinstance(name, str) and isinstance(entry, dict) and entry.keys() >= set(KIT_KEYS)
+
+    return [
+        document.child(key, value)
+        for key, value in document.mapping.items()
+        if isinstance(value, dict) and value and all(is_sensor(*item) for item in value.items())
+    ]
+
+
+def _find_in_kit(document: Node, options: FormatOptions) -> Pair:
+    """Find the two sensors of the only kit.
+
+    `camera0/camera_link` is a camera's body frame, `camera0/camera_optical_link` its optical one (Autoware
+    documentation, "Creating a sensor model"). The kit holds the LiDAR's base link; if a description puts the frame of
+    its clouds elsewhere (a VLP-16's lies 3.77 cm above it), another joint states that offset, which no kit holds.
+    """
+    kits = _kits(document)
+    if len(kits) != 1:
+        needed = "needed one: a base frame with sensors of x y z roll pitch yaw"
+        raise InputError(f"{document.where}: found {len(kits)} kits, {needed}")
+    camera, lidar = camera_and_lidar(document.where, "sensors", kits[0].mapping, options)
+    is_body = options.frame is None and camera.endswith("camera_link")
+    axes = T_BODY_OPTICAL if is_body else optical_axes(document.where, camera, options)
+    return Pair(kits[0].at(camera), kits[0].at(lidar), axes)
+
+
+AUTOWARE = base_format(
+    "autoware",
+    "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each base link",
+    lambda source: len(_kits(Node("", source.mapping))) == 1,
+    _find_in_kit,
+    Numbers({"": KIT_KEYS}, are_named=True),
+    base="sensor kit",
+    file="sensor_kit_calibration.yaml",
+    asks=FRAMES,
+)
+
+TABLE, SENSORS = "calibrated_sensor.json", "sensor.json"
+"""nuScenes' table of poses, and the one beside it that names the sensors' channels."""
+
+
+def _channels(table: Path) -> dict[Any, Any]:
+    """Names of sensors by token, if their table lies beside the table of poses."""
+    path = table.with_name(SENSORS)
+    if table == STANDARD_INPUT or not path.is_file():
+        return {}
+    return {
+        record["token"]: record.get("channel")
+        for record in read_list(path)
+        if isinstance(record.get("token"), str)
+    }
+
+
+def _record(table: Node, channels: dict[Any, Any], wanted: str | None, option: str) -> Node:
+    """Find the entry with a token or, where a channel has one entry, with a channel."""
+    names = [(row.get("token"), channels.get(str(row.get("sensor_token")))) for row in table.value]
+    found = [index for index, both in enumerate(names) if wanted is not None and wanted in both]
+    if len(found) != 1:
+        known = listed(channel or token for token, channel in names)
+        problem = "nothing of that name" if wanted and not found else f"{len(found) or len(names)} sensors"
+        # Channels are told by another table beside this one.
+        key = "token" if Path(table.file) == STANDARD_INPUT else "token or channel"
+        raise InputError(f"{table.where}: found {problem}, needed {option} with the {key} of one of: {known}")
+    return table.child(found[0], table.value[found[0]])
+
+
+def _find_in_table(table: Node, options: FormatOptions) -> Pair:
+    if not isinstance(table.value, list) or not all(isinstance(row, dict) for row in table.value):
+        raise table.mismatch("a list of mappings")
+    channels = _channels(Path(table.file))
+    camera = _record(table, channels, options.camera, f"{options.prefix}camera")
+    lidar = _record(table, channels, options.lidar, f"{options.prefix}lidar")
+    sensors = {str(each.value.get("sensor_token")) for each in (camera, lidar)}
+    if camera.value is lidar.value or (len(sensors) == 1 and sensors <= channels.keys()):
+        found = f"{options.camera!r} and {options.lidar!r}"
+        raise InputError(
+            f"{table.where}: found one sensor for both camera and LiDAR, {found}, needed two sensors"
+        )
+    return Pair(camera, lidar)
+
+
+NUSCENES_KEYS = {"token", "sensor_token", "translation", "rotation"}
+NUSCENES = base_format(
+    "nuscenes",
+    "p_ego = T p_sensor: calibrated_sensor.json, --camera and --lidar name two entries",
+    lambda source: bool(source.records) and all(record.keys() >= NUSCENES_KEYS for record in source.records),
+    _find_in_table,
+    Numbers({"rotation": WXYZ, "translation": PLACE}),
+    base="vehicle",
+    file=TABLE,
+    asks=("camera", "lidar"),
+)
