@@ -12,19 +12,8 @@ from hypothesis import strategies as st
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.calibration import (
-    Calibration,
-    HeldOut,
-    Input,
-    InputFrame,
-    Quality,
-    Settings,
-    Stage,
-    calibration_text,
-    read_calibration,
-    write_calibration,
-)
-from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.calibration import Calibration, calibration_text, read_calibration, write_calibration
+from semcal_cli.result.sections import HeldOut, Hypothesis, Input, InputFrame, Quality, Settings, Stage
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty
 
 POSE = make_pose((0.1, -1.2, 0.3), (0.5, -0.0, -2.0))

@@ -11,7 +11,7 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center, inverse, rotation_error_deg
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
-from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.sections import Hypothesis
 
 RIGHT_DEG = 1.0  # pictures of 640 x 360 ascend on blocks of 2 pixels, a quarter of a degree
 RIGHT_CM = 15.0

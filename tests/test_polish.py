@@ -147,7 +147,7 @@ def test_the_pose_that_counts_is_the_one_that_has_to_settle(
         PolishConfig, max_loss=3.0 if accepted else -1e6, settled_px=0.1 if settled else -1.0
     )
     pyramid = partial(PyramidConfig, max_final_drift=1e6 if converged else -1.0)
-    monkeypatch.setattr("semcal_cli.config.refinement.PolishConfig", polish_config)
+    monkeypatch.setattr("semcal_cli.config.PolishConfig", polish_config)
     monkeypatch.setattr(pipeline.calibration, "PyramidConfig", pyramid)
     data = LoadedDrive(read_drive(street), street_observations)
     initial = pipeline.start_at(data, InitialPose(street_truth, "truth"))

@@ -95,7 +95,7 @@ def test_wrong_clocks_are_told_also_where_the_polish_is_rejected(
     early: LoadedDrive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # As if held-out data had to get better by a lot.
-    monkeypatch.setattr("semcal_cli.config.refinement.PolishConfig", partial(PolishConfig, max_loss=-1e6))
+    monkeypatch.setattr("semcal_cli.config.PolishConfig", partial(PolishConfig, max_loss=-1e6))
     start = start_at(early, InitialPose(read_transform(early.drive.path), "start"))
     stages = refine_and_polish(early, start, RefinementConfig(), from_afar=True)
     found = assess(early, stages, RefinementConfig())

@@ -26,7 +26,7 @@ from semcal_cli.report import read_report_input
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences
 from semcal_cli.result.applied import apply_result, as_begun
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
-from semcal_cli.result.camera_words import camera_differences
+from semcal_cli.result.camera import camera_differences
 from semcal_cli.result.provenance import camera_hash
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4

@@ -7,7 +7,7 @@ from test_calibration import POSE, make_calibration
 
 from semcal_cli.cli.tables import COLUMNS, hypothesis_lines, summary_lines, verdict_lines, wrapped
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.sections import Hypothesis
 
 LONG = (
     "a mounting 30 degrees away explains the labels almost as well, 1.82 standard errors apart, needed 2.00: "

@@ -12,7 +12,7 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.camera_words import camera_differences
+from semcal_cli.result.camera import camera_differences
 
 
 @dataclass(frozen=True)

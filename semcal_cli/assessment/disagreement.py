@@ -30,7 +30,7 @@ from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.refinement.polish import newton
 from semcal_cli.result.checks.check import Measured, findings_among
 from semcal_cli.result.checks.table import FRAMES_DISAGREE, MOVED_CAMERA
-from semcal_cli.result.parts import DrivePart, Movement
+from semcal_cli.result.sections import DrivePart, Movement
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
 

@@ -20,7 +20,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.refinement.pyramid import pyramid_factors
-from semcal_cli.result.parts import DrivePart
+from semcal_cli.result.sections import DrivePart
 from semcal_cli.threads import thread_pool
 
 Vectors = npt.NDArray[np.float64]

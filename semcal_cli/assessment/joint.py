@@ -22,8 +22,7 @@ from semcal_cli.drive.motion import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
-from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
-from semcal_cli.result.camera_words import offset_words
+from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera, offset_words
 from semcal_cli.result.stage import StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 

@@ -14,7 +14,7 @@ from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.camera_words import intrinsic_changes
+from semcal_cli.result.camera import intrinsic_texts
 from semcal_cli.result.stage import Finding
 
 OF_INTRINSICS = ("focal-length", "intrinsics")
@@ -106,7 +106,8 @@ def _estimate(
 def _values(found: Joint) -> str:
     """Say what was found, as far as it is determined."""
     words = []
-    if found.camera is not None and (changes := intrinsic_changes(found.camera)):
+    texts = [] if found.camera is None else intrinsic_texts(found.camera)
+    if changes := [f"{each.name} {each.given} -> {each.found}" for each in texts if each.half_width]:
         words.append(", ".join(changes))
     if found.clock is not None and found.clock.is_determined:
         words.append(f"that {found.clock.meaning}")

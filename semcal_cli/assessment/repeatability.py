@@ -9,8 +9,8 @@ import numpy as np
 from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.calibration import Repeatability
 from semcal_cli.result.checks.table import SEEDS
+from semcal_cli.result.sections import Repeatability
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty, normal_half_widths
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from semcal_cli.errors import printable
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.result.camera_words import clock_sentence, intrinsic_lines
+from semcal_cli.result.camera import clock_sentence, intrinsic_texts, kept_sentence
 from semcal_cli.result.intervals import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.geometry.pose_error import PoseError
-    from semcal_cli.result.calibration import Calibration, Quality, Repeatability
-    from semcal_cli.result.hypothesis import Hypothesis
+    from semcal_cli.result.calibration import Calibration
+    from semcal_cli.result.sections import Hypothesis, Quality, Repeatability
     from semcal_cli.result.uncertainty import Uncertainty
 
 Rows: TypeAlias = list[tuple[str, str]]
@@ -120,7 +120,9 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
 
 def _camera_rows(calibration: Calibration) -> Rows:
     """Describe the intrinsics and the clock that were estimated together with the pose."""
-    lines = [] if calibration.camera is None else intrinsic_lines(calibration.camera)
+    lines = []
+    if (camera := calibration.camera) is not None:
+        lines = [*(each.line for each in intrinsic_texts(camera)), kept_sentence(camera)]
     rows = [("" if number else "intrinsics", line) for number, line in enumerate(lines)]
     return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock))]
 

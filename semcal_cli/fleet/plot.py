@@ -23,7 +23,7 @@ from semcal_cli.report.drawing import (
     picture,
 )
 from semcal_cli.report.plots import Plot
-from semcal_cli.result.axes import AXIS_NAMES
+from semcal_cli.result.intervals import AXIS_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

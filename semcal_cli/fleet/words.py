@@ -11,8 +11,7 @@ import numpy as np
 
 from semcal_cli.assessment.limits import IN_ALL, Check
 from semcal_cli.config import Limits
-from semcal_cli.result.axes import CHECK_NAMES
-from semcal_cli.result.intervals import widest
+from semcal_cli.result.intervals import CHECK_NAMES, widest
 
 if TYPE_CHECKING:
     from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset, Part

@@ -21,7 +21,7 @@ from semcal_cli.formats.table import FORMATS as FORMATS
 from semcal_cli.formats.table import find_format as find_format
 from semcal_cli.geometry.poses import Pose, as_transform
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera_words import offset_words
+from semcal_cli.result.camera import offset_words
 
 DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")

@@ -19,7 +19,7 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.registration import Candidate, register
 from semcal_cli.result.checks.table import NOTHING_TO_COMPARE, OTHER_MOUNTING
-from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.sections import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 
 MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()

@@ -47,8 +47,9 @@ from semcal_cli.refinement.estimators import make_estimator
 from semcal_cli.refinement.polish import Polish, polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement, refine_pose
 from semcal_cli.refinement.several_starts import pyramid_of
-from semcal_cli.result.calibration import Calibration, Settings
+from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input, versions
+from semcal_cli.result.sections import Settings
 from semcal_cli.result.stage import StageResult, announced
 
 NO_START = (

@@ -16,13 +16,13 @@ from semcal_cli import _core
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.calibration import HeldOut
 from semcal_cli.result.checks.table import (
     NO_DIRECTION,
     POLISH_NOT_SETTLED,
     POLISH_NOT_TESTED,
     POLISH_REJECTED,
 )
+from semcal_cli.result.sections import HeldOut
 from semcal_cli.result.stage import Finding, StageResult
 
 HELD_OUT = 3

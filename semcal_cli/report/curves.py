@@ -12,7 +12,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.priors import EXACT
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.axes import AXIS_NAMES
+from semcal_cli.result.intervals import AXIS_NAMES
 from semcal_cli.result.uncertainty import Uncertainty
 
 SPAN_M, SPAN_DEG = 0.1, 0.5

@@ -22,8 +22,9 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, seen_as
-from semcal_cli.result.calibration import Calibration, InputFrame
+from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
+from semcal_cli.result.sections import InputFrame
 
 
 class Before(NamedTuple):

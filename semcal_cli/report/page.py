@@ -32,9 +32,9 @@ from semcal_cli.report.plots import curve_plots, frames_plots
 from semcal_cli.report.registration import RegistrationPictures
 from semcal_cli.report.template import render_page
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera_words import intrinsic_texts
-from semcal_cli.result.parts import DrivePart
+from semcal_cli.result.camera import intrinsic_texts
 from semcal_cli.result.provenance import describe_input, versions
+from semcal_cli.result.sections import DrivePart
 
 SCRIPTS = tuple(f"report/{name}.js" for name in ("picture", "pictures", "cloud", "page"))
 

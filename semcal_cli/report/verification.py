@@ -19,7 +19,7 @@ from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import render_page
 from semcal_cli.report.words import Verdict, linked
 from semcal_cli.result.applied import apply_result, seen_as
-from semcal_cli.result.axes import CHECK_NAMES
+from semcal_cli.result.intervals import CHECK_NAMES
 
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
 FOUND = "found on this drive"

@@ -18,7 +18,7 @@ from semcal_cli.errors import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.input import ReportInput
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera_words import clock_sentence, kept_sentence
+from semcal_cli.result.camera import clock_sentence, kept_sentence
 from semcal_cli.result.intervals import figure, image_radius_px, stated_error
 from semcal_cli.result.uncertainty import Uncertainty
 

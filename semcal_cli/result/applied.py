@@ -13,7 +13,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import delayed, twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera_words import camera_differences, offset_words
+from semcal_cli.result.camera import camera_differences, offset_words
 
 
 class Applied(NamedTuple):

@@ -1,38 +1,38 @@
 """The calibration, which semcal writes as YAML or JSON with the same content."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, JsonValue, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import CalibrationError, describe, mismatch
+from semcal_cli.errors import CalibrationError, mismatch
 from semcal_cli.files.documents import Format, document_text, output_format, read_document
 from semcal_cli.files.validation import (
-    Count,
-    Figure,
-    FileName,
-    Share,
     StatedTransform,
     StrictModel,
-    Transform,
     Vector3,
     Vector4,
     Version,
-    Width,
-    Widths,
     length,
     validate,
 )
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
 from semcal_cli.result.camera import Clock, RefinedCamera
-from semcal_cli.result.hypothesis import Hypothesis
-from semcal_cli.result.parts import DrivePart
+from semcal_cli.result.sections import (
+    DrivePart,
+    HeldOut,
+    Hypothesis,
+    Input,
+    Quality,
+    Repeatability,
+    Settings,
+    Stage,
+)
 from semcal_cli.result.uncertainty import Uncertainty
 
 AGREEMENT_TOLERANCE = 1e-6
@@ -41,121 +41,6 @@ AGREEMENT_TOLERANCE = 1e-6
 Status: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
 Topic = Annotated[str, Field(pattern=r"^[a-z]+(-[a-z]+)*$")]
 """Name of an entry in docs/troubleshooting.md."""
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-
-
-class Quality(StrictModel):
-    """Agreement of the labels under the transform, over all frames."""
-
-    mutual_information_nats: Figure
-    """Mutual information of point labels and pixel labels, as the plug-in estimate."""
-    bias_nats: Figure
-    """Miller and Madow's estimate of the bias by which the mutual information is too high."""
-    label_agreement: Share
-    """Share of visible point-pixel pairs with positive pointwise mutual information."""
-    overlap: Share
-    """Share of the image's area that visible points cover."""
-    num_points: Count
-    """Number of visible points."""
-    num_frames: Count
-    """Number of frames used."""
-    runner_up_margin: Figure | None = None
-    """Difference between the mutual information of the initial calibration and that of the runner-up, in its standard
-    errors; null if no other mounting direction was compared."""
-
-
-class Stage(StrictModel):
-    """Result of one stage of the pipeline."""
-
-    T_camera_lidar: Transform
-    """Transform after the stage, p_camera = T_camera_lidar * p_lidar, in metres."""
-    mutual_information_nats: Figure
-    """Mutual information at this transform, as the plug-in estimate."""
-    bound_nats: float | None = None
-    """Donsker-Varadhan bound on the mutual information with which MINE ended, as the mean over its last steps; null for
-    stages without MINE."""
-
-
-class HeldOut(StrictModel):
-    """Test of the polish on data that it did not use."""
-
-    accepted: bool
-    """Whether the labels agree no worse after the polish, within three standard errors. If not, the pose before it is
-    kept."""
-    held_out_gain_nats: Figure
-    """Mutual information of the held-out data after the polish minus before it; the adjusted one of segments."""
-    held_out_sigma_nats: Width | None
-    """Standard error of the gain; null if all points lie in one part of the images."""
-
-
-class Repeatability(StrictModel):
-    """Results with other seeds and the same data, which show the influence of chance on the answer."""
-
-    num_seeds: Annotated[int, Field(ge=2)]
-    """Number of consecutive seeds, including that of this calibration."""
-    num_failed: Count
-    """Number of seeds that gave no answer."""
-    spread_camera_center_m: Widths | None
-    """Standard deviations of the camera's position along its axes, in metres; null if all other seeds failed."""
-    spread_rotation_deg: Widths | None
-    """Standard deviations of the rotation about the camera's axes, in degrees; null if all other seeds failed."""
-    farthest_camera_center_m: Width
-    """Largest distance of the camera from its position in this calibration, in metres."""
-    farthest_rotation_deg: Width
-    """Largest angle of the rotation to that of this calibration, in degrees."""
-
-
-class InputFrame(StrictModel):
-    """Files of a frame that was used, as the drive names them."""
-
-    points: FileName
-    """File of the point cloud."""
-    point_labels: FileName | None = None
-    """File of the ids or class probabilities of the points."""
-    image_labels: FileName | None = None
-    """File of the ids or class probabilities of the pixels."""
-    image: FileName | None = None
-    """File of the camera's image, if it was used."""
-    point_features: FileName | None = None
-    """File of the features of the points, if they were used."""
-    image_features: FileName | None = None
-    """File of the features of the pixels, if they were used."""
-
-
-class Input(StrictModel):
-    """Input of the calibration."""
-
-    drive: FileName
-    """Relative path of the drive.yaml."""
-    camera: Camera
-    """Camera of the drive."""
-    frames: Annotated[tuple[InputFrame, ...], length(0)]
-    """Frames that were used."""
-    sha256: dict[str, Sha256]
-    """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is
-    named by its relative path. Pictures that only the check of labels looked at are left out."""
-
-
-class Settings(StrictModel):
-    """Settings that change the answer."""
-
-    options: dict[str, JsonValue]
-    """Options by name."""
-    seed: int
-    """Seed of every random choice."""
-    versions: dict[str, str]
-    """Versions of semcal and of the libraries that compute."""
-
-    @field_validator("options")
-    @classmethod
-    def _check_cues(cls, options: dict[str, JsonValue]) -> dict[str, JsonValue]:
-        cues, known = options.get("cues", dict.fromkeys(LABELS)), {*get_args(CueName)} - {*AUTO}
-        if not isinstance(cues, dict) or not cues or not {*cues} <= known:
-            found = (
-                f"cues {', '.join(cues)}" if isinstance(cues, dict) and cues else f"cues: {describe(cues)}"
-            )
-            raise mismatch(found, f"settings of some of {', '.join(sorted(known))}, by their names")
-        return options
 
 
 class Calibration(StrictModel):

@@ -1,22 +1,23 @@
-"""The camera and the clock that were estimated together with a pose, with their intervals."""
+"""The camera and the clock that were estimated together with a pose, with their intervals, and in words."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, TypeAlias
+from typing import Annotated, NamedTuple, TypeAlias
 
 from pydantic import AfterValidator, Field, model_validator
 
-from semcal_cli.drive.camera import Camera, intrinsic_names, intrinsic_value
+from semcal_cli.drive.camera import OF_K, Camera, intrinsic_names, intrinsic_value, without_last_zeros
 from semcal_cli.errors import describe, listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
+from semcal_cli.result.intervals import figure
 from semcal_cli.result.uncertainty import check_covariance
+
+OF_DRIVE = "the transform belongs to the camera of the drive"
 
 JointEntry = Annotated[float, Field(ge=-1e40, le=1e40)]
 Offset = Annotated[float, Field(ge=-2.0, le=2.0)]
 """Offset of two clocks, in seconds: of what a drive may say, with as much again."""
-
-
 JointRows: TypeAlias = tuple[tuple[float, ...], ...]
 
 
@@ -147,3 +148,79 @@ class Clock(StrictModel):
         if self.joint_covariance is not None:
             raise mismatch("a joint_covariance of a clock that is not determined", "null")
         return self
+
+
+class IntrinsicText(NamedTuple):
+    """An intrinsic as text, to two significant digits of its interval."""
+
+    name: str
+    given: str
+    found: str
+    half_width: str
+    """Half width of the 95 % interval; empty where the data do not determine the intrinsic."""
+    unit: str
+    """` px` of those of K; the others have none."""
+
+    @property
+    def line(self) -> str:
+        """The intrinsic with its interval, and the value that the drive has."""
+        if self.half_width:
+            return f"{self.name} {self.found} +- {self.half_width}{self.unit} (drive: {self.given})"
+        return f"{self.name} not determined: it stays at {self.given}{self.unit}"
+
+
+def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
+    """Write each intrinsic that was estimated."""
+    texts = []
+    for name, each in camera.intrinsics.items():
+        if each.half_width_95 is None:
+            given, found, half = f"{each.given:.6g}", f"{each.found:.6g}", ""
+        else:
+            half = figure(each.half_width_95)
+            digits = len(half.partition(".")[2])
+            # Adding zero leaves no -0.0000.
+            given, found = (f"{round(value, digits) + 0.0:.{digits}f}" for value in (each.given, each.found))
+        texts.append(IntrinsicText(name, given, found, half, " px" if name in OF_K else ""))
+    return texts
+
+
+def kept_sentence(camera: RefinedCamera) -> str:
+    """Say whether the transform belongs to the found intrinsics, and what held-out data say of them."""
+    sigma = camera.held_out_sigma_nats
+    gain = f"{camera.held_out_gain_nats:.4f}{'' if sigma is None else f' +- {sigma:.4f}'} nats"
+    if camera.is_kept:
+        return f"kept: on data that was held out they gain {gain}"
+    if not any(each.is_determined for each in camera.intrinsics.values()):
+        return f"not kept: the data determine none of them; {OF_DRIVE}"
+    return f"not kept: on data that was held out they gain {gain}; {OF_DRIVE}"
+
+
+def clock_sentence(clock: Clock) -> str:
+    """Say how far the clock of the pictures is off, with the 95 % interval."""
+    if not clock.is_determined or clock.half_width_95_s is None:
+        return clock.meaning
+    interval = f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms"
+    return interval if clock.is_kept else f"{interval}; not kept: the transform belongs to the drive's stamps"
+
+
+def offset_words(time_offset_s: float) -> str:
+    """Say by how much pictures are later or earlier than their stamps say."""
+    if time_offset_s == 0.0:
+        return "stamps of pictures are right"
+    side = "later" if time_offset_s > 0.0 else "earlier"
+    return f"pictures are {1000.0 * abs(time_offset_s):.1f} ms {side} than their stamps say"
+
+
+def camera_differences(found: Camera, other: Camera, whose: str) -> list[str]:
+    """List what a camera has that another one has not; how well it is known makes it no other one.
+
+    Args:
+        found: The camera.
+        other: The other camera.
+        whose: Name of the other one, which stands beside its figures.
+    """
+    values = {name: (intrinsic_value(found, name), intrinsic_value(other, name)) for name in OF_K}
+    differences = [f"{name} {a:.6g} ({whose}: {b:.6g})" for name, (a, b) in values.items() if a != b]
+    names = [name for name in Camera.model_fields if name not in ("K", "intrinsics_sigma")]
+    a, b = map(without_last_zeros, (found, other))
+    return differences + [f"another {name}" for name in names if getattr(a, name) != getattr(b, name)]

@@ -1,4 +1,4 @@
-"""The 95 % intervals of a pose in words: along and about the axes of its camera, the widest, and in the picture."""
+"""Offsets and 95 % intervals of a pose in words: along and about the axes of its camera, and in the picture."""
 
 from __future__ import annotations
 
@@ -10,6 +10,21 @@ import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.result.uncertainty import NORMAL_95, Uncertainty
+
+PLACES = "camera to the right (x)", "camera down (y)", "camera forward (z)"
+"""Offsets of the camera's centre along its axes."""
+TURNS = "pitch, looks down (about x)", "yaw, looks left (about y)", "roll, leans left (about z)"
+"""Offsets of the rotation about them. A positive angle turns what the camera sees, as a twist on the left of
+T_camera_lidar does, so that the camera itself turns the other way."""
+AXIS_NAMES = *PLACES, *TURNS
+CHECK_NAMES = dict(
+    zip(
+        (*(f"camera centre {axis}" for axis in "xyz"), *(f"rotation {axis}" for axis in "xyz")),
+        AXIS_NAMES,
+        strict=True,
+    )
+) | {"clock": "pictures later (clock)"}
+"""The same by the names of checks."""
 
 AHEAD_M = 10.0
 """Depth at which the error is stated in pixels."""

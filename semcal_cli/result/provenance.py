@@ -12,7 +12,7 @@ from pathlib import Path
 from semcal_cli.drive.camera import Camera, without_last_zeros
 from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.files.reading import hash_file
-from semcal_cli.result.calibration import Input, InputFrame
+from semcal_cli.result.sections import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
 """Packages whose versions may change the answer, where they are installed."""

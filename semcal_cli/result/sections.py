@@ -1,0 +1,243 @@
+"""Sections of the calibration document: its input and settings, what each stage found, and parts of the drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, get_args
+
+import numpy as np
+from pydantic import Field, JsonValue, field_validator
+
+from semcal_cli.config import AUTO, LABELS, CueName
+from semcal_cli.drive.camera import Camera
+from semcal_cli.errors import describe, mismatch
+from semcal_cli.files.validation import (
+    Count,
+    Figure,
+    FileName,
+    Share,
+    StrictModel,
+    Transform,
+    Vector3,
+    Width,
+    Widths,
+    length,
+)
+from semcal_cli.geometry.poses import Pose
+
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class InputFrame(StrictModel):
+    """Files of a frame that was used, as the drive names them."""
+
+    points: FileName
+    """File of the point cloud."""
+    point_labels: FileName | None = None
+    """File of the ids or class probabilities of the points."""
+    image_labels: FileName | None = None
+    """File of the ids or class probabilities of the pixels."""
+    image: FileName | None = None
+    """File of the camera's image, if it was used."""
+    point_features: FileName | None = None
+    """File of the features of the points, if they were used."""
+    image_features: FileName | None = None
+    """File of the features of the pixels, if they were used."""
+
+
+class Input(StrictModel):
+    """Input of the calibration."""
+
+    drive: FileName
+    """Relative path of the drive.yaml."""
+    camera: Camera
+    """Camera of the drive."""
+    frames: Annotated[tuple[InputFrame, ...], length(0)]
+    """Frames that were used."""
+    sha256: dict[str, Sha256]
+    """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is
+    named by its relative path. Pictures that only the check of labels looked at are left out."""
+
+
+class Settings(StrictModel):
+    """Settings that change the answer."""
+
+    options: dict[str, JsonValue]
+    """Options by name."""
+    seed: int
+    """Seed of every random choice."""
+    versions: dict[str, str]
+    """Versions of semcal and of the libraries that compute."""
+
+    @field_validator("options")
+    @classmethod
+    def _check_cues(cls, options: dict[str, JsonValue]) -> dict[str, JsonValue]:
+        cues, known = options.get("cues", dict.fromkeys(LABELS)), {*get_args(CueName)} - {*AUTO}
+        if not isinstance(cues, dict) or not cues or not {*cues} <= known:
+            found = (
+                f"cues {', '.join(cues)}" if isinstance(cues, dict) and cues else f"cues: {describe(cues)}"
+            )
+            raise mismatch(found, f"settings of some of {', '.join(sorted(known))}, by their names")
+        return options
+
+
+class Quality(StrictModel):
+    """Agreement of the labels under the transform, over all frames."""
+
+    mutual_information_nats: Figure
+    """Mutual information of point labels and pixel labels, as the plug-in estimate."""
+    bias_nats: Figure
+    """Miller and Madow's estimate of the bias by which the mutual information is too high."""
+    label_agreement: Share
+    """Share of visible point-pixel pairs with positive pointwise mutual information."""
+    overlap: Share
+    """Share of the image's area that visible points cover."""
+    num_points: Count
+    """Number of visible points."""
+    num_frames: Count
+    """Number of frames used."""
+    runner_up_margin: Figure | None = None
+    """Difference between the mutual information of the initial calibration and that of the runner-up, in its standard
+    errors; null if no other mounting direction was compared."""
+
+
+class Stage(StrictModel):
+    """Result of one stage of the pipeline."""
+
+    T_camera_lidar: Transform
+    """Transform after the stage, p_camera = T_camera_lidar * p_lidar, in metres."""
+    mutual_information_nats: Figure
+    """Mutual information at this transform, as the plug-in estimate."""
+    bound_nats: float | None = None
+    """Donsker-Varadhan bound on the mutual information with which MINE ended, as the mean over its last steps; null for
+    stages without MINE."""
+
+
+class HeldOut(StrictModel):
+    """Test of the polish on data that it did not use."""
+
+    accepted: bool
+    """Whether the labels agree no worse after the polish, within three standard errors. If not, the pose before it is
+    kept."""
+    held_out_gain_nats: Figure
+    """Mutual information of the held-out data after the polish minus before it; the adjusted one of segments."""
+    held_out_sigma_nats: Width | None
+    """Standard error of the gain; null if all points lie in one part of the images."""
+
+
+class Hypothesis(StrictModel):
+    """Pose that the initial calibration found."""
+
+    T_camera_lidar: Transform
+    """Transform of the hypothesis, p_camera = T_camera_lidar * p_lidar, in metres."""
+    mutual_information_nats: Figure
+    """Mutual information at this transform over all frames in full resolution, as the plug-in estimate."""
+    bias_nats: Figure
+    """Miller and Madow's estimate of the bias by which the mutual information is too high. Hypotheses are ranked by the
+    mutual information minus the bias."""
+    sigma_nats: Width | None
+    """Standard error of the mutual information, over parts of the images; null if all points lie in one part."""
+    overlap: Share
+    """Share of the image's area that visible points cover."""
+    num_pairs: Count | None
+    """Number of labelled returns that the registration placed on labelled pixels, among those that it looked at; null
+    without a registration."""
+    num_inliers: Count | None
+    """Number of inliers of PnP among the pairs of a point and a pixel; null without PnP."""
+    rotation_from_best_deg: Width
+    """Angle of the rotation between this hypothesis and the first, in degrees."""
+
+    @property
+    def pose(self) -> Pose:
+        """T_camera_lidar as an array (4, 4) of float64, in metres."""
+        return np.array(self.T_camera_lidar)
+
+    @property
+    def corrected_nats(self) -> float:
+        """Mutual information minus its bias, by which hypotheses are ranked."""
+        return self.mutual_information_nats - self.bias_nats
+
+    def margin(self, other: Hypothesis) -> float:
+        """Compute how far another hypothesis is behind, in standard errors of the difference of mutual information.
+
+        The two errors are taken as independent. They are not if the views overlap, and then the margin is too small,
+        which is the safe side.
+        """
+        if self.sigma_nats is None or other.sigma_nats is None:
+            return 0.0
+        sigma = math.hypot(self.sigma_nats, other.sigma_nats)
+        # Without scatter the error is unknown, which counts as no margin.
+        return (self.corrected_nats - other.corrected_nats) / sigma if sigma > 0.0 else 0.0
+
+
+class Repeatability(StrictModel):
+    """Results with other seeds and the same data, which show the influence of chance on the answer."""
+
+    num_seeds: Annotated[int, Field(ge=2)]
+    """Number of consecutive seeds, including that of this calibration."""
+    num_failed: Count
+    """Number of seeds that gave no answer."""
+    spread_camera_center_m: Widths | None
+    """Standard deviations of the camera's position along its axes, in metres; null if all other seeds failed."""
+    spread_rotation_deg: Widths | None
+    """Standard deviations of the rotation about the camera's axes, in degrees; null if all other seeds failed."""
+    farthest_camera_center_m: Width
+    """Largest distance of the camera from its position in this calibration, in metres."""
+    farthest_rotation_deg: Width
+    """Largest angle of the rotation to that of this calibration, in degrees."""
+
+
+class Movement(StrictModel):
+    """Movement of the camera itself, along and about its own axes before it.
+
+    The intervals hold for all six axes together.
+    """
+
+    camera_center_m: Vector3
+    """Movement of the camera's position, in metres."""
+    rotation_deg: Vector3
+    """Turn of the camera, in degrees."""
+    half_width_95_camera_center_m: Widths
+    """Half widths of the joint 95 % intervals of the position, in metres."""
+    half_width_95_rotation_deg: Widths
+    """Half widths of the joint 95 % intervals of the turn, in degrees."""
+
+    @property
+    def words(self) -> str:
+        """Say how far the camera turned and moved, as far as either is more than chance."""
+        turned = _words(self.rotation_deg, self.half_width_95_rotation_deg)
+        moved = _words(self.camera_center_m, self.half_width_95_camera_center_m)
+        found = [f"turned by {turned[0]:.2f} +- {turned[1]:.2f} degrees about {turned[2]}"] if turned else []
+        if moved:
+            found.append(f"moved by {100 * moved[0]:.1f} +- {100 * moved[1]:.1f} cm along {moved[2]}")
+        return " and ".join(found) or "turned or moved"
+
+
+class DrivePart(StrictModel):
+    """Frames that fit one pose."""
+
+    first_frame: FileName
+    """Point cloud of the first frame."""
+    last_frame: FileName
+    """Point cloud of the last frame."""
+    num_frames: Annotated[int, Field(ge=1)]
+    """Number of frames."""
+    T_camera_lidar: Transform
+    """Transform that these frames fit, p_camera = T_camera_lidar * p_lidar, in metres."""
+    moved: Movement | None = None
+    """Movement of the camera since the part before; null in the first part."""
+
+
+def _words(offset: Sequence[float], half_widths: Sequence[float]) -> tuple[float, float, str] | None:
+    """Length, half width and axis of an offset (3,); None if no axis is off by more than its interval."""
+    if not any(abs(by) > half for by, half in zip(offset, half_widths, strict=True)):
+        return None
+    vector = np.array(offset)
+    length = float(np.linalg.norm(vector))
+    along = vector / length
+    axis = int(np.argmax(np.abs(along)))
+    is_along_axis = abs(along[axis]) > 0.95
+    sign = "-" if along[axis] < 0.0 else ""
+    name = f"{sign}{'xyz'[axis]}" if is_along_axis else "(" + " ".join(f"{x:.2f}" for x in along) + ")"
+    return length, float(np.linalg.norm(along * half_widths)), name
