@@ -27,8 +27,8 @@ from hypothesis import strategies as st
 
 from semcal_cli.cli import semcal
 from semcal_cli.datasets import DATASETS
+from semcal_cli.datasets.kitti_360_windows import read_vertices
 from semcal_cli.datasets.ontologies import ontology_names, read_ontology
-from semcal_cli.datasets.ply import read_vertices
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 

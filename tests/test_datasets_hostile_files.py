@@ -136,7 +136,7 @@ def test_values_of_an_inertial_packet(tmp_path: Path) -> None:
     packet = tree.root / KITTI_RAW_DRIVE / "oxts/data/0000000000.txt"
     for text, expected in (
         ("1 " * 8, "found 8 values, needed at least 9"),
-        ("1 " * 8 + "fast", "value 9: found 'fast', needed 1 numbers, all finite"),
+        ("1 " * 8 + "fast", "value 9: found 'fast', needed a finite number"),
     ):
         write(packet, text)
         assert complaint("kitti-raw", tree.root, "-o", tmp_path / "drive") == f"{packet}: {expected}"

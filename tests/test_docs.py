@@ -24,7 +24,7 @@ from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS
 from semcal_cli.batch import records
 from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_PIXELS, MAX_POINTS
-from semcal_cli.datasets import ply
+from semcal_cli.datasets import kitti_360_windows
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
@@ -48,7 +48,7 @@ LIMITS = {
     reading.MAX_TABLE_BYTES: "bytes",
     records.MAX_RECORD_BYTES: "bytes",
     journal.MAX_BYTES: "bytes",
-    ply.MAX_BYTES: "bytes",
+    kitti_360_windows.MAX_BYTES: "bytes",
     rows.MAX_ROWS_BYTES: "bytes",
     rows.MAX_ROW: "characters a row",
     format.MAX_YAML_BYTES: "bytes",

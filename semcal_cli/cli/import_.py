@@ -11,7 +11,7 @@ import click
 from semcal_cli.cli.import_bag import bag
 from semcal_cli.cli.options import PATH, FiniteRange, max_points_option, number_option, quiet_option
 from semcal_cli.cli.rules import CheckedCommand, given
-from semcal_cli.datasets import DATASETS, load_dataset
+from semcal_cli.datasets import DATASETS, read_dataset
 
 if TYPE_CHECKING:
     from semcal_cli.datasets.recording import Recording
@@ -120,11 +120,10 @@ def _gap_option(default: float | None) -> Callable[..., Any]:
 
 
 def _write(recording: Recording, output: Path, quiet: bool, settings: dict[str, Any]) -> None:
-    from semcal_cli.datasets.choice import Choice
-    from semcal_cli.datasets.writing import Options, write_drive
+    from semcal_cli.datasets.choice import Options
+    from semcal_cli.datasets.writing import write_drive
 
-    choice = Choice(**{key: settings.pop(key) for key in ("frames", "max_frames", "spread", "max_gap_s")})
-    written = write_drive(recording, Options(choice=choice, **settings), output)
+    written = write_drive(recording, Options(**settings), output)
     if quiet:
         return
     copies = f", {written.num_converted:,} clouds converted" if written.num_converted else ""
@@ -148,7 +147,7 @@ def _dataset_command(name: str, summary: str) -> click.Command:
 
         keys = ("sequence", "camera", "version", "rectified")
         request = Request(root, **{key: settings.pop(key) for key in keys if key in settings})
-        _write(load_dataset(name).read(request), output, quiet, settings)
+        _write(read_dataset(name, request), output, quiet, settings)
 
     if name in OWN_OPTIONS:
         command.params.append(OWN_OPTIONS[name])
@@ -156,8 +155,8 @@ def _dataset_command(name: str, summary: str) -> click.Command:
 
 
 import_.add_command(bag)
-for _name, _summary in DATASETS.items():
-    import_.add_command(_dataset_command(_name, _summary))
+for _name, _dataset in DATASETS.items():
+    import_.add_command(_dataset_command(_name, _dataset.summary))
 
 
 @import_.command(

@@ -1,4 +1,4 @@
-"""Data sets: each has a module that finds a recording in its native tree, and `writing` makes a drive of it.
+"""Data sets: each has a reader that finds a recording in its native tree, and `writing` makes a drive of it.
 
 This module imports nothing heavy, because the command line lists the data sets from its table.
 """
@@ -6,41 +6,66 @@ This module imports nothing heavy, because the command line lists the data sets 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from semcal_cli.datasets.recording import Recording, Request
 
+
+class Dataset(NamedTuple):
+    """A data set."""
+
+    reader: str
+    """Module here, and its function that makes a `Recording` of a `Request`."""
+    summary: str
+    """One line of help."""
+
+
 DATASETS = {
-    "kitti-odometry": "KITTI odometry: ROOT/sequences/00/velodyne; cameras image_0 to image_3, image_2 if not given.",
-    "semantickitti": "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels.",
-    "kitti-raw": "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, "
-    "image_02 if not given.",
-    "kitti-object": "KITTI object: ROOT/training/velodyne; frames of one calibration, cameras image_2 and image_3, "
-    "image_2 if not given.",
-    "kitti-360": "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, "
-    "image_00 if not given.",
-    "rellis-3d": "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node.",
-    "nuscenes": "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, as scene-0061, "
-    "cameras channels, CAM_FRONT if not given.",
-    "carla": "CARLA, as `save_to_disk` writes it: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
-    "opencalib": "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg.",
+    "kitti-odometry": Dataset(
+        "kitti.read_odometry",
+        "KITTI odometry: ROOT/sequences/00/velodyne; cameras image_0 to image_3, image_2 if not given.",
+    ),
+    "semantickitti": Dataset(
+        "kitti.read_semantickitti", "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels."
+    ),
+    "kitti-raw": Dataset(
+        "kitti.read_raw",
+        "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, image_02 if not given.",
+    ),
+    "kitti-object": Dataset(
+        "kitti.read_object",
+        "KITTI object: ROOT/training/velodyne; frames of one calibration, cameras image_2 and image_3, image_2 if not "
+        "given.",
+    ),
+    "kitti-360": Dataset(
+        "kitti_360.read",
+        "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, image_00 if not given.",
+    ),
+    "rellis-3d": Dataset(
+        "rellis_3d.read", "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node."
+    ),
+    "nuscenes": Dataset(
+        "nuscenes.read",
+        "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, as scene-0061, cameras channels, "
+        "CAM_FRONT if not given.",
+    ),
+    "carla": Dataset(
+        "carla.read",
+        "CARLA, as `save_to_disk` writes it: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
+    ),
+    "opencalib": Dataset(
+        "opencalib.read", "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg."
+    ),
 }
-"""One line of help for each data set."""
 
 
-class Dataset(Protocol):
-    """Interface of a data set's module."""
+def read_dataset(name: str, request: Request) -> Recording:
+    """Find the frames, the camera and the reference in the native tree of a data set.
 
-    def read(self, request: Request) -> Recording:
-        """Find the frames, the camera and the reference in the native tree.
-
-        Raises:
-            InputError: a file, a key, the sequence or the camera is missing or wrong.
-        """
-
-
-def load_dataset(name: str) -> Dataset:
-    """Import the module of a data set of `DATASETS`."""
-    module: Dataset = import_module(f"semcal_cli.datasets.{name.replace('-', '_')}")
-    return module
+    Raises:
+        InputError: a file, a key, the sequence or the camera is missing or wrong, or no frame is complete.
+    """
+    module, function = DATASETS[name].reader.split(".")
+    recording: Recording = getattr(import_module(f"semcal_cli.datasets.{module}"), function)(request)
+    return recording

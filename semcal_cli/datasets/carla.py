@@ -16,19 +16,13 @@ import numpy as np
 
 from semcal_cli.datasets.files import inside, need_file, numbered_files
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import (
-    Cloud,
-    Conversion,
-    Recording,
-    Request,
-    SourceFrame,
-    joined,
-)
+from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame, joined
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError, describe
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.formats.frames import T_BODY_OPTICAL
+from semcal_cli.formats.lenses import intrinsic_matrix
 from semcal_cli.formats.node import MAX_MOUNT_M, Node, pick
 from semcal_cli.formats.pose import ANGLES, PLACE
 from semcal_cli.geometry.poses import Pose, inverse
@@ -36,6 +30,8 @@ from semcal_cli.geometry.poses import Pose, inverse
 FOV_DEG = 0.1, 179.9
 SEGMENTATION, IMAGE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
+KINDS = (SEGMENTATION, IMAGE, LIDAR, SEMANTIC_LIDAR)
+"""Sensors that are looked at; others, such as a speedometer, have no pose."""
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 OLD_TAGS, NEW_TAGS = (0, 9, 10), (0, 9, 14)
 """First releases of the two class tables. The second table has Cityscapes' train order. Tags before the first differ
@@ -62,11 +58,10 @@ def read(request: Request) -> Recording:
         InputError: the release, a sensor or a file is missing or wrong, or no frame is shared.
     """
     ontology = read_ontology(_table(request.version))
-    sensors = request.root / "sensors.json"
-    rig = _read_rig(sensors)
-    cameras = [sensor.name for sensor in rig if sensor.type == SEGMENTATION]
-    camera = _named(rig, pick("camera", request.camera, cameras, request.root))
-    lidar = _named(rig, pick("LiDAR", None, _lidars(rig), request.root))
+    rig = _read_rig(request.root / "sensors.json")
+    names = {kind: [name for name, sensor in rig.items() if sensor.type == kind] for kind in KINDS}
+    camera = rig[pick("camera", request.camera, names[SEGMENTATION], request.root)]
+    lidar = rig[pick("LiDAR", None, names[SEMANTIC_LIDAR] or names[LIDAR], request.root)]
     frames = _frames(request.root, rig, camera, lidar)
     if not frames:
         raise InputError(f"{request.root}: found no frame that {camera.name} and {lidar.name} share")
@@ -121,30 +116,20 @@ def _table(version: str | None) -> str:
     return "carla" if release >= NEW_TAGS else "carla-0.9.13"
 
 
-def _read_rig(path: Path) -> list[Sensor]:
-    """Read the cameras and LiDARs of a rig; other sensors, such as a speedometer, have no pose."""
-    kinds = (SEGMENTATION, IMAGE, LIDAR, SEMANTIC_LIDAR)
-    rows = ((f"[{index}].id", row) for index, row in enumerate(read_list(path)))
-    return [_sensor(path, where, row) for where, row in rows if row.get("type") in kinds]
-
-
-def _sensor(path: Path, where: str, row: dict[str, Any]) -> Sensor:
-    name = row.get("id")
-    inside(path.parent, name, f"{path}: {where}")
-    settings = Node(str(path), row, f"sensor {describe(name)}")
-    places = [settings.at(key).number(-MAX_MOUNT_M, MAX_MOUNT_M) for key in PLACE]
-    angles = [settings.at(key).number() for key in ANGLES]
-    return Sensor(str(name), row["type"], pose_from_unreal(*places, *angles), settings)
-
-
-def _lidars(rig: list[Sensor]) -> list[str]:
-    """Name the semantic LiDARs, or the plain ones if there is no semantic one."""
-    kinds = [[sensor.name for sensor in rig if sensor.type == kind] for kind in (SEMANTIC_LIDAR, LIDAR)]
-    return kinds[0] or kinds[1]
-
-
-def _named(rig: list[Sensor], name: str) -> Sensor:
-    return next(sensor for sensor in rig if sensor.name == name)
+def _read_rig(path: Path) -> dict[str, Sensor]:
+    """Read the cameras and LiDARs of a rig by their names; of one name, the first counts."""
+    rig: dict[str, Sensor] = {}
+    for index, row in enumerate(read_list(path)):
+        if row.get("type") not in KINDS:
+            continue
+        name = row.get("id")
+        inside(path.parent, name, f"{path}: [{index}].id")
+        settings = Node(str(path), row, f"sensor {describe(name)}")
+        places = [settings.at(key).number(-MAX_MOUNT_M, MAX_MOUNT_M) for key in PLACE]
+        angles = [settings.at(key).number() for key in ANGLES]
+        sensor = Sensor(str(name), row["type"], pose_from_unreal(*places, *angles), settings)
+        rig.setdefault(sensor.name, sensor)
+    return rig
 
 
 def _pinhole(settings: Node) -> dict[str, Any]:
@@ -155,36 +140,34 @@ def _pinhole(settings: Node) -> dict[str, Any]:
     width, height = (settings.at(key).side() for key in ("width", "height"))
     fov_deg = settings.at("fov").number(*FOV_DEG)
     focal = 0.5 * width / float(np.tan(np.radians(0.5 * fov_deg)))
-    K = [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]]
+    K = intrinsic_matrix(focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
     return {"model": "plumb_bob", "width": width, "height": height, "K": K}
 
 
-def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> list[SourceFrame]:
-    clouds = numbered_files(root / lidar.name, ".ply")
+def _frames(root: Path, rig: dict[str, Sensor], camera: Sensor, lidar: Sensor) -> list[SourceFrame]:
+    def looks_alike(other: Sensor) -> bool:
+        """Whether a colour camera has the pose and the lens of the segmentation camera."""
+        keys = ("width", "height", "fov")
+        same_lens = all(other.settings.value.get(key) == camera.settings.value.get(key) for key in keys)
+        return (
+            other.type == IMAGE and same_lens and np.allclose(other.T_vehicle_sensor, camera.T_vehicle_sensor)
+        )
+
+    def by_number(sensor: Sensor, *suffixes: str) -> dict[int, Path]:
+        return {int(stem): path for stem, path in numbered_files(root / sensor.name, *suffixes).items()}
+
     has_labels = lidar.type == SEMANTIC_LIDAR
-    pictures = next(
-        (_by_number(root / other.name, ".png", ".jpg") for other in rig if _looks_alike(other, camera)), {}
-    )
+    clouds = {
+        name: Conversion(partial(_convert, cloud), has_labels=has_labels, file=cloud, in_order=True)
+        for name, cloud in numbered_files(root / lidar.name, ".ply").items()
+    }
+    colour = next(filter(looks_alike, rig.values()), None)
     return joined(
-        {
-            name: Conversion(partial(_convert, cloud), has_labels=has_labels, file=cloud, in_order=True)
-            for name, cloud in clouds.items()
-        },
+        clouds,
         needs=("image_labels",),
-        image_labels=_by_number(root / camera.name, ".png"),
-        image=pictures,
+        image_labels=by_number(camera, ".png"),
+        image={} if colour is None else by_number(colour, ".png", ".jpg"),
     )
-
-
-def _looks_alike(other: Sensor, camera: Sensor) -> bool:
-    """Whether a colour camera has the pose and the lens of the segmentation camera."""
-    keys = ("width", "height", "fov")
-    same_lens = all(other.settings.value.get(key) == camera.settings.value.get(key) for key in keys)
-    return other.type == IMAGE and same_lens and np.allclose(other.T_vehicle_sensor, camera.T_vehicle_sensor)
-
-
-def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
-    return {int(stem): path for stem, path in numbered_files(folder, *suffixes).items()}
 
 
 def _convert(path: Path) -> Cloud:

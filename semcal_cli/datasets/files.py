@@ -1,14 +1,32 @@
-"""Files and folders of a data set's tree, and the errors for missing ones."""
+"""Files and folders of a data set's tree, the rows of its tables, and the errors for what is missing."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from semcal_cli.errors import InputError, describe, os_reason
 from semcal_cli.files.images import read_size
-from semcal_cli.files.reading import is_folder, read_start
-from semcal_cli.formats.node import image_side
+from semcal_cli.files.reading import MAX_TABLE_BYTES, is_folder, read_start, read_text
+from semcal_cli.formats.node import MAX_WORLD_M, image_side, number, parse_numbers
+from semcal_cli.geometry.poses import Vector
+
+KITTI_PERIOD_S = 0.1
+"""Time between two sweeps of KITTI's, KITTI-360's and RELLIS-3D's LiDARs."""
+CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".laz")
+POINT_LABEL_SUFFIXES = (".label", ".bin", ".npy", ".npz")
+IMAGE_LABEL_SUFFIXES = (".png", ".npy", ".npz")
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+
+
+def stem(path: Path) -> str:
+    """Remove the suffix from a file's name; `.pcd.bin` counts as one suffix."""
+    suffix = next((suffix for suffix in CLOUD_SUFFIXES if path.name.endswith(suffix)), path.suffix)
+    return path.name.removesuffix(suffix)
 
 
 def need_file(path: Path) -> Path:
@@ -61,6 +79,13 @@ def writable_name(path: Path, name: str) -> str:
     return name
 
 
+def _is_writable(name: str) -> bool:
+    """Whether a drive.yaml, which is UTF-8, can hold a name."""
+    with suppress(UnicodeEncodeError):
+        return b"\0" not in name.encode("utf-8")
+    return False
+
+
 def image_size(path: Path) -> tuple[int, int]:
     """Read the width and height of an image from its header, in pixels.
 
@@ -71,21 +96,28 @@ def image_size(path: Path) -> tuple[int, int]:
     return image_side(f"{path}: width", width), image_side(f"{path}: height", height)
 
 
+def _content(folder: Path) -> list[Path]:
+    try:
+        return sorted(need_folder(folder).iterdir())
+    except OSError as error:
+        raise InputError(f"{folder}: {os_reason(error)}") from None
+
+
 def folders(root: Path) -> list[str]:
     """List the names of the folders in a folder, sorted."""
     return [path.name for path in _content(root) if is_folder(path)]
 
 
-def files_by_stem(folder: Path, *suffixes: str) -> dict[str, Path]:
-    """List the files of a folder by their names without the suffix, sorted.
+def files_by_stem(folder: Path, *suffixes: str, is_needed: bool = True) -> dict[str, Path]:
+    """List the files of a folder by their names without the suffix, sorted; none if it is not there and not needed.
 
     Of two files with the same stem, the one with the earlier suffix is kept.
 
     Raises:
-        InputError: the folder does not exist.
+        InputError: the folder is needed and does not exist.
     """
+    content = _content(folder) if is_needed or folder.is_dir() else []
     found: dict[str, Path] = {}
-    content = _content(folder)
     for suffix in suffixes:
         for path in content:
             if path.name.endswith(suffix):
@@ -100,15 +132,52 @@ def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
     return {stem: files[stem] for stem in sorted(numbered, key=int)}
 
 
-def _content(folder: Path) -> list[Path]:
-    try:
-        return sorted(need_folder(folder).iterdir())
-    except OSError as error:
-        raise InputError(f"{folder}: {os_reason(error)}") from None
+def read_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tuple[str, Vector]]:
+    """Read the finite numbers (count,) of each line, with the file and the line as messages name them.
+
+    Raises:
+        InputError: the file is needed and does not exist, or a line does not hold so many numbers.
+    """
+    if not is_needed and not path.exists():
+        return
+    lines = [line for line in read_text(path, limit=MAX_TABLE_BYTES).splitlines() if line.strip()]
+    for index, line in enumerate(lines, start=1):
+        yield f"{path}: line {index}", parse_numbers(path, f"line {index}", line, count)
 
 
-def _is_writable(name: str) -> bool:
-    """Whether a drive.yaml, which is UTF-8, can hold a name."""
-    with suppress(UnicodeEncodeError):
-        return b"\0" not in name.encode("utf-8")
-    return False
+def read_speeds(path: Path) -> list[float]:
+    """Derive the speeds, metres a second, from poses of 12 numbers a line, one for each sweep of KITTI's period.
+
+    Returns:
+        A speed for each line; none if the file does not exist.
+
+    Raises:
+        InputError: a line does not hold 12 numbers, or a position is nowhere on Earth.
+    """
+    positions = [
+        [number(where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in row[3::4].tolist()]
+        for where, row in read_rows(path, 12)
+    ]
+    speeds: list[float] = speeds_mps(np.reshape(positions, (-1, 3)), KITTI_PERIOD_S).tolist()
+    return speeds
+
+
+def speeds_mps(
+    positions: npt.NDArray[np.float64], period_s: float | npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Compute the speed at each position by central differences.
+
+    Args:
+        positions: (N, 3) metres.
+        period_s: Seconds from each position to the next, one value or (N - 1,).
+
+    Returns:
+        (N,) metres a second.
+    """
+    if len(positions) < 2:
+        return np.zeros(len(positions))
+    # Two positions at one time give an infinite speed, so they do not count as slow.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = np.linalg.norm(np.diff(positions, axis=0), axis=1) / period_s
+    speeds: npt.NDArray[np.float64] = 0.5 * (np.append(steps, steps[-1]) + np.insert(steps, 0, steps[0]))
+    return speeds

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.datasets.labels import CLOUD_SUFFIXES, PICTURE_SUFFIXES, stem
-from semcal_cli.datasets.labels import SUFFIXES as LABEL_SUFFIXES
+from semcal_cli.datasets.files import (
+    CLOUD_SUFFIXES,
+    IMAGE_LABEL_SUFFIXES,
+    PICTURE_SUFFIXES,
+    POINT_LABEL_SUFFIXES,
+    stem,
+)
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.drive.document import drive_file
@@ -25,8 +29,8 @@ from semcal_cli.geometry.poses import Pose
 
 SUFFIXES = {
     "--points": CLOUD_SUFFIXES,
-    "--point-labels": LABEL_SUFFIXES["point_labels"],
-    "--image-labels": LABEL_SUFFIXES["image_labels"],
+    "--point-labels": POINT_LABEL_SUFFIXES,
+    "--image-labels": IMAGE_LABEL_SUFFIXES,
     "--images": PICTURE_SUFFIXES,
 }
 """Suffixes of the files that are read, by the option of their pattern."""
@@ -91,8 +95,10 @@ def read(folder: Folder) -> Recording:
             f"--points: found {len(clouds):,} clouds, {len(point_labels.of_cloud):,} with a file of --point-labels, "
             f"{len(timed.of_cloud):,} with one of {option}, none with both, needed at least one"
         )
-    stamps = stamps_s(clouds)
-    has_labels = not point_labels.of_cloud and _has_labels(whole[0], folder.max_points)
+    stamps, has_labels = stamps_s(clouds), False
+    if not point_labels.of_cloud:
+        (first,) = read_point_clouds([(whole[0], None)], folder.max_points)
+        has_labels = first.labels is not None
     own_labels = (f"labels of points: the clouds' own, as in {whole[0].name}",) if has_labels else ()
     frames = [
         SourceFrame(
@@ -110,7 +116,7 @@ def read(folder: Folder) -> Recording:
     return Recording(
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
-        T_camera_lidar=_reference(folder.reference),
+        T_camera_lidar=None if folder.reference is None else _reference(folder.reference),
         remarks=(*own_labels, *point_labels.remarks, *image_labels.remarks, *images.remarks),
         read=(folder.camera_info, *([drive_file(folder.reference)] if folder.reference else [])),
         labels_by="GLOB",
@@ -119,34 +125,15 @@ def read(folder: Folder) -> Recording:
 
 def _find(option: str, pattern: str) -> list[Path]:
     names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
-    found = [Path(name) for name in sorted(names) if Path(name).is_file()]
+    found = [path for path in map(Path, sorted(names)) if path.is_file()]
     if not found:
         raise InputError(f"{option}: {pattern}: found no such files, needed at least one; quote the pattern")
-    _check_suffixes(option, found)
-    return found
-
-
-def _check_suffixes(option: str, files: Sequence[Path]) -> None:
-    """Check that a reader knows the suffix of each file.
-
-    Raises:
-        InputError: no reader knows one.
-    """
     known = SUFFIXES[option]
-    other = next((path for path in files if not path.name.lower().endswith(known)), None)
-    if other is not None:
-        found = f"found suffix {other.suffix!r}" if other.suffix else "found no suffix"
-        raise InputError(f"{option}: {other}: {found}, needed {', '.join(known[:-1])} or {known[-1]}")
-
-
-def _has_labels(cloud: Path, max_points: int) -> bool:
-    """Tell whether a cloud labels its points by a field of its own.
-
-    Raises:
-        InputError: the cloud cannot be read.
-    """
-    (found,) = read_point_clouds([(cloud, None)], max_points)
-    return found.labels is not None
+    for path in found:
+        if not path.name.lower().endswith(known):
+            suffix = f"found suffix {path.suffix!r}" if path.suffix else "found no suffix"
+            raise InputError(f"{option}: {path}: {suffix}, needed {', '.join(known[:-1])} or {known[-1]}")
+    return found
 
 
 def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: float) -> Partners:
@@ -166,8 +153,6 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     return Partners(found, stamps_s(files), (counts,) if any(alone) else ())
 
 
-def _reference(path: Path | None) -> Pose | None:
-    if path is None:
-        return None
+def _reference(path: Path) -> Pose:
     with np.errstate(all="ignore"):
         return rigid(f"{path}", read_transform(path), MAX_TRANSLATION_M)

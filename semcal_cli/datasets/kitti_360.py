@@ -14,12 +14,17 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.datasets import kitti
-from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
+from semcal_cli.datasets.files import (
+    KITTI_PERIOD_S,
+    files_by_stem,
+    folders,
+    numbered_files,
+    read_rows,
+    speeds_mps,
+)
 from semcal_cli.datasets.kitti_360_windows import Windows
-from semcal_cli.datasets.kitti_raw import read_stamps
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, joined
-from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_rows, speeds_mps
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.intrinsics import read_intrinsics
@@ -33,9 +38,7 @@ PERSPECTIVE = ("image_00", "image_01")
 """The pair that looks ahead. Its rectified images are in data_rect, its raw ones in data_rgb."""
 FISHEYES = ("image_02", "image_03")
 """Cameras that look to the sides. Their images are always raw, in data_rgb."""
-RAW_REMARK = "data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels"
 PARTS = ("train", "test")
-PICTURES = ("image", "image_labels")
 MAX_FRAME = 10**9
 
 
@@ -53,20 +56,32 @@ def read(request: Request) -> Recording:
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
     to_velo = root / "calibration/calib_cam_to_velo.txt"
     T_camera0_lidar = unrectified_camera0_pose(to_velo, read_text(to_velo))
-    images = _images(root, sequence, camera, rectified)
-    folder = _windows_folder(root, sequence)
+    pictures = _pictures(root, sequence, camera, rectified)
+    folders_of_windows = (root / "data_3d_semantics" / part / sequence / "static" for part in PARTS)
+    folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
+    needs = ("image", "image_labels")
     if folder is None:
-        frames = joined(
-            **_sweeps(root / "data_3d_raw" / sequence / "velodyne_points"), **images, needs=PICTURES
-        )
-        remarks = ("raw sweeps carry no labels",)
+        sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
+        clouds = numbered_files(sweeps / "data", ".bin")
+        stamps = kitti.read_stamps(sweeps / "timestamps.txt")
+        frames = joined(clouds, points_stamp=stamps, **pictures, needs=needs)
+        remarks = ["raw sweeps carry no labels"]
     else:
         windows = Windows(folder, visible_only=camera in PERSPECTIVE)
         T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ T_camera0_lidar
-        poses = root / "data_poses" / sequence / "poses.txt"
-        frames = joined(**_cuts(windows, poses, T_pose_lidar), **images, needs=PICTURES)
-        remarks = (f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}",)
+        poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
+        cuts = {
+            f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
+            for number, T_world_pose in poses.items()
+            if number in windows
+        }
+        frames = joined(cuts, speed_mps=_speeds(poses), **pictures, needs=needs)
+        remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
     raw_pair = camera in PERSPECTIVE and not rectified
+    if raw_pair:
+        remarks.append(
+            "data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels"
+        )
     if not frames:
         place = f"{camera}/data_rgb" if raw_pair else camera
         raise InputError(f"{root}: found no frame of {sequence} with points, a pose and a picture of {place}")
@@ -78,7 +93,7 @@ def read(request: Request) -> Recording:
         T_camera_lidar=T_camera_camera0 @ T_camera0_lidar,
         point_classes=ontology if folder else None,
         image_classes=ontology if any(frame.image_labels for frame in frames) else None,
-        remarks=(*remarks, RAW_REMARK) if raw_pair else remarks,
+        remarks=tuple(remarks),
         read=(_fisheye(root / "calibration", camera),),
     )
 
@@ -88,14 +103,6 @@ def _sequences(folder: Path) -> list[str]:
     names = folders(folder) if folder.is_dir() else []
     inner = [name for part in PARTS if part in names for name in folders(folder / part)]
     return [name for name in names + inner if name.endswith("_sync")]
-
-
-def _windows_folder(root: Path, sequence: str) -> Path | None:
-    for part in PARTS:
-        folder = root / "data_3d_semantics" / part / sequence / "static"
-        if folder.is_dir():
-            return folder
-    return None
 
 
 def _is_rectified(camera: str, asked: bool | None) -> bool:
@@ -118,8 +125,7 @@ def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any],
     if not rectified:
         return kitti.raw_camera(keyed, number), T
     # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
-    width, height = kitti.image_size(keyed.at(f"S_rect_{number}"))
-    block = kitti.pinhole(keyed.at(f"P_rect_{number}"), width, height)
+    block = kitti.pinhole(keyed.at(f"P_rect_{number}"), *kitti.image_sides(keyed.at(f"S_rect_{number}")))
     return block, rotation(keyed.at(f"R_rect_{number}")) @ T
 
 
@@ -131,33 +137,16 @@ def _camera_to_pose(folder: Path, camera: str) -> Pose:
     return from_line(read_keyed(folder / "calib_cam_to_pose.txt").at(camera))
 
 
-def _sweeps(folder: Path) -> dict[str, Any]:
-    """Find the raw sweeps and their stamps."""
-    clouds = numbered_files(folder / "data", ".bin")
-    return {"clouds": clouds, "points_stamp": read_stamps(folder / "timestamps.txt")}
-
-
-def _cuts(windows: Windows, file: Path, T_pose_lidar: Pose) -> dict[str, Any]:
-    """Cut clouds around each pose of the vehicle, with its speeds."""
-    poses = _read_poses(file)
-    clouds = {
-        f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
-        for number, T_world_pose in poses.items()
-        if number in windows
-    }
-    return {"clouds": clouds, "speed_mps": _speeds(poses)}
-
-
-def _images(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str, Any]:
+def _pictures(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str, Any]:
     """Find the images, their label images and their stamps. Raw images of the perspective pair have no labels."""
     folder = root / "data_2d_raw" / sequence / camera
     images = folder / ("data_rect" if rectified else "data_rgb")
     parts = PARTS if rectified or camera in FISHEYES else ()
     semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in parts]
     return {
-        "image": files_by_stem(images, ".png") if images.is_dir() else {},
+        "image": files_by_stem(images, ".png", is_needed=False),
         "image_labels": next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {}),
-        "image_stamp": read_stamps(folder / "timestamps.txt"),
+        "image_stamp": kitti.read_stamps(folder / "timestamps.txt"),
     }
 
 

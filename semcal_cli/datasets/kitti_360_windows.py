@@ -2,7 +2,8 @@
 
 kitti360scripts/evaluation/semantic_3d/README.md: vertices have x y z red green blue semantic instance visible
 confidence; `visible` is 0 for points that no image of the perspective pair shows. Files are named after their first and
-last frame, as 0000000002_0000000385.ply.
+last frame, as 0000000002_0000000385.ply. The core reads the clouds of a drive, without the column `visible`; here only
+files as KITTI-360's are read, with the vertices first and without lists (Turk, *The PLY Polygon File Format*, 1994).
 """
 
 from __future__ import annotations
@@ -10,13 +11,14 @@ from __future__ import annotations
 import re
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.datasets.ply import read_vertices, vertex_column
 from semcal_cli.datasets.recording import Cloud, Conversion
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, listed
+from semcal_cli.files.reading import read_bytes, read_start
 from semcal_cli.geometry.poses import Pose
 
 RADIUS_M = 60.0
@@ -24,6 +26,16 @@ RADIUS_M = 60.0
 CELL_DEG = 0.2
 """Side of a cell of directions. Only the nearest point in a cell is kept; farther ones, seen from other places, are
 hidden from here."""
+MAX_HEADER = 65536
+MAX_BYTES = 512 << 20
+"""Largest size of a PLY file."""
+BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4)},
+    **{"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
+}
+"""NumPy's names of PLY's types."""
 
 
 class Windows:
@@ -82,11 +94,13 @@ def _read_window(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32], npt.NDArray[np.bool_]]:
     """Read points in the world (N, 3), their ids (N,), and whether an image shows them (N,)."""
     vertices = read_vertices(path)
-    points = np.stack([vertex_column(path, vertices, axis, np.float64) for axis in "xyz"], axis=1)
-    semantic = vertex_column(path, vertices, "semantic", np.int64)
+    names = vertices.dtype.names or ()
+    if missing := [name for name in (*"xyz", "semantic", "visible") if name not in names]:
+        raise InputError(f"{path}: found properties {listed(names)}, needed {missing[0]}")
+    points = np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
     # -1 means a licence plate, which has no id.
-    ids = np.where(semantic < 0, 0, semantic).astype(np.uint32)
-    return points, ids, vertex_column(path, vertices, "visible", np.int64) != 0
+    ids = np.maximum(vertices["semantic"].astype(np.int64), 0).astype(np.uint32)
+    return points, ids, vertices["visible"].astype(np.int64) != 0
 
 
 def _frames(path: Path) -> range:
@@ -96,3 +110,45 @@ def _frames(path: Path) -> range:
             f"{path}: found name {path.stem!r}, needed the first and last frame as 0000000002_0000000385"
         )
     return range(int(found.group(1)), int(found.group(2)) + 1)
+
+
+def read_vertices(path: Path) -> npt.NDArray[Any]:
+    """Read the vertices as a structured array (N,).
+
+    Raises:
+        InputError: the file does not exist, is too short, or does not begin with vertices of plain numbers.
+    """
+    start = read_start(path, MAX_HEADER)
+    end = re.search(rb"\nend_header\r?\n", start)
+    if not start.startswith(b"ply") or not end:
+        raise InputError(f"{path}: found no PLY header, needed one")
+    count, dtype = _parse_header(path, start[: end.start()].decode("latin-1").splitlines())
+    body = memoryview(read_bytes(path, limit=MAX_BYTES))[end.end() :]
+    if count * dtype.itemsize > len(body):
+        raise InputError(f"{path}: found {len(body):,} bytes after the header, needed {count:,} vertices")
+    return np.frombuffer(body, dtype, count)
+
+
+def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
+    """Read the number and the layout of the vertices."""
+    words = [line.split() for line in lines[1:]]
+    form = next((line[1] for line in words if line[:1] == ["format"] and len(line) == 3), "none")
+    if form not in BYTE_ORDERS:
+        raise InputError(f"{path}: found format {form[:40]}, needed one of: {', '.join(BYTE_ORDERS)}")
+    elements = [index for index, line in enumerate(words) if line[:1] == ["element"]]
+    first = words[elements[0]] if elements else []
+    if len(first) != 3 or first[1] != "vertex" or not first[2].isascii() or not first[2].isdigit():
+        raise InputError(
+            f"{path}: found first element {' '.join(first[1:])[:40] or 'none'}, needed vertex and its number"
+        )
+    last = elements[1] if len(elements) > 1 else len(words)
+    properties = [line for line in words[elements[0] : last] if line[:1] == ["property"]]
+    if not properties or any(len(line) != 3 or line[1] not in TYPES for line in properties):
+        raise InputError(f"{path}: found vertices without properties or with lists, needed plain numbers")
+    names = [line[2] for line in properties]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: found a property twice in {listed(names)}, needed each once")
+    return (
+        int(first[2][:18]),
+        np.dtype([(n, BYTE_ORDERS[form] + TYPES[p[1]]) for n, p in zip(names, properties, strict=True)]),
+    )

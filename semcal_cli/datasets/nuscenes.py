@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.files import folders, inside, need_file
+from semcal_cli.datasets.files import folders, inside, need_file, speeds_mps
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.trajectory import speeds_mps
 from semcal_cli.errors import InputError, describe
 from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import MAX_TRANSLATION_M
@@ -69,13 +68,13 @@ class Tables:
         return rows
 
     def file(self, row: Node) -> Path:
-        """Locate the file that a row names; it need not exist.
+        """Locate the file that a row names.
 
         Raises:
-            InputError: no file inside the data set can have this name.
+            InputError: no file inside the data set can have this name, or it does not exist.
         """
         filename = row.at("filename")
-        return inside(self.root, filename.value, filename.where)
+        return need_file(inside(self.root, filename.value, filename.where))
 
 
 def read(request: Request) -> Recording:
@@ -129,27 +128,25 @@ def _keyframes(tables: Tables, sensors: dict[str, Node], request: Request) -> li
 
 def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str, Node]) -> list[SourceFrame]:
     T_world_sensor = _sensor_poses(tables, [row for pair in keyframes for row in pair])
-    poses = [(T_world_sensor[text(sweep, "token")], sweep, image) for sweep, image in keyframes]
-    positions = np.array([T_world_lidar[:3, 3] for T_world_lidar, _, _ in poses])
+    T_world_lidar = [T_world_sensor[text(sweep, "token")] for sweep, _ in keyframes]
     stamps_s = np.array([_stamp_s(sweep) for sweep, _ in keyframes])
+    speeds = speeds_mps(np.array([T[:3, 3] for T in T_world_lidar]), np.diff(stamps_s))
     frames = []
-    for (T_world_lidar, sweep, image), speed in zip(
-        poses, speeds_mps(positions, np.diff(stamps_s)), strict=True
-    ):
+    for (sweep, image), T, speed in zip(keyframes, T_world_lidar, speeds, strict=True):
         name = text(sweep, "token")
         tokens = " and ".join(describe(text(row, "ego_pose_token")) for row in (sweep, image))
         where = f"{tables.path('ego_pose')}: rows {tokens}: T_camera_lidar"
-        T = inverse(T_world_sensor[text(image, "token")]) @ T_world_lidar
+        T_camera_lidar = inverse(T_world_sensor[text(image, "token")]) @ T
         frames.append(
             SourceFrame(
                 name=name,
-                points=need_file(tables.file(sweep)),
-                point_labels=need_file(tables.file(labels[name])) if name in labels else None,
-                image=need_file(tables.file(image)),
+                points=tables.file(sweep),
+                point_labels=tables.file(labels[name]) if name in labels else None,
+                image=tables.file(image),
                 points_stamp=_stamp_s(sweep),
                 image_stamp=_stamp_s(image),
                 speed_mps=float(speed),
-                T_camera_lidar=rigid(where, T, MAX_TRANSLATION_M),
+                T_camera_lidar=rigid(where, T_camera_lidar, MAX_TRANSLATION_M),
                 label_names=(f"{name}_lidarseg",),
             )
         )
@@ -163,10 +160,12 @@ def _stamp_s(row: Node) -> float:
 
 def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:
     """Compute T_world_sensor (4, 4) at the time of each file, by the token of its row."""
-    T_ego_sensor, T_world_ego = (
-        {token: _pose(row) for token, row in tables.chosen(table, {text(each, key) for each in rows}).items()}
-        for table, key in (("calibrated_sensor", "calibrated_sensor_token"), ("ego_pose", "ego_pose_token"))
-    )
+
+    def poses(table: str) -> dict[str, Pose]:
+        tokens = {text(row, f"{table}_token") for row in rows}
+        return {token: _pose(row) for token, row in tables.chosen(table, tokens).items()}
+
+    T_ego_sensor, T_world_ego = poses("calibrated_sensor"), poses("ego_pose")
     return {
         text(row, "token"): T_world_ego[text(row, "ego_pose_token")]
         @ T_ego_sensor[text(row, "calibrated_sensor_token")]

@@ -5,10 +5,9 @@ In calib.txt, `T` is T_camera_lidar, 3 x 4 by rows, and `D` has four or five num
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from semcal_cli.datasets.files import folders, image_size, need_file
+from semcal_cli.datasets.files import files_by_stem, folders, image_size, need_file
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
 from semcal_cli.formats.kitti import read_keyed
@@ -22,8 +21,13 @@ def read(request: Request) -> Recording:
     Raises:
         InputError: a file is missing or wrong.
     """
-    folder = _folder(request)
-    keyed, image = read_keyed(folder / "calib.txt"), _image(folder)
+    folder = request.root
+    if request.sequence is not None or not (folder / "calib.txt").exists():
+        known = [name for name in folders(folder) if (folder / name / "calib.txt").exists()]
+        folder /= pick("sequence", request.sequence, known, folder)
+    keyed, image = read_keyed(folder / "calib.txt"), files_by_stem(folder, ".png", ".jpg").get("calib")
+    if image is None:
+        raise InputError(f"{folder}: found neither calib.png nor calib.jpg, needed one of them")
     width, height = image_size(image)
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
     camera |= {"K": keyed.at("K").matrix(3, 3).tolist(), "distortion": keyed.at("D").numbers(4, 5)}
@@ -32,17 +36,3 @@ def read(request: Request) -> Recording:
         frames=[SourceFrame(name=folder.name, points=need_file(folder / "calib.pcd"), image=image)],
         T_camera_lidar=from_line(keyed.at("T")),
     )
-
-
-def _folder(request: Request) -> Path:
-    if request.sequence is None and (request.root / "calib.txt").exists():
-        return request.root
-    known = [name for name in folders(request.root) if (request.root / name / "calib.txt").exists()]
-    return request.root / pick("sequence", request.sequence, known, request.root)
-
-
-def _image(folder: Path) -> Path:
-    for suffix in (".png", ".jpg"):
-        if (folder / f"calib{suffix}").exists():
-            return folder / f"calib{suffix}"
-    raise InputError(f"{folder}: found neither calib.png nor calib.jpg, needed one of them")

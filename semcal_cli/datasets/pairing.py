@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.datasets.labels import stem
+from semcal_cli.datasets.files import stem
 from semcal_cli.errors import InputError
 from semcal_cli.formats.node import MAX_STAMP_S
 

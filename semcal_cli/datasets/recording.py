@@ -91,6 +91,13 @@ class SourceFrame:
     """Further names, without suffix, that a label file of this frame may have."""
 
     @property
+    def gap_s(self) -> float:
+        """Time between the sweep and the image, in seconds; 0 where a stamp is not known."""
+        if self.points_stamp is None or self.image_stamp is None:
+            return 0.0
+        return abs(self.points_stamp - self.image_stamp)
+
+    @property
     def cloud_file(self) -> Path | None:
         """The file that holds the points in their order; None without such a file."""
         if isinstance(self.points, Conversion):

@@ -5,17 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.choice import Choice, most_varied, narrowed
+from semcal_cli.datasets.choice import Options, labelled, most_varied, narrowed, relabelled
 from semcal_cli.datasets.files import need_file, writable_name
-from semcal_cli.datasets.labels import labelled, with_labels
-from semcal_cli.datasets.ontologies import Ontology, read_ontology
-from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
+from semcal_cli.datasets.ontologies import Ontology
+from semcal_cli.datasets.recording import Conversion, Recording, SourceFrame
 from semcal_cli.drive.document import Drive, output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
@@ -27,22 +26,6 @@ from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotati
 
 UNWRITTEN = Path("the drive that is to be written")
 """Name in errors that no single file of the data set causes."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """The user's additions to a data set."""
-
-    choice: Choice = field(default_factory=Choice)
-    """Frames to keep."""
-    image_labels: Path | None = None
-    """Folder of label images."""
-    point_labels: Path | None = None
-    """Folder of point labels."""
-    image_classes: str | None = None
-    """Name or file of the class table of the label images; None for that of the data set."""
-    point_classes: str | None = None
-    """Name or file of the class table of the points; None for that of the data set."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +54,13 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
         InputError: no frame is left, a file cannot be written, or the recording makes no valid drive.
     """
     path = output_drive_file(out)
-    _check_overwrites_nothing(path, recording, options)
-    recording = narrowed(labelled(_with_options(recording, options)), options.choice)
-    drive = _make_drive(recording, path)
-    chosen = [recording.frames[index] for index in most_varied(drive, recording, options.choice)]
+    tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
+    if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
+        raise InputError(f"{path}: found a file that this import reads, needed another name")
+    recording = narrowed(labelled(relabelled(recording, options)), options)
+    drive = validate(Drive, _document(recording, path), UNWRITTEN)
+    drive._path = path
+    chosen = most_varied(drive, recording, options)
     frames = [frame for frame in chosen if _converted(frame, path.parent)]
     if not frames:
         file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
@@ -90,52 +76,18 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
     return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)))
 
 
-def _check_overwrites_nothing(path: Path, recording: Recording, options: Options) -> None:
-    tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
-    if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
-        raise InputError(f"{path}: found a file that this import reads, needed another name")
-
-
-def _make_drive(recording: Recording, path: Path) -> Drive:
-    drive = validate(Drive, _document(recording, path), UNWRITTEN)
-    drive._path = path
-    return drive
-
-
-def _with_options(recording: Recording, options: Options) -> Recording:
-    if options.image_labels:
-        recording = with_labels(recording, "image_labels", options.image_labels)
-    if options.point_labels:
-        recording = with_labels(recording, "point_labels", options.point_labels)
-    if options.image_classes is not None:
-        recording = replace(recording, image_classes=read_ontology(options.image_classes))
-    if options.point_classes is not None:
-        recording = replace(recording, point_classes=read_ontology(options.point_classes))
-    if recording.image_classes and recording.ids_in_red:
-        recording = replace(recording, image_classes=_in_red(recording.image_classes, options))
-    return recording
-
-
-def _in_red(table: Ontology, options: Options) -> Ontology:
-    try:
-        return table.in_red()
-    except InputError as error:
-        raise InputError(f"--image-classes: {options.image_classes}: {error}") from None
-
-
 def _document(recording: Recording, path: Path) -> dict[str, Any]:
     """Make the content of a drive.yaml at `path`."""
-    document: dict[str, Any] = {"semcal_drive": 1, "camera": dict(recording.camera)}
-    if recording.lidar is not None:
-        document["lidar"] = dict(recording.lidar)
-    document["frames"] = [_frame_document(frame, path.parent) for frame in recording.frames]
-    document |= _class_blocks(recording)
-    if recording.motion is not None:
-        document["motion"] = dict(recording.motion)
-    T_camera_lidar = _reference(recording)
-    if T_camera_lidar is not None:
-        document["T_camera_lidar"] = T_camera_lidar.tolist()
-    return document
+    lidar, motion, T_camera_lidar = recording.lidar, recording.motion, _reference(recording)
+    return {
+        "semcal_drive": 1,
+        "camera": dict(recording.camera),
+        **({} if lidar is None else {"lidar": dict(lidar)}),
+        "frames": [_frame_document(frame, path.parent) for frame in recording.frames],
+        **_class_blocks(recording),
+        **({} if motion is None else {"motion": dict(motion)}),
+        **({} if T_camera_lidar is None else {"T_camera_lidar": T_camera_lidar.tolist()}),
+    }
 
 
 def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:
@@ -172,17 +124,16 @@ def _class_blocks(recording: Recording) -> dict[str, Any]:
 
 def _reference(recording: Recording) -> Pose | None:
     """Choose the transform of the recording, or the mean of its frames' transforms."""
-    poses = [frame.T_camera_lidar for frame in recording.frames if frame.T_camera_lidar is not None]
+    poses = _frame_poses(recording.frames)
     if not poses:
         return recording.T_camera_lidar
-    return rigid(
-        "T_camera_lidar, the mean over the frames", nearest_rigid(np.mean(poses, axis=0)), MAX_TRANSLATION_M
-    )
+    where = "T_camera_lidar, the mean over the frames"
+    return rigid(where, nearest_rigid(np.mean(poses, axis=0)), MAX_TRANSLATION_M)
 
 
 def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
     """Say how far the transforms of the frames are from their mean."""
-    poses = [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
+    poses = _frame_poses(frames)
     if len(poses) < 2:
         return []
     mean = nearest_rigid(np.mean(poses, axis=0))
@@ -194,25 +145,26 @@ def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
     ]
 
 
+def _frame_poses(frames: Sequence[SourceFrame]) -> list[Pose]:
+    return [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
+
+
 def _converted(frame: SourceFrame, folder: Path) -> bool:
     """Write the converted cloud of a frame if it needs one; return whether the frame has points."""
     if not isinstance(frame.points, Conversion):
         return True
     cloud = frame.points.cloud()
-    if len(cloud.points):
-        _write_cloud(frame.name, frame.points, cloud, folder)
-    return len(cloud.points) > 0
-
-
-def _write_cloud(name: str, conversion: Conversion, cloud: Cloud, folder: Path) -> None:
-    points, labels = (folder / copy for copy in _copies(name))
-    if conversion.has_labels:
+    if not len(cloud.points):
+        return False
+    points, labels = (folder / copy for copy in _copies(frame.name))
+    if frame.points.has_labels:
         if cloud.labels is None:
-            raise InputError(f"{conversion.file}: found points without labels, needed a label each")
+            raise InputError(f"{frame.points.file}: found points without labels, needed a label each")
         make_folder(labels.parent)
         write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
     make_folder(points.parent)
     write_bytes(cloud.points.astype("<f4").tobytes(), points)
+    return True
 
 
 def _copies(name: str) -> tuple[str, str]:

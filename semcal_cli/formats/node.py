@@ -192,12 +192,13 @@ def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str
 
 def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
     """Parse the finite numbers (count,) of a text."""
-    words, needed = text.split(), f"needed {' or '.join(map(str, counts))}"
+    words = text.split()
+    needed = "a finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} numbers, all finite"
     for word in words:
         if _finite(word) is None:
-            raise InputError(f"{path}: {key}: found {word[:40]!r}, {needed} numbers, all finite")
+            raise InputError(f"{path}: {key}: found {word[:40]!r}, needed {needed}")
     if len(words) not in counts:
-        raise InputError(f"{path}: {key}: found {len(words)} numbers, {needed}, all finite")
+        raise InputError(f"{path}: {key}: found {len(words)} numbers, needed {needed}")
     return np.array([float(word) for word in words])
 
 

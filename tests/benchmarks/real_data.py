@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from semcal_cli.datasets import kitti, kitti_raw
+from semcal_cli.datasets import kitti
 from semcal_cli.files.images import read_image
 from semcal_cli.formats.kitti import read_keyed
 
@@ -86,7 +86,7 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
     camera = images.name.removeprefix("image_")
     projection = read_keyed(day / "calib_cam_to_cam.txt").at(f"P_rect_{camera}")
     height, width = read_image(Path(frames[0]["image"])).shape[:2]
-    lens, T = kitti.pinhole(projection, width, height), kitti_raw.reference(day, camera)
+    lens, T = kitti.pinhole(projection, width, height), kitti.raw_reference(day, camera)
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
     yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T)
 

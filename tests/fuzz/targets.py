@@ -22,9 +22,9 @@ from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, TREES
 from semcal_cli.batch.records import SIGNED, read_outcome, write_summary
 from semcal_cli.batch.tasks import Task, describe_result, find_drives
 from semcal_cli.config import Limits
-from semcal_cli.datasets import load_dataset
+from semcal_cli.datasets import read_dataset
+from semcal_cli.datasets.kitti_360_windows import read_vertices
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.ply import read_vertices
 from semcal_cli.datasets.recording import Request
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Motion, read_drive
@@ -367,7 +367,7 @@ def import_target(dataset: str, file: str, asked: dict[str, str]) -> Target:
     """Make the target of a file in the tree of a data set."""
 
     def read(path: Path) -> None:
-        recording = load_dataset(dataset).read(Request(path.parents[file.count("/")], **asked))
+        recording = read_dataset(dataset, Request(path.parents[file.count("/")], **asked))
         core_camera(Camera.model_validate(recording.camera))
         for T in (recording.T_camera_lidar, *(frame.T_camera_lidar for frame in recording.frames)):
             if T is not None:

@@ -20,8 +20,9 @@ from semcal_cli.datasets.bags.motion import Trajectory, find_motion, read_frames
 from semcal_cli.datasets.bags.pairs import Pairing
 from semcal_cli.datasets.bags.topics import Request, choose_topics
 from semcal_cli.datasets.bags.transforms import reference
+from semcal_cli.datasets.choice import Options
 from semcal_cli.datasets.recording import Recording
-from semcal_cli.datasets.writing import Options, Written, write_drive
+from semcal_cli.datasets.writing import Written, write_drive
 from semcal_cli.drive.document import output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.errors import InputError, os_reason
