@@ -13,7 +13,7 @@ from semcal_cli.synthetic.synthesis import synthesize
 
 TINY = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)
 QUICK = ("--", "--no-polish", "--search-deg", "5", "--init")
-NUM_DRIVES = 6
+NUM_DRIVES = 4
 
 
 def make_drives(root: Path, count: int = NUM_DRIVES) -> Path:

@@ -20,7 +20,6 @@ WHOLE_BATCH = r"^summary +out/summary.csv, out/summary.jsonl$"
 """Last line of a batch that did all drives, whatever became of them."""
 ONE_LINE = "needed one line of UTF-8 text"
 TAKEN = "a file of the batch, needed another name"
-POINTS_LOG = "elsewhere/points/log.txt"
 UNKNOWN = f"which no batch wrote, {NEEDED}"
 
 
@@ -43,25 +42,6 @@ def link(name: str, target: str) -> Callable[[Path], object]:
         (folder / name).symlink_to(folder / target)
 
     return make
-
-
-def moved(folder: Path) -> None:
-    """Move the points out of a drive, which then names them by their path, and write a log beside them."""
-    points = folder / "elsewhere/points"
-    points.parent.mkdir()
-    (folder / "drive/points").rename(points)
-    drive = folder / "drive/drive.yaml"
-    drive.write_text(drive.read_text().replace("points: points/", "points: ../elsewhere/points/"))
-    (points / "log.txt").write_text(PRECIOUS)
-
-
-def linked(folder: Path) -> None:
-    """Move the points out of a drive, and leave a link."""
-    points = folder / "elsewhere/points"
-    points.parent.mkdir()
-    (folder / "drive/points").rename(points)
-    (folder / "drive/points").symlink_to(points)
-    (points / "log.txt").write_text(PRECIOUS)
 
 
 def results_of_a_batch(folder: Path) -> None:
@@ -139,38 +119,18 @@ FOLDERS: dict[str, Hostile] = {
         check=no_work,
     ),
     **{
-        f"results where a drive's files are, {output}": refused(
-            moved, output, rf"{output}: found {found} files of drive drive, {APART}", POINTS_LOG
-        )
-        for output, found in (
-            ("elsewhere/points", "a folder with"),
-            ("elsewhere", "a folder that holds"),
-            ("elsewhere/points/out", "a folder in one with"),
-        )
-    },
-    "results where a link in a drive leads": refused(
-        linked,
-        "elsewhere/points",
-        rf"elsewhere/points: found a folder with files of drive drive, {APART}",
-        POINTS_LOG,
-    ),
-    "results where one drive of another batch has them": refused(
-        results_of_a_batch,
-        "out/third",
-        rf"out/third: found the results of one drive of another batch, {NEEDED}",
-        "out/third/log.txt",
-    ),
-    **{
         f"results in those of another batch, {output}": refused(
             results_of_a_batch,
             output,
-            rf"{output}: found a folder in .*/{above}, the results of another batch, {NEEDED}",
+            rf"{output}: found the results of another batch in .*{above}, {NEEDED}",
             "out/third/log.txt",
         )
-        for output, above in (("out/new", "out"), ("out/a/b", "out"), ("out/third/new", "out/third"))
+        for output, above in (("out/third", "out/third"), ("out/a/b", "out"))
     },
     "a drive's results where another batch has its own": refused(
-        write("out/drive/.lock", MARK), "out", rf"out/drive: found the results of another batch, {NEEDED}"
+        write("out/drive/.lock", MARK),
+        "out",
+        rf"out: found the results of another batch in out/drive, {NEEDED}",
     ),
     **{
         f"a person's {name}": refused(
@@ -182,7 +142,6 @@ FOLDERS: dict[str, Hostile] = {
         for folder, name, content in (
             ("out", "summary.csv", PRECIOUS.encode()),
             ("out", ".lock", PRECIOUS.encode()),
-            ("out/other", "calibration.yaml", PRECIOUS.encode()),
             ("out/other", "record.json", b'{"outcome": 1}'),
         )
     },
@@ -203,48 +162,21 @@ FOLDERS: dict[str, Hostile] = {
     },
 }
 PIPES: dict[str, Hostile] = {
-    **{
-        f"a pipe for {name}": Hostile(
-            pipe(f"out/{name}"),
-            (*BOTH, "out"),
-            rf"^semcal: error: out/{name}: found a pipe, needed a file or nothing$",
-        )
-        for name in (".lock", "summary.csv", "summary.jsonl")
-    },
-    **{
-        f"a pipe for a drive's {name}": Hostile(
-            pipe(f"out/drive/{name}"),
-            ("batch", "drive", "-o", "out"),
-            WHOLE_BATCH,
-            check=reason_is(f"out/drive/{name}: found a pipe, needed a file or nothing"),
-        )
-        for name in (
-            ".semcal_batch",
-            "record.json",
-            "times.json",
-            "calibration.yaml",
-            "verification.json.part",
-        )
-    },
+    "a pipe for the summary": Hostile(
+        pipe("out/summary.csv"),
+        (*BOTH, "out"),
+        r"^semcal: error: out/summary.csv: found a pipe, needed a file or nothing$",
+    ),
     "a pipe for a drive's log, and a good drive": Hostile(
         pipe("out/drive/log.txt"),
         (*BOTH, "out", *QUICK),
         WHOLE_BATCH,
         check=reason_is("out/drive/log.txt: found a pipe, needed a file or nothing"),
     ),
-    **{
-        f"a pipe for an experiment's {name}": Hostile(
-            pipe(f"out/accuracy/{name}"),
-            ("experiment", "accuracy", "--seeds", "1", "-o", "out"),
-            rf"^semcal: error: out/accuracy/{name}: found a pipe, needed a file or nothing$",
-        )
-        for name in ("results.jsonl", "summary.json")
-    },
-    "a folder for a drive's log": Hostile(
-        lambda folder: write("out/drive/.x")(folder) or (folder / "out/drive/log.txt").mkdir(),
-        ("batch", "drive", "-o", "out"),
-        WHOLE_BATCH,
-        check=reason_is("out/drive/log.txt: found a folder, needed a file or nothing"),
+    "a pipe for an experiment's results": Hostile(
+        pipe("out/accuracy/results.jsonl"),
+        ("experiment", "accuracy", "--seeds", "1", "-o", "out"),
+        r"^semcal: error: out/accuracy/results.jsonl: found a pipe, needed a file or nothing$",
     ),
 }
 NAMES: dict[str, Hostile] = {

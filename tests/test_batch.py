@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from batches import NUM_DRIVES, QUICK, SEMCAL, command, make_drives, run, summary
-from click.testing import CliRunner
 from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
 from refined import with_camera
@@ -25,7 +24,6 @@ from refined import with_camera
 from semcal_cli.batch.folders import MARKER
 from semcal_cli.batch.records import worst
 from semcal_cli.batch.tasks import Task, describe_result, find_drives, folder_of
-from semcal_cli.cli import semcal
 from semcal_cli.files.writing import locked
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
@@ -57,23 +55,23 @@ def test_drives_in_a_row_and_two_at_a_time(drives: Path, tmp_path: Path) -> None
         assert outcome["T_camera_lidar"] == T.tolist()
         assert compare_poses(T, read_transform(Path(outcome["drive"]))).rotation_deg < 2.0
     assert found.exit_code == worst(outcome["exit_code"] for outcome in outcomes)
+    assert [worst(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [])] == [1, 3, 4, 0]
     with (tmp_path / "one/summary.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["translation_x_m"]) for row in rows] == [o["T_camera_lidar"][0][3] for o in outcomes]
+    alone = [
+        "calibrate",
+        str(drives / "001"),
+        *QUICK[1:],
+        str(drives / "000"),
+        "-o",
+        str(tmp_path / "c.yaml"),
+    ]
+    assert run(alone).exit_code in (0, 3)
+    assert outcomes[1]["T_camera_lidar"] == read_transform(tmp_path / "c.yaml").tolist()
     run(command(drives, tmp_path / "two", "--jobs", "2"))
     for name in ("summary.csv", "summary.jsonl"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-
-
-def test_the_result_is_that_of_calibrate(drives: Path, tmp_path: Path) -> None:
-    run([*command(drives, tmp_path)[:1], str(drives / "001"), *command(drives, tmp_path)[2:]])
-    alone = tmp_path / "alone.yaml"
-    rest = [option for option in QUICK if option != "--"]
-    CliRunner().invoke(
-        semcal, ["calibrate", str(drives / "001"), *rest, str(drives / "000"), "-o", str(alone)]
-    )
-    (result,) = (tmp_path / outcome["result"] for outcome in summary(tmp_path))
-    assert read_transform(result).tolist() == read_transform(alone).tolist()
 
 
 def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
@@ -110,22 +108,20 @@ def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
     assert (tmp_path / "out/summary.jsonl").read_bytes() != before
 
 
-def test_one_hostile_drive_in_ten_is_named(street: Path, drives: Path, tmp_path: Path) -> None:
-    """Every drive that the tests of the command know to be wrong, nine times as many that are not."""
+def test_each_hostile_drive_is_named(street: Path, drives: Path, tmp_path: Path) -> None:
+    """Every drive that the tests of the command know to be wrong, beside some that are not."""
     for number, (edit, _) in enumerate(HOSTILE_DRIVES.values()):
         break_drive(Path(shutil.copytree(street, tmp_path / f"drives/wrong_{number:02d}")), edit)
-    for number in range(9 * len(HOSTILE_DRIVES)):
-        shutil.copytree(drives / f"{number % NUM_DRIVES:03d}", tmp_path / f"drives/right_{number:03d}")
-    given = ["batch", str(tmp_path / "drives/*"), "-o", str(tmp_path / "out"), "--jobs", "2"]
-    found = run([*given, *QUICK, str(drives / "000")])
-    assert found.exit_code == 1
-    wrong = [outcome for outcome in summary(tmp_path / "out") if outcome["status"] == "failed"]
+    shutil.copytree(drives, tmp_path / "drives", dirs_exist_ok=True)
+    assert run(command(tmp_path / "drives", tmp_path / "out", "--jobs", "2")).exit_code == 1
+    outcomes = summary(tmp_path / "out")
+    wrong = [outcome for outcome in outcomes if outcome["status"] == "failed"]
     assert [Path(outcome["drive"]).name for outcome in wrong] == [
         f"wrong_{number:02d}" for number in range(len(HOSTILE_DRIVES))
     ]
     for outcome, (_, message) in zip(wrong, HOSTILE_DRIVES.values(), strict=True):
         assert re.fullmatch(f"{re.escape(outcome['drive'])}/{message}", outcome["reasons"][0])
-    assert len(summary(tmp_path / "out")) == 10 * len(HOSTILE_DRIVES)
+    assert len(outcomes) == NUM_DRIVES + len(HOSTILE_DRIVES)
 
 
 def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_path: Path) -> None:
@@ -169,10 +165,10 @@ def test_more_time_is_a_reason_to_try_again(copies: Path, tmp_path: Path) -> Non
 
 
 def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
-    """kill -9 at ten moments: the summary at the end is that of a batch that nothing happened to."""
+    """kill -9 at some moments: the summary at the end is that of a batch that nothing happened to."""
     run(command(drives, tmp_path / "whole", "--jobs", "2"))
     rng = np.random.default_rng(5)
-    for _ in range(10):
+    for _ in range(4):
         process = subprocess.Popen(
             [*SEMCAL, *command(drives, tmp_path / "killed", "--jobs", "2")],
             cwd=tmp_path,
@@ -189,7 +185,7 @@ def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
     assert not list((tmp_path / "killed").rglob("*.part"))
 
 
-@pytest.mark.parametrize("waited_s", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("waited_s", [0.0, 1.0])
 def test_ctrl_c_ends_all_processes(waited_s: float, drives: Path, tmp_path: Path) -> None:
     """A terminal sends Ctrl-C to all processes of a command, also to those that are just beginning."""
     process = subprocess.Popen(
@@ -206,7 +202,7 @@ def test_ctrl_c_ends_all_processes(waited_s: float, drives: Path, tmp_path: Path
     _, told = process.communicate(timeout=10)
     assert process.returncode == 130
     assert "Traceback" not in told
-    assert told.endswith(" of 6 drives are done; the same command does the others\n")
+    assert told.endswith(" of 4 drives are done; the same command does the others\n")
     for _ in range(100):
         with suppress(ProcessLookupError):
             os.killpg(process.pid, 0)
@@ -260,10 +256,6 @@ def test_where_drives_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             find_drives(names, None)
     folders = [folder_of(name) for name in ("b/2", "b/2/drive.yaml", "/data/x", "../y", ".")]
     assert list(map(str, folders)) == ["b/2", "b/2", "data/x", "__/y", "_"]
-
-
-def test_the_worst_wins() -> None:
-    assert [worst(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [0, 0], [])] == [1, 3, 4, 0, 0]
 
 
 @pytest.fixture

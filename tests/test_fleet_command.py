@@ -82,7 +82,7 @@ def test_the_exit_codes(tmp_path: Path) -> None:
         ({"covariance": np.zeros((6, 6)).tolist()}, "line 2: covariance: found standard errors of 0 to"),
         ({"covariance": None}, None),
         ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found nothing"),
-        ({"camera": ""}, "line 2: camera: found '', needed the hash of a camera"),
+        ({"camera": ""}, "line 2: camera: found '', needed text that matches \\S"),
         ({"extra": 1}, "line 2: unknown key 'extra'"),
         ({"result": "000/calibration.yaml"}, "000: found twice"),
         ({"drive": "drives/000"}, None),

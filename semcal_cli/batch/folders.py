@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
-from semcal_cli.batch.records import CSV, JSONL, has_record, has_summary
+from semcal_cli.batch.records import CSV, JSONL
 from semcal_cli.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task, folder_of
-from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError, os_reason
-from semcal_cli.files.reading import FILE, FOLDER, LINK, check_own_file, kind_of, read_start, read_text
-from semcal_cli.files.writing import locked, open_own
+from semcal_cli.files.reading import FILE, FOLDER, LINK, check_own_file, kind_of, read_start
+from semcal_cli.files.writing import locked, make_folder, open_own
 
 LOCK, MARKER = ".lock", ".semcal_batch"
 """Markers of the folder of all results and of a drive's."""
@@ -25,18 +24,13 @@ MARK = b"A folder of semcal batch, which replaces its files.\n"
 """Content of a marker."""
 OF_ALL = (LOCK, CSV, JSONL)
 OF_DRIVE = (MARKER, RECORD, LOG, TIMES, *RESULTS.values(), *(f"{name}{PART}" for name in RESULTS.values()))
-_APART = "needed a folder apart from the drives"
-_NEEDED = "needed a folder that is new, empty or of a batch"
-_OUTWARD = re.compile(r"\.\.|\\|(?:^|[\s\"'\[{,:])/", re.MULTILINE)
-"""What the text of a drive has that names files elsewhere: parents, absolute paths, or escapes, which may hide them."""
 TEMPORARY = re.compile(r"\.[0-9a-f]{16}\.tmp")
 """Names of the files that `files.writing` renames when they are whole."""
+_NEEDED = "needed a folder that is new, empty or of a batch"
 
 
 def check_apart(drives: Iterable[str], output: Path) -> None:
     """Check that the folder of all results is no drive's folder, and that none of them lies in the other.
-
-    The folders of the files that a drive names are its own as well, wherever they are.
 
     Args:
         drives: The drives, folders or files.
@@ -47,21 +41,14 @@ def check_apart(drives: Iterable[str], output: Path) -> None:
     """
     results = os.path.realpath(output)
     for drive in drives:
-        own = _folders_of_drive(drive)
-        for folder in own:
+        for folder in _folders_of_drive(drive):
             shared = os.path.commonpath([results, folder])
             if shared in (results, folder):
                 found = "the folder of" if results == folder else "a folder in"
                 found = found if shared == folder else "a folder that holds"
-                raise InputError(f"{output}: found {found} drive {drive}, {_APART}")
-        for folder in _folders_of_files(drive):
-            shared = os.path.commonpath([results, folder])
-            # A folder that holds the drive, and with it one of its files, may hold results as well.
-            is_above = any(os.path.commonpath([folder, place]) == folder for place in own)
-            if shared == results or (shared == folder and not is_above):
-                found = "a folder in one with" if shared == folder else "a folder that holds"
-                found = "a folder with" if results == folder else found
-                raise InputError(f"{output}: found {found} files of drive {drive}, {_APART}")
+                raise InputError(
+                    f"{output}: found {found} drive {drive}, needed a folder apart from the drives"
+                )
 
 
 def check_distinct_folders(drives: Iterable[str]) -> None:
@@ -95,20 +82,22 @@ def check_made_by_batch(tasks: Sequence[Task], folder: Path, output: Path) -> No
         output: The same as the user gave it, for messages.
 
     Raises:
-        InputError: a folder has a file that would be replaced, or a link is in the way.
+        InputError: a folder has a file that would be replaced, a link is in the way, or the results of another batch.
     """
     for name in OF_ALL:
         check_own_file(output / name)
-    _check_of_no_other_batch(folder, output)
-    _check_made_by_batch(folder / LOCK, has_summary, output)
+    above = [place / name for place in Path(os.path.realpath(folder)).parents for name in (LOCK, MARKER)]
+    for marker in (folder / MARKER, *above):
+        if _mark(marker) == MARK:
+            raise InputError(f"{output}: found the results of another batch in {marker.parent}, {_NEEDED}")
+    _check_marked(folder / LOCK, output)
     for task in tasks:
         place = _find_folder(task, folder, output)
         if place is not None:
+            shown = output / place.relative_to(folder)
             if _mark(place / LOCK) == MARK:
-                raise InputError(
-                    f"{output / place.relative_to(folder)}: found the results of another batch, {_NEEDED}"
-                )
-            _check_made_by_batch(place / MARKER, has_record, output / place.relative_to(folder))
+                raise InputError(f"{output}: found the results of another batch in {shown}, {_NEEDED}")
+            _check_marked(place / MARKER, shown)
 
 
 @contextmanager
@@ -138,10 +127,7 @@ def make_folder_of_drive(task: Task, folder: Path) -> None:
     """
     place = Path(task.folder)
     _find_folder(task, folder, folder)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{place}: cannot be made: {os_reason(error)}") from None
+    make_folder(place)
     for name in OF_DRIVE:
         check_own_file(place / name)
     if _mark(place / MARKER) != MARK:
@@ -150,60 +136,30 @@ def make_folder_of_drive(task: Task, folder: Path) -> None:
 
 
 def _folders_of_drive(drive: str) -> set[str]:
-    """Real folders of a drive's files; a drive file that is a link has two."""
-    path, is_file = Path(drive), False
-    with suppress(OSError):  # The system refuses to look up names that are too long.
-        is_file = path.is_file()
-    if not is_file:
-        return {os.path.realpath(path)}
-    return {os.path.realpath(path.parent), str(path.resolve().parent)}
+    """Real folders of a drive; a drive file that is a link has two."""
+    path = Path(drive)
+    if kind_of(path.resolve()) == FILE:
+        return {os.path.realpath(path.parent), str(path.resolve().parent)}
+    return {os.path.realpath(path)}
 
 
-def _folders_of_files(drive: str) -> set[str]:
-    """Real folders of the files that a drive names; none for a drive that cannot be read.
-
-    A drive whose names cannot lead out of its own folder is not parsed, which takes long for many drives.
-    """
-    with suppress(InputError, OSError, ValueError):
-        file = drive_file(Path(drive))
-        with os.scandir(file.parent) as entries:
-            has_links = any(entry.is_symlink() for entry in entries)
-        if has_links or _OUTWARD.search(read_text(file)):
-            opened = read_drive(file)
-            return set(map(os.path.realpath, {opened.resolve(name).parent for name in opened.files()}))
-    return set()
-
-
-def _check_made_by_batch(marker: Path, is_earlier: Callable[[Path], bool], shown: Path) -> None:
-    """Check that a folder has a marker, no files to lose, or results of a version that wrote no markers."""
+def _check_marked(marker: Path, shown: Path) -> None:
+    """Check that a folder has a marker, or no files that would be replaced."""
     mark, folder = _mark(marker), marker.parent
     if mark == MARK:
         return
-    # A batch that is killed as it begins leaves a part of a marker; the lock of earlier versions is empty.
-    names = _names_of_results(folder) - ({marker.name} if MARK.startswith(mark) else set())
-    if names and (marker.name in names or not is_earlier(folder)):
-        raise InputError(f"{shown}: found {min(names)}, which no batch wrote, {_NEEDED}")
-
-
-def _check_of_no_other_batch(folder: Path, output: Path) -> None:
-    """Check that a folder of all results is no drive's of another batch, and lies in no results of one.
-
-    Raises:
-        InputError: it is, or it does.
-    """
-    if _mark(folder / MARKER) == MARK:
-        raise InputError(f"{output}: found the results of one drive of another batch, {_NEEDED}")
-    for above in Path(os.path.realpath(folder)).parents:
-        if MARK in (_mark(above / LOCK), _mark(above / MARKER)):
-            raise InputError(f"{output}: found a folder in {above}, the results of another batch, {_NEEDED}")
+    names = set[str]()
+    with suppress(OSError):  # There is no such folder, or the batch cannot write there.
+        names = {each.name for each in folder.iterdir()}
+    ours = {name for name in names if name in OF_ALL or name in OF_DRIVE or TEMPORARY.fullmatch(name)}
+    # A batch that is killed as it begins leaves a part of a marker. Nothing but files and links is ever replaced.
+    kept = {name for name in ours if kind_of(folder / name) in (FILE, LINK)}
+    if found := kept - ({marker.name} if MARK.startswith(mark) else set()):
+        raise InputError(f"{shown}: found {min(found)}, which no batch wrote, {_NEEDED}")
 
 
 def _find_folder(task: Task, folder: Path, output: Path) -> Path | None:
-    """Find the folder of a drive's results; None if there is none yet.
-
-    Raises:
-        InputError: the folder, or one that it lies in, is a link.
-    """
+    """Find the folder of a drive's results, which is no link; None if there is none yet."""
     place = folder
     for part in Path(task.folder).relative_to(folder).parts:
         place /= part
@@ -217,25 +173,7 @@ def _find_folder(task: Task, folder: Path, output: Path) -> Path | None:
     return place
 
 
-def _names_of_results(folder: Path) -> set[str]:
-    """Names of results that a folder has, of files and links only: nothing else is ever replaced."""
-    try:
-        with os.scandir(folder) as entries:
-            return {entry.name for entry in entries if _is_ours(entry.name) and not _is_safe(entry)}
-    except OSError:
-        return set()  # There is no such folder, or the batch cannot write there.
-
-
-def _is_ours(name: str) -> bool:
-    return name in OF_ALL or name in OF_DRIVE or TEMPORARY.fullmatch(name) is not None
-
-
-def _is_safe(entry: os.DirEntry[str]) -> bool:
-    return kind_of(Path(entry.path)) not in (FILE, LINK)
-
-
 def _mark(path: Path) -> bytes:
-    """Read a marker; empty if there is none."""
     return read_start(path, len(MARK) + 1) if kind_of(path) == FILE else b""
 
 

@@ -1,9 +1,9 @@
-"""The record that a batch keeps of each drive.
+"""The record that a batch keeps of each drive, and the summary of all of them.
 
 A record is written as a whole when the drive is done. It names the files that were read, with their hashes. A stopped
 batch can then resume where it was, and run those drives again whose result would change. A record is no second place
 of the truth: it holds the hash of the result that its outcome was made from, and a hash of itself, so that one that was
-edited counts as none.
+edited counts as none. The bytes of a summary do not depend on the machine or the duration.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from pydantic import JsonValue, TypeAdapter
 from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, Task
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import parse_document, read_json_lines
 from semcal_cli.files.point_clouds import max_bytes
 from semcal_cli.files.reading import FILE, MAX_DOCUMENT_BYTES, check_own_file, hash_file, kind_of, read_text
 from semcal_cli.files.validation import StrictModel, Version, validate
@@ -39,8 +38,17 @@ MAX_RECORD_BYTES = 32 << 20
 """Largest size of a record, whoever reads it: that of a drive of some 100,000 files."""
 SIGNED = ', "sha256": "'
 """What precedes the hash of a record."""
-EARLIER_KEYS = {"asked", "timed_out_s", "outcome", "files"}
-"""Keys of a record, also of those without a version."""
+WORST_FIRST = (1, 3, 4, 0)
+"""Exit codes of drives, the most important first."""
+CSV, JSONL = "summary.csv", "summary.jsonl"
+COLUMNS = (
+    *("drive", "status", "exit_code", "mutual_information_nats"),
+    *("translation_x_m", "translation_y_m", "translation_z_m", "qx", "qy", "qz", "qw"),
+    *("camera_x_m", "camera_y_m", "camera_z_m"),
+    *("sigma_camera_x_m", "sigma_camera_y_m", "sigma_camera_z_m"),
+    *("sigma_rotation_x_deg", "sigma_rotation_y_deg", "sigma_rotation_z_deg"),
+    *("stamp", "result", "reasons"),
+)
 
 
 class FileState(StrictModel):
@@ -147,23 +155,14 @@ def read_outcome(task: Task) -> Outcome | None:
     has_more_time = record.timed_out_s is not None and (task.timeout_s or math.inf) > record.timed_out_s
     if record.asked != _asked(task) or has_more_time:
         return None
-    if record.outcome.status != FAILED and not _has_result(task, record.result):
-        return None
+    if record.outcome.status != FAILED:
+        # A link to the result is none.
+        has_result = record.result is not None and kind_of(task.result) == FILE
+        if not has_result or not _is_unchanged(str(task.result), record.result):
+            return None
     if not all(_is_unchanged(path, state) for path, state in files.items()):
         return None
     return Outcome(**vars(record.outcome))
-
-
-def has_record(folder: Path) -> bool:
-    """Tell whether a batch of any version left a record in a folder."""
-    path = folder / RECORD
-    try:
-        if kind_of(path) != FILE:
-            return False
-        text = read_text(path, limit=MAX_RECORD_BYTES)
-        return _is_signed(text) or parse_document(text, path).keys() >= EARLIER_KEYS
-    except InputError:
-        return False
 
 
 def _signed(text: str) -> str:
@@ -181,11 +180,6 @@ def _size(path: Path) -> int:
     with suppress(OSError, ValueError):
         return path.stat().st_size
     return 0
-
-
-def _has_result(task: Task, state: FileState | None) -> bool:
-    """Tell whether the result is still there as it was; a link to it is not."""
-    return state is not None and kind_of(task.result) == FILE and _is_unchanged(str(task.result), state)
 
 
 def _asked(task: Task) -> dict[str, object]:
@@ -215,19 +209,6 @@ def _is_unchanged(path: str, state: FileState | None) -> bool:
     return now is not None and now.sha256 == state.sha256
 
 
-WORST_FIRST = (1, 3, 4, 0)
-"""Exit codes of drives, the most important first."""
-CSV, JSONL = "summary.csv", "summary.jsonl"
-COLUMNS = (
-    *("drive", "status", "exit_code", "mutual_information_nats"),
-    *("translation_x_m", "translation_y_m", "translation_z_m", "qx", "qy", "qz", "qw"),
-    *("camera_x_m", "camera_y_m", "camera_z_m"),
-    *("sigma_camera_x_m", "sigma_camera_y_m", "sigma_camera_z_m"),
-    *("sigma_rotation_x_deg", "sigma_rotation_y_deg", "sigma_rotation_z_deg"),
-    *("stamp", "result", "reasons"),
-)
-
-
 def worst(exit_codes: Iterable[int]) -> int:
     """Exit code of a batch from those of its drives: 1 over 3 over 4 over 0."""
     return min(exit_codes, key=WORST_FIRST.index, default=0)
@@ -248,16 +229,6 @@ def write_summary(outcomes: Iterable[Outcome], folder: Path) -> None:
     for name, text in ((JSONL, "".join(lines)), (CSV, table.getvalue())):
         check_own_file(folder / name)
         write_text(text, folder / name)
-
-
-def has_summary(folder: Path) -> bool:
-    """Tell whether a batch of any version left a summary of some drives in a folder."""
-    path = folder / JSONL
-    try:
-        lines = [validate(Outcome, line, path) for line in read_json_lines(path)]
-    except InputError:
-        return False
-    return bool(lines)
 
 
 def _row(outcome: Outcome) -> list[object]:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import codecs
 import os
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal, TextIO, TypeAlias
 
-from pydantic import AfterValidator, model_validator
+from pydantic import Field, model_validator
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import DRIVE_FILE, Stamp, drive_file, first_stamp, read_drive
-from semcal_cli.errors import InputError, describe, mismatch, printable
+from semcal_cli.errors import InputError, printable
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, is_folder, read_start
 from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
@@ -111,7 +110,7 @@ def _checked(name: str, where: str = "") -> str:
 
 def _matches(name: str) -> list[str]:
     path = Path(name)
-    if not any(character in name for character in MAGIC) or _exists(path):
+    if not any(character in name for character in MAGIC) or os.access(path, os.F_OK):
         return [name]
     root = Path(path.anchor)
     try:
@@ -121,13 +120,6 @@ def _matches(name: str) -> list[str]:
     if not found:
         raise InputError(f"{name}: found nothing of this pattern, needed drives")
     return found
-
-
-def _exists(path: Path) -> bool:
-    """Tell whether a path exists; one that is too long for the system does not."""
-    with suppress(OSError):
-        return path.exists()
-    return False
 
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
@@ -170,12 +162,6 @@ class Task:
         return Path(self.folder) / RESULTS[self.command]
 
 
-def _check_hash(text: str) -> str:
-    if not text.strip():
-        raise mismatch(describe(text), "the hash of a camera")
-    return text
-
-
 class Outcome(StrictModel):
     """The outcome of a drive: a line of the summary. It contains neither times nor machines."""
 
@@ -197,7 +183,7 @@ class Outcome(StrictModel):
     """(6, 6) covariance of xi = (rho, phi), camera frame, left perturbation."""
     mutual_information_nats: Figure | None
     """Mutual information at the transform."""
-    camera: Annotated[str, AfterValidator(_check_hash)] | None
+    camera: Annotated[str, Field(pattern=r"\S")] | None
     """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
     result: FileName | None
     """File of the result, relative to the folder of the batch."""
@@ -233,29 +219,24 @@ def describe_result(task: Task, exit_code: int) -> Outcome:
     Raises:
         InputError: the file is not a result of the command.
     """
-    stamp = first_stamp(read_drive(Path(task.path)))
-    known = _of_calibration(task.result) if task.command == "calibrate" else _of_verification(task.result)
-    known |= {"drive": task.drive, "exit_code": exit_code, "stamp": stamp}
+    known: dict[str, Any] = {**NOT_KNOWN, "drive": task.drive, "exit_code": exit_code}
+    known["stamp"] = first_stamp(read_drive(Path(task.path)))
     known["result"] = str(folder_of(task.drive) / task.result.name)
-    return validate(Outcome, {**NOT_KNOWN, **known}, task.result)
-
-
-def _of_calibration(result: Path) -> dict[str, object]:
-    found = read_calibration(result)
-    uncertainty = found.uncertainty
-    return {
-        "status": found.status,
-        "reasons": found.reasons,
-        "topics": found.topics,
-        "T_camera_lidar": found.T_camera_lidar,
-        "covariance": None if uncertainty is None else uncertainty.covariance,
-        "mutual_information_nats": found.quality.mutual_information_nats,
-        "camera": camera_hash(found.used_camera),
-        "covariance_of_intrinsics": None if uncertainty is None else uncertainty.covariance_of_intrinsics,
-    }
-
-
-def _of_verification(result: Path) -> dict[str, object]:
-    document = read_document(result)
-    known = {key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")}
-    return {**known, "status": document.get("verdict")}
+    if task.command == "calibrate":
+        found = read_calibration(task.result)
+        uncertainty = found.uncertainty
+        known |= {
+            "status": found.status,
+            "reasons": found.reasons,
+            "topics": found.topics,
+            "T_camera_lidar": found.T_camera_lidar,
+            "covariance": uncertainty and uncertainty.covariance,
+            "mutual_information_nats": found.quality.mutual_information_nats,
+            "camera": camera_hash(found.used_camera),
+            "covariance_of_intrinsics": uncertainty and uncertainty.covariance_of_intrinsics,
+        }
+    else:
+        document = read_document(task.result)
+        known |= {key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")}
+        known["status"] = document.get("verdict")
+    return validate(Outcome, known, task.result)
