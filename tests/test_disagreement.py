@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from semcal_cli import _core
-from semcal_cli.assessment.disagreement import FrameCheck, check_frames
+from semcal_cli.assessment.disagreement import FrameCheck, FrameScores, check_frames
 from semcal_cli.assessment.frame_offsets import frame_offsets
-from semcal_cli.assessment.frame_scores import FrameScores
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
@@ -98,7 +97,7 @@ def test_a_knock_is_found_with_its_frame_and_offset(
         f"{raw.frames[raw.knock - 1].name}.bin",
         "000007.bin",
     ]
-    (finding,) = found.findings
+    (finding,) = findings_among(found.measured)
     assert finding.sentence.startswith(f"frames {first} to 000007 fit a camera {words}")
     assert finding.found.endswith(f", as if it was knocked at {first}")
     assert finding.advice.startswith("calibrate each part with `semcal calibrate --split`")
@@ -120,12 +119,12 @@ def test_frames_turned_each_by_its_own_disagree_without_parts(
 ) -> None:
     found = compared(spoiling.clouds_turned(long_street, rng), tmp_path)
     assert found.parts == ()
-    (finding,) = found.findings
+    (finding,) = findings_among(found.measured)
     assert finding.sentence.startswith("frames disagree about the camera, they scatter ")
 
 
 def test_nothing_is_said_of_a_good_drive(long_street: RawDrive, tmp_path: Path) -> None:
-    assert compared(long_street, tmp_path).findings == ()
+    assert findings_among(compared(long_street, tmp_path).measured) == ()
     assert paired(long_street, tmp_path) == ()
 
 
@@ -144,7 +143,7 @@ def test_frames_of_few_squares_are_outliers_by_chance_no_more_often(rng: np.rand
 
 def test_one_frame_is_not_compared(long_street: RawDrive, tmp_path: Path) -> None:
     one = long_street.with_frames(long_street.frames[:1])
-    assert compared(one, tmp_path).findings == ()
+    assert findings_among(compared(one, tmp_path).measured) == ()
     assert paired(one, tmp_path) == ()
 
 

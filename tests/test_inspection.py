@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from commands import invoke
 
-from semcal_cli.assessment.identical_files import find_identical_files
 from semcal_cli.assessment.inspection import inspect
+from semcal_cli.assessment.pairing import find_identical_files
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.images import write_image

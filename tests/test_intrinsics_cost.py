@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semcal_cli.assessment.fusion import fuse_with_priors
 from semcal_cli.assessment.intrinsics import (
     around_intrinsics,
     covariance_of_intrinsics,
@@ -13,7 +12,7 @@ from semcal_cli.assessment.intrinsics import (
     shift_by,
     wrong_intrinsics,
 )
-from semcal_cli.assessment.priors import Prior
+from semcal_cli.assessment.priors import Prior, fuse_with_priors
 from semcal_cli.assessment.uncertainty import MANY, Matrix, estimate_uncertainty
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma
@@ -139,7 +138,7 @@ def test_intrinsics_that_no_lens_has(
     fx, fy, cx, cy = K
     matrix = ((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=matrix)
-    assert [each.name for each in implausible_intrinsics(camera)] == named
+    assert [*implausible_intrinsics(camera)] == named
     cost = intrinsics_cost(np.full((6, 4), 0.001), camera)
     notes = notes_on_intrinsics(camera, cost)
     assert len(notes) == len(named)

@@ -6,10 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from semcal_cli.assessment.frame_names import frame_list
 from semcal_cli.assessment.inspection import inspect
-from semcal_cli.assessment.label_alignment import check_label_alignment
-from semcal_cli.assessment.picture_alignment import spread
+from semcal_cli.assessment.label_alignment import check_label_alignment, spread
+from semcal_cli.assessment.pairing import frame_list
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import load
@@ -20,6 +19,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
+from semcal_cli.result.checks.check import findings_among
 from semcal_cli.synthetic.label_noise import as_by_a_network, with_ragged_things, with_wrong_labels
 
 Labels = npt.NDArray[np.uint8]
@@ -78,7 +78,7 @@ def test_labels_where_they_belong_give_no_finding(
     street_drive: Drive, street_observations: Observations, kind: str
 ) -> None:
     good = GOOD[kind](street_observations, np.random.default_rng(3))
-    assert check_label_alignment(street_drive, good).findings == ()
+    assert findings_among(check_label_alignment(street_drive, good).measured) == ()
 
 
 POINTS = "labels of points{of} fit the clouds better shifted by {by}"
@@ -132,7 +132,7 @@ def test_labels_of_others_are_found(
 ) -> None:
     displace, start = DISPLACED[displaced]
     good = GOOD[noise](street_observations, np.random.default_rng(3))
-    (found,) = check_label_alignment(street_drive, displace(good)).findings
+    (found,) = findings_among(check_label_alignment(street_drive, displace(good)).measured)
     assert found.sentence.startswith(start)
 
 
@@ -140,14 +140,14 @@ def test_pictures_that_cannot_be_read_are_left_out(drive: Path, street_observati
     moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=1))
     (drive / "images/000001.png").unlink()
     aligned = check_label_alignment(read_drive(drive), moved)
-    (finding,), (note,) = aligned.findings, aligned.notes
+    (finding,), (note,) = findings_among(aligned.measured), aligned.notes
     assert finding.sentence.startswith("label images fit their pictures better shifted by 4 pixels left")
     assert note == (
         "whether label images fit their pictures was not tested on all: images/000001.png: no such file or folder"
     )
     for picture in (drive / "images").iterdir():
         picture.unlink()
-    assert check_label_alignment(read_drive(drive), moved).findings == ()
+    assert findings_among(check_label_alignment(read_drive(drive), moved).measured) == ()
 
 
 def test_calibrate_and_verify_doubt_and_inspect_suspects(drive: Path, street_truth: Pose) -> None:
@@ -189,8 +189,8 @@ def test_long_lists_of_frames_are_short() -> None:
 def test_labels_of_a_real_frame_belong_to_its_points_and_pixels(rellis3d: Path) -> None:
     drive = read_drive(rellis3d)
     observations = load_observations(drive)
-    assert check_label_alignment(drive, observations).findings == ()
-    (found,) = check_label_alignment(drive, with_point_labels_moved(observations, 1)).findings
+    assert findings_among(check_label_alignment(drive, observations).measured) == ()
+    (found,) = findings_among(check_label_alignment(drive, with_point_labels_moved(observations, 1)).measured)
     assert found.sentence.startswith(
         "labels of points fit the clouds better shifted by 1 entry towards the start"
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from semcal_cli.assessment.mountings import decide_in_full
+from semcal_cli.assessment.rivals import decide_in_full
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, InitializationConfig, RefinementConfig
 from semcal_cli.drive.events import ignore
 from semcal_cli.drive.loading import LoadedDrive, load

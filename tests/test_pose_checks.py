@@ -6,8 +6,7 @@ from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_pose
-from semcal_cli.assessment.repeatability import compare_seeds
+from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_pose, compare_seeds
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.result.uncertainty import Uncertainty

@@ -11,7 +11,7 @@ from conftest import run
 
 from semcal_cli import _core
 from semcal_cli.assessment.information import InformationBySquares
-from semcal_cli.assessment.leaked_labels import check_leaks
+from semcal_cli.assessment.label_alignment import check_leaks
 from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera

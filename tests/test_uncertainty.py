@@ -90,11 +90,16 @@ def around(curvature: Matrix, scores: Matrix, num_alike: int = 1) -> Sensitivity
     return Sensitivity(curvature, np.zeros((1, n, n)), scores, parts, np.zeros_like(parts), np.eye(n), alike)
 
 
+def sandwich(found: Sensitivity) -> tuple[Matrix, Matrix]:
+    scatter = found.scatter(found.influence)
+    return scatter.covariance, scatter.degrees_of_freedom
+
+
 def test_sandwich_of_independent_scores() -> None:
     rng = np.random.default_rng(1)
     curvature = np.diag([4.0, 1.0])
     scores = rng.standard_normal((5000, 2)) * [2.0, 0.5]
-    covariance, dof = around(curvature, scores).sandwich()
+    covariance, dof = sandwich(around(curvature, scores))
     expected = np.diag([(2.0 / 4.0) ** 2, (0.5 / 1.0) ** 2]) * 5000
     np.testing.assert_allclose(np.diag(covariance), np.diag(expected), rtol=0.06)
     np.testing.assert_allclose(dof, 5000 / 3, rtol=0.1)  # of normal scores: E[x^2]^2 / E[x^4] is a third
@@ -128,10 +133,10 @@ def test_scatter_follows_a_change_of_variables(street_observations: Observations
         *(found.squares, found.classes, turn.T @ found.motions @ turn, found.num_alike),
     )
     back = np.linalg.inv(turn)
-    expected = back @ found.sandwich()[0] @ back.T
+    expected = back @ sandwich(found)[0] @ back.T
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
-        turned.sandwich()[0] / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-6
+        sandwich(turned)[0] / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-6
     )
 
 
@@ -145,8 +150,8 @@ def test_classes_share_the_curvature(street_observations: Observations, polished
 def test_copies_of_a_frame_are_that_frame() -> None:
     """Twenty copies pull twenty times as strongly against a curvature twenty times as large."""
     scores = np.random.default_rng(2).standard_normal((50, 2))
-    of_one, dof_of_one = around(np.eye(2), scores).sandwich()
-    of_copies, dof = around(20.0 * np.eye(2), np.tile(scores, (20, 1)), num_alike=20).sandwich()
+    of_one, dof_of_one = sandwich(around(np.eye(2), scores))
+    of_copies, dof = sandwich(around(20.0 * np.eye(2), np.tile(scores, (20, 1)), num_alike=20))
     np.testing.assert_allclose(of_copies, of_one, rtol=0.03)  # the 50 / 49 of one is nearly one of 1000
     np.testing.assert_allclose(dof, dof_of_one, rtol=1e-9)
 

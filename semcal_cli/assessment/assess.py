@@ -19,14 +19,12 @@ from semcal_cli.assessment.intrinsics import (
     shift_by,
     wrong_intrinsics,
 )
-from semcal_cli.assessment.label_alignment import check_label_alignment
-from semcal_cli.assessment.leaked_labels import check_leaks
-from semcal_cli.assessment.measurement import sum_of
+from semcal_cli.assessment.label_alignment import check_label_alignment, check_leaks
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.rivals import check_guide, check_rivals
 from semcal_cli.assessment.scale import check_scale
-from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sum_of
 from semcal_cli.assessment.stages import Assessment, Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
 from semcal_cli.config import PolishConfig, RefinementConfig

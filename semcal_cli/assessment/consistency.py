@@ -73,29 +73,23 @@ def check_consistency(
     )
 
 
-def _information(observations: Observations, T_camera_lidar: Pose) -> float:
-    """What points tell of the pixels, less what is due to chance: nats, or AMI."""
-    return _fit(observations, T_camera_lidar).information
-
-
 class _Fit(NamedTuple):
     """How well observations agree at a pose."""
 
     T_camera_lidar: Pose
     information: float
-    """Nats, or AMI."""
-    agreement: _core.Agreement | None
-    """Agreement of the labels, from which the information was computed; None for segments."""
+    """What points tell of the pixels, less what is due to chance: nats, or AMI."""
+    agreement: _core.Agreement
+    """Agreement of the labels."""
 
 
-def _fit(observations: Observations, T_camera_lidar: Pose) -> _Fit:
+def _fit(observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement | None = None) -> _Fit:
+    """Tell how well observations agree at a pose (4, 4), by the agreement there if it is known."""
+    agreement = agreement or _core.agreement(observations.core, T_camera_lidar)
+    information = agreement.mutual_information - agreement.bias
     if observations.has_segments:
-        return _Fit(T_camera_lidar, information_by_squares(observations, T_camera_lidar).mean, None)
-    return _fit_of(T_camera_lidar, _core.agreement(observations.core, T_camera_lidar))
-
-
-def _fit_of(T_camera_lidar: Pose, agreement: _core.Agreement) -> _Fit:
-    return _Fit(T_camera_lidar, agreement.mutual_information - agreement.bias, agreement)
+        information = information_by_squares(observations, T_camera_lidar).mean
+    return _Fit(T_camera_lidar, information, agreement)
 
 
 def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
@@ -129,7 +123,7 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
     """Check that clouds agree less well with the label images of other frames."""
     # Pictures are compared by their likeliest classes, their own as well: shares alone tell less.
     images, found = [image.without_shares() for image in observations.images], []
-    own = _information(observations.with_images(images), T_camera_lidar)
+    own = _fit(observations.with_images(images), T_camera_lidar).information
     shares = shares_alike([cloud.points for cloud in observations.clouds])
     for shift in range(1, observations.num_frames):
         others = images[shift:] + images[:shift]
@@ -137,7 +131,7 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
             continue  # Pictures of one scene belong to all its sweeps.
         alike = np.mean([np.mean(a.classes == b.classes) for a, b in zip(images, others, strict=True)])
         if alike <= MAX_ALIKE:
-            found.append(_information(observations.with_images(others), T_camera_lidar))
+            found.append(_fit(observations.with_images(others), T_camera_lidar).information)
     if not found:
         return []
     by, best = compared_by(observations), max(found)
@@ -152,13 +146,13 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
 
 def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured:
     """Check that labels agree less well with the camera turned about the LiDAR's z axis to where points are visible."""
-    own = _fit(observations, T_camera_lidar)
-    least = 0.5 * _overlap(observations, T_camera_lidar, own)
-    best, best_deg = 0.0, 0.0
+    own, best, best_deg = _fit(observations, T_camera_lidar), 0.0, 0.0
     for turn_deg in np.arange(TURN_DEG, 360.0, TURN_DEG).tolist():
-        T_turned = T_camera_lidar @ _about_z(turn_deg)
-        turned = _fit(observations, T_turned)
-        if turned.information > best and _overlap(observations, T_turned, turned) >= least:
+        c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        T_about_z = np.eye(4)
+        T_about_z[:2, :2] = [[c, -s], [s, c]]
+        turned = _fit(observations, T_camera_lidar @ T_about_z)
+        if turned.information > best and turned.agreement.overlap >= 0.5 * own.agreement.overlap:
             best, best_deg = turned.information, turn_deg
     by, turned_by = compared_by(observations), f"with the camera turned by {best_deg:.0f} degrees"
     found = f"points and pictures {NO_FIT}" + f", and better {turned_by}" * (best_deg > 0.0)
@@ -170,22 +164,11 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
     return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 
 
-def _overlap(observations: Observations, T_camera_lidar: Pose, fit: _Fit) -> float:
-    return (fit.agreement or _core.agreement(observations.core, T_camera_lidar)).overlap
-
-
 def _share(other: float, own: float) -> float:
     """Give what another fit has as a share of the own one, which may be none at all."""
     if own > 0.0:
         return other / own
     return math.inf if other > own else 0.0
-
-
-def _about_z(angle_deg: float) -> Pose:
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    T = np.eye(4)
-    T[:2, :2] = [[c, -s], [s, c]]
-    return T
 
 
 def _wrong_model(observations: Observations, T_camera_lidar: Pose, *, with_clock: bool) -> list[Measured]:
@@ -194,68 +177,56 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose, *, with_clock
     All refinements use the same frames and settings. The agreement tells focal lengths apart even with a single frame,
     although they hardly change its curvature.
     """
-    changes = (-FOCAL_CHANGE, FOCAL_CHANGE)
     twists = twists_per_s(observations) if with_clock else None
     delays_s = CLOCK_DELAYS_S if twists is not None and differs(twists) else ()
-    models = [
-        observations,
-        *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
-        *(delayed(observations, delay_s) for delay_s in delays_s),
-    ]
+    zoomed = {
+        change: replace(observations, camera=observations.camera.zoomed(1.0 + change))
+        for change in (-FOCAL_CHANGE, FOCAL_CHANGE)
+    }
+    late = {delay_s: delayed(observations, delay_s) for delay_s in delays_s}
+
+    def refitted(model: Observations) -> _Fit | None:
+        found = refine_exactly(model, T_camera_lidar, OTHER_MODEL_EXACT, OTHER_MODEL_PYRAMID)
+        return None if found is None else _fit(model, found.T_camera_lidar, found.agreement)
+
     # Each refinement is a sequence of small steps, so several run in parallel.
     with thread_pool() as pool:
-        own, *others = pool.map(lambda model: _refitted(model, T_camera_lidar), models)
+        own, *others = pool.map(refitted, [observations, *zoomed.values(), *late.values()])
     if own is None:
         return []
     # A refinement may end at a lower top than the one that it left.
     own = max(own, _fit(observations, T_camera_lidar), key=lambda fit: fit.information)
-    zoomed, of_delays = others[: len(changes)], others[len(changes) :]
+    fits = {key: fit for key, fit in zip([*zoomed, *late], others, strict=True) if fit is not None}
     return [
-        *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),
-        *_wrong_clocks(observations, own, dict(zip(delays_s, of_delays, strict=True))),
+        *_wrong_focal_length(own, {key: fits[key] for key in zoomed if key in fits}),
+        *_wrong_clocks(observations, own, {key: fits[key] for key in late if key in fits}),
     ]
 
 
-def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Measured]:
-    found = {change: fit.information for change, fit in others.items() if fit is not None}
-    if not found:
+def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit]) -> list[Measured]:
+    if not others:
         return []
-    best_change = max(found, key=lambda change: found[change])
-    gain = _share(found[best_change], own.information) - 1.0
+    change = max(others, key=lambda change: others[change].information)
+    gain = _share(others[change].information, own.information) - 1.0
     better = f"{gain:.1%} better" if own.information > 0.0 else "better"
     sentence = (
-        f"the focal length looks wrong, points and pictures agree {better} with fx and fy {abs(best_change):.0%} "
-        f"{'longer' if best_change > 0.0 else 'shorter'}"
+        f"the focal length looks wrong, points and pictures agree {better} with fx and fy {abs(change):.0%} "
+        f"{'longer' if change > 0.0 else 'shorter'}"
     )
     return [WRONG_FOCAL_LENGTH.measured(gain, sentence)]
 
 
-def _wrong_clocks(
-    observations: Observations, own: _Fit, others: Mapping[float, _Fit | None]
-) -> list[Measured]:
-    found = {delay_s: fit for delay_s, fit in others.items() if fit is not None}
-    if not found:
+def _wrong_clocks(observations: Observations, own: _Fit, others: Mapping[float, _Fit]) -> list[Measured]:
+    if not others:
         return []
-    before = information_by_squares(observations, own.T_camera_lidar)
-    gains = {}
-    for delay_s, fit in found.items():
+    before, sigmas = information_by_squares(observations, own.T_camera_lidar), {}
+    for delay_s, fit in others.items():
         after = information_by_squares(delayed(observations, delay_s), fit.T_camera_lidar)
         gain = paired_gain(before, after)
-        gains[delay_s] = gain.gain / max(gain.sigma, 1e-12)
-    best_delay_s = max(gains, key=lambda delay_s: gains[delay_s])
+        sigmas[delay_s] = gain.gain / max(gain.sigma, 1e-12)
+    best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
     sentence = (
-        f"the clocks look wrong, points and pictures agree better by {gains[best_delay_s]:.1f} standard errors if "
-        f"pictures are {1e3 * abs(best_delay_s):.0f} ms {'later' if best_delay_s > 0.0 else 'earlier'} than "
-        "image_stamp says"
+        f"the clocks look wrong, points and pictures agree better by {sigmas[best_s]:.1f} standard errors if "
+        f"pictures are {1e3 * abs(best_s):.0f} ms {'later' if best_s > 0.0 else 'earlier'} than image_stamp says"
     )
-    return [WRONG_CLOCKS.measured(gains[best_delay_s], sentence)]
-
-
-def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
-    """Refine a pose and score it by the agreement of the labels; None if it cannot be refined."""
-    found = refine_exactly(observations, T_camera_lidar, OTHER_MODEL_EXACT, OTHER_MODEL_PYRAMID)
-    if found is None:
-        return None
-    if observations.has_segments:
-        return _fit(observations, found.T_camera_lidar)
-    return _fit_of(found.T_camera_lidar, found.agreement)
+    return [WRONG_CLOCKS.measured(sigmas[best_s], sentence)]

@@ -1,38 +1,41 @@
 """Frames that disagree about the camera: one that was moved in mid-drive, or frames that each fit their own pose.
 
-Scores of the frames tell whether there is one pose at all. Where they do not, a change point is looked for along the
-drive (binary segmentation: Scott and Knott, *A cluster analysis method for grouping means in the analysis of variance*,
-1974): both parts are refined and polished on their own, and have to lie farther apart than their intervals explain.
+At the pose that all frames fit best their scores add up to zero; a frame whose camera was elsewhere pulls towards its
+own optimum. A score is measured against the scatter of the squares of its image, as in the stated uncertainty, on
+blocks of pixels: a block feels borders of labels that are about its own size away.
+
+Where scores tell that there is not one pose, a change point is looked for along the drive (binary segmentation: Scott
+and Knott, *A cluster analysis method for grouping means in the analysis of variance*, 1974): both parts are refined and
+polished on their own, and have to lie farther apart than their intervals explain.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.frame_names import frame_list, frame_name
-from semcal_cli.assessment.frame_scores import score_frames
-from semcal_cli.assessment.information import compared_by
+from semcal_cli.assessment.frame_offsets import Part, fit_part
+from semcal_cli.assessment.information import compared_by, information_by_frame, pointwise_information
 from semcal_cli.assessment.limits import hotelling_quantile
-from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
-from semcal_cli.assessment.sensitivity import determined_sensitivity
-from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
-from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.assessment.pairing import frame_list, frame_name
+from semcal_cli.assessment.sensitivity import squares_of, summed
+from semcal_cli.config import SensitivityConfig
+from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
-from semcal_cli.refinement.exact import refine_exactly
-from semcal_cli.refinement.polish import newton
-from semcal_cli.result.checks.check import Measured, findings_among
-from semcal_cli.result.checks.table import FRAMES_DISAGREE, MOVED_CAMERA
-from semcal_cli.result.sections import DrivePart, Movement
-from semcal_cli.result.stage import Finding
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.checks.belonging import FRAMES_DISAGREE, MOVED_CAMERA
+from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.parts import DrivePart, Movement
+
+Vectors = npt.NDArray[np.float64]
+Matrices = npt.NDArray[np.float64]
 
 FINE_DEG, FINE_PX = 0.3, (2, 4)
 """Fine blocks on which frames are compared, which feel small offsets: their angle, within these sides in pixels."""
@@ -40,33 +43,123 @@ COARSE_DEG = 1.0
 """Coarse blocks, which feel offsets of several degrees."""
 MAX_PARTS = 4
 """Largest number of parts of a drive."""
-FAR_PYRAMID = PyramidConfig(coarsest_block_deg=4.0)
-"""Pyramid of the refinement of a part, which may lie several degrees off."""
+MAX_POINTS = 300_000
+"""Largest number of points of all frames that are looked at."""
+LEAST_SQUARES = 24
+"""Least number of squares beyond one in each frame: fewer do not estimate a covariance of six axes."""
+LEAST_RANK = 1e-9
+"""Smallest eigenvalue of a correlation matrix of full rank."""
+MAX_STEP_BLOCKS = 1.0
+"""Largest distance of the optimum of all frames, in blocks, at which the curvature here tells where it is. By intensity
+in a real jam, where the curvature nearly vanishes along some axis, it came to 7."""
+SHRINKAGE = 0.5
+"""Share of the mean covariance of all frames in that of a frame, because few squares estimate it roughly."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """Consecutive frames, with the pose that they fit."""
+class FrameScores:
+    """Score of each frame at one pose, relative to the optimum of all frames on these blocks."""
 
-    frames: range
-    T_camera_lidar: Pose
-    """(4, 4), metres."""
-    uncertainty: Uncertainty
-    """Uncertainty of the pose."""
+    scores: Vectors
+    """(F, 6) share of each frame in the gradient, less what the optimum of all frames explains, nats."""
+    covariances: Matrices
+    """(F, 6, 6) covariance of the share of each frame in the gradient."""
+    counts: npt.NDArray[np.integer]
+    """(F,) number of squares of each frame's image that have labelled points."""
+
+    @classmethod
+    def of_squares(cls, squares: Vectors, frames: npt.NDArray[np.integer], num_frames: int) -> FrameScores:
+        """Sum the scores (N, 6) of squares of images over the frames (N,) that they belong to."""
+        scores, counts = np.zeros((num_frames, 6)), np.bincount(frames, minlength=num_frames)
+        covariances = np.zeros((num_frames, 6, 6))
+        for frame in np.flatnonzero(counts > 1).tolist():
+            of_frame = squares[frames == frame]
+            centred = of_frame - of_frame.mean(axis=0)
+            scores[frame] = of_frame.sum(axis=0)
+            covariances[frame] = centred.T @ centred * len(of_frame) / (len(of_frame) - 1)
+        typical = covariances.mean(axis=0) * (counts / counts.mean())[:, None, None]
+        # A frame without points has neither a score nor a scatter, and must not divide by zero.
+        typical[counts == 0] = covariances.mean(axis=0)
+        return cls(scores, SHRINKAGE * typical + (1.0 - SHRINKAGE) * covariances, counts)
+
+    @property
+    def num_squares(self) -> int:
+        """Number of squares of all images that have labelled points."""
+        return int(self.counts.sum())
+
+    @property
+    def squares(self) -> Vectors:
+        """Squared length (F,) of each score in its standard errors; by chance, about 6 (F - 1) / F."""
+        return _squared(self.scores, self.covariances)
+
+    @property
+    def heterogeneity(self) -> float:
+        """Cochran's Q, with 6 (F - 1) degrees of freedom (*The combination of estimates*, 1954)."""
+        return float(self.squares.sum())
+
+    def outliers(self, alpha: float) -> npt.NDArray[np.bool_]:
+        """Tell which frames (F,) have a score that chance puts as far from zero with less than this probability."""
+        # The scatter of few squares is hardly known; that of many is still shrunk to the mean of all frames.
+        counts = np.clip(self.counts, 1.0, self.num_squares / len(self.scores)).tolist()
+        return self.squares > [hotelling_quantile(alpha, 2.0 * count) for count in counts]
+
+    def splits(self) -> Vectors:
+        """Compute the squared length (F - 1,) of the sum of the first 1, 2, ... scores, in its standard errors."""
+        sums, known = np.cumsum(self.scores, axis=0), np.cumsum(self.covariances, axis=0)
+        before = known[:-1]
+        # The scores of all frames add up to zero, so the sum of the first is that of a bridge.
+        return _squared(sums[:-1], before - before @ np.linalg.solve(known[-1], before))
 
 
-@dataclass(frozen=True)
-class FrameCheck:
+def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int) -> FrameScores | None:
+    """Compute the scores of all frames.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4) pose of all frames, metres.
+        block_px: Side of a block of the label images, in pixels.
+
+    Returns:
+        The scores; None if labels do not determine a pose on these blocks, or one that is far away.
+    """
+    factor = min(block_px, observations.camera.width, observations.camera.height)
+    config = SensitivityConfig(factor=factor, edge_band_px=0, max_points=MAX_POINTS)
+    around = _core.sensitivity(observations.core, T_camera_lidar, config)
+    if around is None or np.linalg.eigvalsh(around.curvature)[0] <= 0.0:
+        return None
+    squares, places = squares_of(around)
+    num_squares, num_frames = len(squares), observations.num_frames
+    if num_squares - num_frames < LEAST_SQUARES:
+        return None
+    found = FrameScores.of_squares(summed(around.scores, places, num_squares), squares[:, 0], num_frames)
+    if not _has_full_rank(found.covariances.mean(axis=0)):
+        return None
+    step = np.linalg.solve(around.curvature, found.scores.sum(axis=0))
+    if step @ around.motions @ step > (MAX_STEP_BLOCKS * factor) ** 2:
+        return None
+    explained = around.frame_curvatures @ step
+    return replace(found, scores=found.scores - explained)
+
+
+def _has_full_rank(covariance: Vectors) -> bool:
+    """Whether a covariance (6, 6) has no direction without scatter, but for rounding."""
+    sigmas = np.sqrt(np.diag(covariance))
+    if not sigmas.all():
+        return False
+    return bool(np.linalg.eigvalsh(covariance / np.outer(sigmas, sigmas))[0] > LEAST_RANK)
+
+
+def _squared(vectors: Vectors, covariances: Matrices) -> Vectors:
+    solved = np.linalg.solve(covariances, vectors[..., None])[..., 0]
+    return np.asarray(np.einsum("fi,fi->f", vectors, solved))
+
+
+class FrameCheck(NamedTuple):
     """Result of comparing the frames: what was measured, and the parts of the drive if the camera was moved."""
 
     measured: tuple[Measured, ...] = ()
     parts: tuple[DrivePart, ...] = ()
     """At least two parts; empty if no movement was found."""
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What speaks against one pose of all frames."""
-        return findings_among(self.measured)
 
 
 def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequence[str]) -> FrameCheck:
@@ -77,18 +170,28 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
         T_camera_lidar: (4, 4) pose of all frames, metres.
         names: Name of each frame: its point cloud.
     """
-    whole = range(observations.num_frames)
-    if len(whole) < 2:
-        return FrameCheck()
     suspicion = _compare(observations, T_camera_lidar)
     if suspicion is None:
         return FrameCheck()
-    scatter = _measured_scatter(suspicion, observations)
+    # The scatter is handed out as a multiple of what chance exceeds; whether it is a finding, parts decide as well.
+    by, share = compared_by(observations), suspicion.scatter / suspicion.allowed
+    scatter = FRAMES_DISAGREE.measured(share * FRAMES_DISAGREE.limit(by), limit=by)
     if not suspicion.is_grave:
         return FrameCheck((scatter,))
-    parts = _split(observations, whole, T_camera_lidar, suspicion, MAX_PARTS) if suspicion.place else []
+    parts, whole = list[Part](), range(observations.num_frames)
+    if suspicion.place is not None:
+        parts = _split(observations, whole, T_camera_lidar, suspicion.place, MAX_PARTS)
     if len(parts) > 1 and all(_is_one(observations, part) for part in parts):
-        described = tuple(_describe(parts, names))
+        described = tuple(
+            DrivePart(
+                first_frame=names[part.frames[0]],
+                last_frame=names[part.frames[-1]],
+                num_frames=len(part.frames),
+                T_camera_lidar=part.T_camera_lidar.tolist(),
+                moved=None if before is None else _movement(before, part),
+            )
+            for before, part in zip((None, *parts), parts, strict=False)
+        )
         moved = MOVED_CAMERA.without_value(_moved_sentence(parts, described, names))
         return FrameCheck((scatter, moved), described)
     return FrameCheck((scatter, FRAMES_DISAGREE.without_value(_scatter_sentence(suspicion, names))))
@@ -117,72 +220,58 @@ class _Suspicion:
         return self.place is not None or bool(self.outliers) or not self.scatter <= self.allowed
 
 
-def _measured_scatter(suspicion: _Suspicion, observations: Observations) -> Measured:
-    """Hand out the scatter as a multiple of what chance exceeds; whether it is a finding, parts decide as well."""
-    by = compared_by(observations)
-    share = suspicion.scatter / suspicion.allowed
-    return FRAMES_DISAGREE.measured(share * FRAMES_DISAGREE.limit(by), limit=by)
-
-
-def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
-    """Test whether the frames fit one pose; None if nothing speaks against it."""
-    found = _compare(observations, T_camera_lidar)
-    return found if found is not None and found.is_grave else None
-
-
 def _compare(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
     """Compare the frames with one pose; None if their scores tell nothing."""
-    blocks_px = _blocks_px(observations.camera)
+    count, px_per_deg = (
+        observations.num_frames,
+        math.radians(core_camera(observations.camera).pixels_per_radian),
+    )
+    if count < 2:
+        return None
+    fine = int(np.clip(round(FINE_DEG * px_per_deg), *FINE_PX))
+    blocks_px = fine, max(round(COARSE_DEG * px_per_deg), fine + 1)
     found = [score_frames(observations, T_camera_lidar, block_px) for block_px in blocks_px]
     scored = [scores for scores in found if scores is not None]
     if not scored:
         return None
-    count = observations.num_frames
     num_squares = min(scores.num_squares for scores in scored)
-    alpha = FRAMES_DISAGREE.limit("chance") / (len(blocks_px) * count)
+    chance = FRAMES_DISAGREE.limit("chance")
+    alpha = chance / (len(blocks_px) * count)
     # Two frames, one at either side of a change, have this many squares.
     limit = hotelling_quantile(alpha, 2.0 * num_squares / count)
     splits = max((scores.splits() for scores in scored), key=np.max)
-    place = int(np.argmax(splits)) + 1 if splits.max() > limit else None
     outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
-    scatter = max(scores.heterogeneity for scores in scored) / (6.0 * (count - 1))
-    allowed = FRAMES_DISAGREE.limit(compared_by(observations)) * _scatter_by_chance(count, num_squares)
-    return _Suspicion(place, math.sqrt(max(splits.max(), 0.0)), math.sqrt(limit), scatter, allowed, outliers)
-
-
-def _blocks_px(camera: Camera) -> tuple[int, int]:
-    """Sides of the blocks on which frames are compared, in pixels."""
-    px_per_deg = math.radians(core_camera(camera).pixels_per_radian)
-    fine = int(np.clip(round(FINE_DEG * px_per_deg), *FINE_PX))
-    return fine, max(round(COARSE_DEG * px_per_deg), fine + 1)
-
-
-def _scatter_by_chance(num_frames: int, num_squares: int) -> float:
-    """Compute the Q over its degrees of freedom that chance exceeds with the probability of the table."""
-    return _core.fisher_limit(FRAMES_DISAGREE.limit("chance"), 6 * (num_frames - 1), num_squares - num_frames)
+    # What chance alone exceeds of Q over its degrees of freedom.
+    by_chance = _core.fisher_limit(chance, 6 * (count - 1), num_squares - count)
+    return _Suspicion(
+        place=int(np.argmax(splits)) + 1 if splits.max() > limit else None,
+        apart=math.sqrt(max(splits.max(), 0.0)),
+        allowed_apart=math.sqrt(limit),
+        scatter=max(scores.heterogeneity for scores in scored) / (6.0 * (count - 1)),
+        allowed=FRAMES_DISAGREE.limit(compared_by(observations)) * by_chance,
+        outliers=outliers,
+    )
 
 
 def _is_one(observations: Observations, part: Part) -> bool:
-    if len(part.frames) == 1:
-        return True
-    found = _suspect(observations.of_frames(part.frames), part.T_camera_lidar)
-    return found is None or found.scatter <= found.allowed
+    found = _compare(observations.of_frames(part.frames), part.T_camera_lidar)
+    return found is None or not found.is_grave or found.scatter <= found.allowed
 
 
 def _split(
-    observations: Observations, frames: range, T_start: Pose, suspicion: _Suspicion, num_parts: int
+    observations: Observations, frames: range, T_start: Pose, place: int, num_parts: int
 ) -> list[Part]:
     """Split frames where they fit two poses, and each part again; no parts where they do not."""
     found: list[Part] = []
-    parts = _two_parts(observations, frames, T_start, suspicion.place or 0)
+    parts = _two_parts(observations, frames, T_start, place)
     for later, part in zip((1, 0), parts, strict=False):
         # One part is kept for each of those that follow.
         left, again = num_parts - later - len(found), None
-        if len(part.frames) > 1 and left > 1:
-            again = _suspect(observations.of_frames(part.frames), part.T_camera_lidar)
+        if left > 1:
+            again = _compare(observations.of_frames(part.frames), part.T_camera_lidar)
         smaller = []
         if again is not None and again.place is not None:
-            smaller = _split(observations, part.frames, part.T_camera_lidar, again, left)
+            smaller = _split(observations, part.frames, part.T_camera_lidar, again.place, left)
         found += smaller or [part]
     return found
 
@@ -207,26 +296,6 @@ def _fit_both(
     return None if before is None or after is None else (before, after)
 
 
-def fit_part(
-    observations: Observations,
-    frames: range,
-    T_start: Pose,
-    pyramid: PyramidConfig = FAR_PYRAMID,
-) -> Part | None:
-    """Refine and polish the pose of some frames; None if they do not determine one."""
-    few = observations.of_frames(frames)
-    refined = refine_exactly(few, T_start, ExactConfig(), pyramid)
-    if refined is None:
-        return None
-    T = newton(few, refined.T_camera_lidar, PolishConfig()).T_camera_lidar
-    around = determined_sensitivity(few, T, SensitivityConfig())
-    if around is None:
-        return None
-    # What the points of a class share moves the poses of all parts alike, and parts are only compared.
-    noise = around.noise(around.influence)
-    return Part(frames, T, Uncertainty.from_covariance(T, *noise))
-
-
 def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> int:
     """Find after how many frames the pose of the second part explains the labels better than that of the first."""
     before, after = (_core.agreement(observations.core, T).frame_joints for T in (T_before, T_after))
@@ -249,21 +318,6 @@ def _offset(before: Part, after: Part) -> tuple[npt.NDArray[np.float64], npt.NDA
     covariance = np.array(before.uncertainty.covariance) + np.array(after.uncertainty.covariance)
     dof = np.add(before.uncertainty.degrees_of_freedom, after.uncertainty.degrees_of_freedom)
     return offset, covariance, float(dof.mean())
-
-
-def _describe(parts: Sequence[Part], names: Sequence[str]) -> list[DrivePart]:
-    described = []
-    for before, part in zip((None, *parts), parts, strict=False):
-        described.append(
-            DrivePart(
-                first_frame=names[part.frames[0]],
-                last_frame=names[part.frames[-1]],
-                num_frames=len(part.frames),
-                T_camera_lidar=part.T_camera_lidar.tolist(),
-                moved=None if before is None else _movement(before, part),
-            )
-        )
-    return described
 
 
 def _movement(before: Part, after: Part) -> Movement:

@@ -1,4 +1,4 @@
-"""Offset of each frame's own pose from the result, with its interval.
+"""Poses that some frames fit on their own, and the offset of each frame's own pose from the result.
 
 Each frame is refined and polished on its own. One Newton step from the pose of all would be cheaper, but far off: fine
 blocks of pixels do not feel borders that lie farther away than their size. The refinement begins with blocks of several
@@ -13,18 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.disagreement import FAR_PYRAMID, Part, fit_part
-from semcal_cli.assessment.sensitivity import sensitivity
-from semcal_cli.config import PyramidConfig, SensitivityConfig
+from semcal_cli.assessment.sensitivity import determined_sensitivity, sensitivity
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
+from semcal_cli.refinement.exact import refine_exactly
+from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import pyramid_factors
-from semcal_cli.result.sections import DrivePart
+from semcal_cli.result.parts import DrivePart
+from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
 
 Vectors = npt.NDArray[np.float64]
 
+FAR_PYRAMID = PyramidConfig(coarsest_block_deg=4.0)
+"""Pyramid of the refinement of frames whose pose may lie several degrees off."""
 NEAR_PYRAMID = PyramidConfig()
 """Pyramid of the refinement of a frame whose own pose is near."""
 FAR_BLOCKS = 0.5
@@ -34,6 +38,37 @@ tells, and 0.4 in nine of ten frames. From starts 0.1 degrees off it was 1.6 in 
 degrees off, from where these blocks hardly feel the borders, at least 4 in nine of ten."""
 MAX_POINTS = 20_000
 """Points of a frame, in all directions, that tell whether its own pose is near."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Consecutive frames, with the pose that they fit."""
+
+    frames: range
+    T_camera_lidar: Pose
+    """(4, 4), metres."""
+    uncertainty: Uncertainty
+    """Uncertainty of the pose."""
+
+
+def fit_part(
+    observations: Observations,
+    frames: range,
+    T_start: Pose,
+    pyramid: PyramidConfig = FAR_PYRAMID,
+) -> Part | None:
+    """Refine and polish the pose of some frames; None if they do not determine one."""
+    few = observations.of_frames(frames)
+    refined = refine_exactly(few, T_start, ExactConfig(), pyramid)
+    if refined is None:
+        return None
+    T = newton(few, refined.T_camera_lidar, PolishConfig()).T_camera_lidar
+    around = determined_sensitivity(few, T, SensitivityConfig())
+    if around is None:
+        return None
+    # What the points of a class share moves the poses of all parts alike, and parts are only compared.
+    noise = around.noise(around.influence)
+    return Part(frames, T, Uncertainty.from_covariance(T, *noise))
 
 
 @dataclass(frozen=True)
@@ -74,10 +109,16 @@ def frame_offsets(
     starts = [T_camera_lidar] * observations.num_frames
     if parts:
         starts = [np.array(part.T_camera_lidar) for part in parts for _ in range(part.num_frames)]
+
+    def fit(frame: int) -> Part | None:
+        # Segments, whose information has no sharp top, climb the same blocks as in a calibration.
+        is_near = not observations.has_segments and _is_near(observations.of_frames([frame]), starts[frame])
+        pyramid = NEAR_PYRAMID if is_near else FAR_PYRAMID
+        return fit_part(observations, range(frame, frame + 1), starts[frame], pyramid)
+
     offsets, half_widths = np.full((2, len(starts), 6), np.nan)
     with thread_pool() as pool:
-        frames = range(len(starts))
-        found = list(pool.map(lambda frame: _fit_frame(observations, frame, starts[frame]), frames))
+        found = list(pool.map(fit, range(len(starts))))
     for frame, fitted in enumerate(found):
         if fitted is not None:
             offsets[frame] = _offsets([fitted.T_camera_lidar], T_camera_lidar)[0]
@@ -86,21 +127,13 @@ def frame_offsets(
     return FrameOffsets(offsets, half_widths, of_parts)
 
 
-def _fit_frame(observations: Observations, frame: int, T_start: Pose) -> Part | None:
-    """Find the pose of one frame; None if its labels do not determine one."""
-    # Segments, whose information has no sharp top, climb the same blocks as in a calibration.
-    is_near = not observations.has_segments and _is_near(observations.of_frames([frame]), T_start)
-    pyramid = NEAR_PYRAMID if is_near else FAR_PYRAMID
-    return fit_part(observations, range(frame, frame + 1), T_start, pyramid)
-
-
 def _is_near(observations: Observations, T_start: Pose) -> bool:
     """Whether Newton's method, on blocks that feel borders farther away, would take only a short step."""
     factor = 2 * pyramid_factors(observations.camera, NEAR_PYRAMID)[0]
     around = sensitivity(observations, T_start, SensitivityConfig(factor=factor, max_points=MAX_POINTS))
     if around is None or not around.is_determined:
         return False
-    step = around.newton_step
+    step = np.linalg.solve(around.curvature, around.scores.sum(axis=0))
     return float(step @ around.motions @ step) <= (FAR_BLOCKS * factor) ** 2
 
 

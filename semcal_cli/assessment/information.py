@@ -98,3 +98,24 @@ def paired_gain(before: InformationBySquares, after: InformationBySquares) -> _c
     return _core.HeldOutGain.of_parts(
         (influences + (after.mean - before.mean) / max(len(influences), 1)).tolist()
     )
+
+
+def information_by_frame(
+    joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Mean pointwise information (F,) of the pairs of each frame, by a table for all of them, nats.
+
+    Args:
+        joints: (F, X, Y) weights of the pairs of each frame.
+        table: (X, Y) pointwise mutual information.
+    """
+    weights = np.maximum(joints.sum(axis=(1, 2)), 1.0)
+    return np.asarray((joints * table).sum(axis=(1, 2)) / weights)
+
+
+def pointwise_information(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Compute the pointwise mutual information of a histogram (X, Y), nats; zero for pairs that were never seen."""
+    expected = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
+    seen = joint > 0.0
+    ratio = np.divide(joint, expected, out=np.ones_like(joint), where=seen)
+    return np.asarray(np.log(ratio))

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.identical_files import find_identical_files
 from semcal_cli.assessment.intrinsics import implausible_intrinsics
 from semcal_cli.assessment.label_alignment import check_label_alignment
+from semcal_cli.assessment.pairing import find_identical_files
 from semcal_cli.assessment.scale import check_scale, judge_scale
 from semcal_cli.config import MAX_FRAMES, InitializationConfig
 from semcal_cli.drive.alike import alike_ranges, nearest_ranges
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import KINDS, kinds_of_segments
-from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import motion_error_px, shutter_error_px
 from semcal_cli.drive.observations import Observations
@@ -27,6 +27,9 @@ from semcal_cli.drive.reading import count_labels, load_observations, read_cloud
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image, read_size
 from semcal_cli.initialization.search import search_mountings
+from semcal_cli.result.checks.check import findings_among
+
+Points = npt.NDArray[np.float32]
 
 MAX_GAP_S = 0.05
 """Largest time between sweep and image of a frame without a finding; at 10 m/s it is half a metre."""
@@ -49,6 +52,7 @@ FEW_FRAMES, USUAL_FRAMES, NARROW_DEG = 4, 20, 50.0
 across below which a lens needs more of them."""
 MIN_MIRROR_MARGIN = 2.0
 """Standard errors by which mirrored clouds must explain the labels better for a finding."""
+NO_VIEW = "the lens sees next to nothing: K, distortion or parameters are wrong"
 
 
 @dataclass(frozen=True)
@@ -105,29 +109,33 @@ def inspect(drive: Drive) -> DriveReport:
     Raises:
         InputError: no sweep can be read.
     """
-    contents = [_read(drive, index) for index in range(len(drive.frames))]
-    readable = [index for index, content in enumerate(contents) if content.num_points]
+    frames, ranges = zip(*(_read(drive, index) for index in range(len(drive.frames))), strict=True)
+    readable = [index for index, frame in enumerate(frames) if frame.num_points]
     if not readable:
-        raise InputError(contents[0].errors[0])
-    labelled = [index for index in readable if contents[index].has_labels]
+        raise InputError(frames[0].suspicions[0])
+    labelled = [
+        index for index in readable if None not in (frames[index].point_classes, frames[index].image_classes)
+    ]
     probed = _with_frames(drive, evenly_spaced(readable, NUM_PROBED))
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
     few = _loaded(probed)
-    num_scenes = len(set(alike_ranges([contents[index].ranges for index in readable])))
+    num_scenes = len(set(alike_ranges([ranges[index] for index in readable])))
     elevations, azimuths = _field_of_points(points)
-    point_names = _names(content.point_classes for content in contents)
-    pixel_names = _names(content.image_classes for content in contents)
+    field_of_view = _field_of_view(drive)
+    point_names = _names(frame.point_classes for frame in frames)
+    pixel_names = _names(frame.image_classes for frame in frames)
     return DriveReport(
         drive=str(drive.path),
-        frames=tuple(_report(drive, *each) for each in zip(drive.frames, contents, strict=True)),
+        frames=frames,
         pattern=_pattern(points),
         elevations_deg=elevations,
         azimuths_deg=azimuths,
-        field_of_view_deg=_field_of_view(drive),
+        field_of_view_deg=field_of_view,
         shared_classes=tuple(name for name in point_names or () if name in (pixel_names or ())),
         suspicions=(
-            *_check_camera(drive),
+            *implausible_intrinsics(drive.camera).values(),
+            *[NO_VIEW] * (min(field_of_view) < MIN_VIEW_DEG),
             *_check_images(drive),
             *_check_scale(points, few),
             *_check_classes(point_names, pixel_names),
@@ -137,11 +145,11 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
         ),
-        advice=_advice(len(readable), num_scenes, _field_of_view(drive)),
+        advice=_advice(len(readable), num_scenes, field_of_view[0]),
     )
 
 
-def _advice(num_frames: int, num_scenes: int, field_of_view_deg: tuple[float, float]) -> tuple[str, ...]:
+def _advice(num_frames: int, num_scenes: int, across_deg: float) -> tuple[str, ...]:
     """Say if scenes or lens are probably too little: see docs/benchmarks_stages.md, the initial calibration."""
     advice, counted = [], f"{num_frames} {'frame' if num_frames == 1 else 'frames'}"
     if num_scenes < min(num_frames, USUAL_FRAMES):
@@ -155,87 +163,66 @@ def _advice(num_frames: int, num_scenes: int, field_of_view_deg: tuple[float, fl
         advice.append(
             f"{counted} {are} few: {FEW_FRAMES} or more decide the mounting, {USUAL_FRAMES} the accuracy"
         )
-    elif field_of_view_deg[0] < NARROW_DEG and num_scenes < USUAL_FRAMES:
-        seen = f"{field_of_view_deg[0]:.0f} degrees across"
+    elif across_deg < NARROW_DEG and num_scenes < USUAL_FRAMES:
+        seen = f"{across_deg:.0f} degrees across"
         advice.append(f"{counted} through a lens of {seen} {are} few: {USUAL_FRAMES} or more help")
     return tuple(advice)
 
 
-@dataclass(frozen=True)
-class _Content:
-    """Content of the files of a frame, and errors of reading them."""
+def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
+    """Report on the files of a frame that can be read, and the errors of the others.
 
-    num_points: int = 0
-    num_no_returns: int = 0
+    Returns:
+        The report, and the nearest ranges of the sweep, by which frames of one scene are told.
+    """
+    frame, alone, errors = drive.frames[index], _with_frames(drive, [index]), list[str]()
+    num_points = num_no_returns = points_ignored = pixels_ignored = 0
     point_classes: Mapping[str, int] | None = None
-    num_points_ignored: int = 0
-    ranges: npt.NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
-    """Nearest ranges of the sweep, by which frames of one scene are told."""
-    kinds: tuple[str, ...] = ()
-    """Kinds of segments among the points, if these have no labels."""
     image_classes: Mapping[str, int] | None = None
-    num_pixels_ignored: int = 0
-    errors: tuple[str, ...] = ()
-
-    @property
-    def has_labels(self) -> bool:
-        """Whether labels of points and of pixels could be read."""
-        return self.point_classes is not None and self.image_classes is not None
-
-
-def _read(drive: Drive, index: int) -> _Content:
-    """Read the files of a frame that can be read, and collect the errors of the others."""
-    alone = _with_frames(drive, [index])
-    content = _Content()
+    ranges, kinds = np.empty(0, np.float32), tuple[str, ...]()
     try:
         (cloud,) = read_clouds(alone)
-        content = replace(
-            content,
-            num_points=len(cloud.points),
-            num_no_returns=cloud.num_no_returns,
-            ranges=nearest_ranges(cloud.points),
+        num_points, num_no_returns, ranges = (
+            len(cloud.points),
+            cloud.num_no_returns,
+            nearest_ranges(cloud.points),
         )
         labels = cloud.labels if cloud.label_shares is None else cloud.label_shares
         if labels is not None:
-            counts, num_ignored = count_labels(drive, "points", labels)
-            content = replace(content, point_classes=counts, num_points_ignored=num_ignored)
+            point_classes, points_ignored = count_labels(drive, "points", labels)
         else:
-            content = replace(content, kinds=kinds_of_segments(cloud.points))
+            kinds = kinds_of_segments(cloud.points)
     except InputError as error:
-        content = replace(content, errors=(str(error),))
-    if alone.frames[0].image_labels is None:
-        return content
-    try:
-        (label_image,) = read_label_images(alone)
-        counts, num_ignored = count_labels(drive, "image", label_image)
-        return replace(content, image_classes=counts, num_pixels_ignored=num_ignored)
-    except InputError as error:
-        return replace(content, errors=(*content.errors, str(error)))
-
-
-def _report(drive: Drive, frame: Frame, content: _Content) -> FrameReport:
-    # A motion with a direction moves the points to the picture's moment.
-    is_compensated = _has_direction(drive)
-    stamps = frame.points_stamp, frame.image_stamp
-    gap_s = None if None in stamps else abs(stamps[0] - stamps[1])  # type: ignore[operator]
-    is_apart = gap_s is not None and gap_s > MAX_GAP_S and not is_compensated
-    return FrameReport(
+        errors.append(str(error))
+    if frame.image_labels is not None:
+        try:
+            (label_image,) = read_label_images(alone)
+            image_classes, pixels_ignored = count_labels(drive, "image", label_image)
+        except InputError as error:
+            errors.append(str(error))
+    suspicions = [*errors, *_check_side("points", point_classes, points_ignored)]
+    if point_classes is None and num_points and len(kinds) < len(KINDS):
+        shown = f"{' and '.join(kinds)} only" if kinds else "no segments"
+        suspicions.append(f"its points show {shown}: --cue segments needs {' and '.join(KINDS.values())}")
+    suspicions += _check_side("pixels", image_classes, pixels_ignored)
+    gap_s = None
+    if frame.points_stamp is not None and frame.image_stamp is not None:
+        gap_s = abs(frame.points_stamp - frame.image_stamp)
+        # A motion with a direction moves the points to the picture's moment.
+        if gap_s > MAX_GAP_S and not _has_direction(drive):
+            suspicions.append(f"sweep and picture are {gap_s:.3f} s apart")
+    report = FrameReport(
         points=frame.points,
-        num_points=content.num_points,
-        num_no_returns=content.num_no_returns,
-        point_classes=content.point_classes,
-        num_points_ignored=content.num_points_ignored,
-        image_classes=content.image_classes,
-        num_pixels_ignored=content.num_pixels_ignored,
+        num_points=num_points,
+        num_no_returns=num_no_returns,
+        point_classes=point_classes,
+        num_points_ignored=points_ignored,
+        image_classes=image_classes,
+        num_pixels_ignored=pixels_ignored,
         gap_s=gap_s,
-        suspicions=(
-            *content.errors,
-            *_check_side("points", content.point_classes, content.num_points_ignored),
-            *_check_segments(content),
-            *_check_side("pixels", content.image_classes, content.num_pixels_ignored),
-            *([f"sweep and picture are {gap_s:.3f} s apart"] if is_apart else []),
-        ),
+        suspicions=tuple(suspicions),
     )
+    return report, ranges
 
 
 def _with_frames(drive: Drive, indices: Sequence[int]) -> Drive:
@@ -260,14 +247,7 @@ def _check_side(side: str, counts: Mapping[str, int] | None, num_ignored: int) -
     return found
 
 
-def _check_segments(content: _Content) -> list[str]:
-    if content.point_classes is not None or not content.num_points or len(content.kinds) == len(KINDS):
-        return []
-    found = f"{' and '.join(content.kinds)} only" if content.kinds else "no segments"
-    return [f"its points show {found}: --cue segments needs {' and '.join(KINDS.values())}"]
-
-
-def _pattern(points: Sequence[npt.NDArray[np.float32]]) -> str:
+def _pattern(points: Sequence[Points]) -> str:
     try:
         grid = _core.estimate_grid(points)
     except CalibrationError as error:
@@ -277,7 +257,7 @@ def _pattern(points: Sequence[npt.NDArray[np.float32]]) -> str:
     return f"{grid.rows} channels of about {grid.columns:,} returns a turn"
 
 
-def _field_of_points(points: Sequence[npt.NDArray[np.float32]]) -> tuple[tuple[float, float], float]:
+def _field_of_points(points: Sequence[Points]) -> tuple[tuple[float, float], float]:
     """Compute the elevations between which the points lie, and the part of a turn that they fill, in degrees."""
     x, y, z = np.concatenate(points).T
     low, high = np.degrees(np.quantile(np.arctan2(z, np.hypot(x, y)), (0.002, 0.998))).tolist()
@@ -297,14 +277,7 @@ def _field_of_view(drive: Drive) -> tuple[float, float]:
     return left + right, top + bottom
 
 
-def _check_camera(drive: Drive) -> list[str]:
-    found = [each.sentence for each in implausible_intrinsics(drive.camera)]
-    if min(_field_of_view(drive)) < MIN_VIEW_DEG:
-        found.append("the lens sees next to nothing: K, distortion or parameters are wrong")
-    return found
-
-
-def _check_scale(points: Sequence[npt.NDArray[np.float32]], few: Observations | None) -> list[str]:
+def _check_scale(points: Sequence[Points], few: Observations | None) -> list[str]:
     middle_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
     if middle_m > MAX_RANGE_M:
         return [
@@ -348,7 +321,7 @@ def _check_motion(error_px: float | None) -> list[str]:
     return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
 
 
-def _check_shutter(drive: Drive, points: Sequence[np.ndarray]) -> list[str]:
+def _check_shutter(drive: Drive, points: Sequence[Points]) -> list[str]:
     """Check that a rolling shutter can be compensated."""
     if drive.camera.readout_s == 0.0 or _has_direction(drive):
         return []
@@ -363,7 +336,7 @@ def _has_direction(drive: Drive) -> bool:
 
 def _check_labels(labelled: Drive) -> Sequence[str]:
     read = _loaded(labelled) if labelled.frames else None
-    found = () if read is None else check_label_alignment(labelled, read).findings
+    found = () if read is None else findings_among(check_label_alignment(labelled, read).measured)
     return tuple(finding.sentence for finding in found)
 
 
@@ -377,10 +350,11 @@ def _loaded(drive: Drive) -> Observations | None:
 
 def _check_mirroring(few: Observations) -> list[str]:
     """Register a few frames as they are and with y negated, because a cloud may have been mirrored."""
+    flip = np.array([1.0, -1.0, 1.0], np.float32)
+    mirrored = few.with_clouds(cloud.with_points(cloud.points * flip) for cloud in few.clouds)
     try:
         best, other = (
-            search_mountings(each, InitializationConfig(), seed=0).hypotheses[0]
-            for each in (few, _mirrored(few))
+            search_mountings(each, InitializationConfig(), seed=0).hypotheses[0] for each in (few, mirrored)
         )
     except (CalibrationError, InputError):
         return []
@@ -390,8 +364,3 @@ def _check_mirroring(few: Observations) -> list[str]:
         f"the clouds seem mirrored: with y negated, labels share {other.corrected_nats:.2f} nats instead of "
         f"{best.corrected_nats:.2f}"
     ]
-
-
-def _mirrored(observations: Observations) -> Observations:
-    flip = np.array([1.0, -1.0, 1.0], np.float32)
-    return observations.with_clouds(cloud.with_points(cloud.points * flip) for cloud in observations.clouds)

@@ -7,8 +7,6 @@ not reduce what their errors cost.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, bending, sensitivity
@@ -111,42 +109,36 @@ def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
     return IntrinsicsCost(**dict(zip(INTRINSICS, changes, strict=False)))
 
 
-class Implausible(NamedTuple):
-    """An intrinsic that is not as cameras are."""
+def implausible_intrinsics(camera: Camera) -> dict[str, str]:
+    """Compare the principal point and the aspect of the focal lengths with what cameras have.
 
-    name: str
-    """Key of `IntrinsicsCost` whose cost is stated with it."""
-    sentence: str
-
-
-def implausible_intrinsics(camera: Camera) -> list[Implausible]:
-    """Compare the principal point and the aspect of the focal lengths with what cameras have."""
+    Returns:
+        A sentence for each intrinsic that is not as cameras are, by its name.
+    """
     if camera.model == "equirectangular":
-        return []  # Its principal point may be anywhere in a full turn.
+        return {}  # Its principal point may be anywhere in a full turn.
     (fx, _, cx), (_, fy, cy), _ = camera.K
-    found = []
+    found = {}
     for name, center, size in (("cx", cx, camera.width), ("cy", cy, camera.height)):
         share = abs(center - 0.5 * (size - 1)) / max(camera.width, camera.height)
         if share > MAX_DECENTRED:
-            sentence = (
+            found[name] = (
                 f"{name} of K is {center:g} in a picture of {size}, {share:.0%} of the longer side from the "
                 f"middle, lenses have at most {MAX_DECENTRED:.0%}: K may belong to pictures of another size, or "
                 "these are cropped"
             )
-            found.append(Implausible(name, sentence))
     if abs(fx / fy - 1.0) > MAX_ASPECT:
-        sentence = (
+        found["fx"] = (
             f"fx of K is {fx / fy:.3f} times fy, cameras have 1 within {MAX_ASPECT:.0%}: K may belong to "
             "pictures that were resized in another way"
         )
-        found.append(Implausible("fx", sentence))
     return found
 
 
 def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[str, ...]:
     """Note implausible intrinsics with what their errors cost, and errors that no interval contains."""
     notes = []
-    for name, sentence in implausible_intrinsics(camera):
+    for name, sentence in implausible_intrinsics(camera).items():
         if cost is not None:
             change: PoseChange = getattr(cost, name)
             moved_cm = 100.0 * np.linalg.norm(change.camera_center_m)
@@ -162,57 +154,36 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
 def wrong_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int) -> tuple[Measured, ...]:
     """Test whether the mutual information rises with fx, fy, cx, cy and k1 free and the pose following them.
 
-    Both must be exceeded: what chance does to the score, and what every camera has in pixels.
+    It is Rao's score test, robust to points that depend on one another. Both must be exceeded: what chance does to the
+    score, and what every camera has in pixels.
     """
-    if around is None:
+    if around is None or not around.is_determined:
         return ()
-    if not around.of_pose.is_determined:
-        return ()
-    free = _Freed.of(around, num_scenes)
-    few_frames = 1.0 + FEW_FRAMES / max(num_scenes, FEW_FRAMES)
-    limit = WRONG_INTRINSICS.limit("chi-square") * few_frames
+    pose, free = slice(0, 6), slice(6, None)
+    H, motions = around.curvature, around.motions
+    following = -np.linalg.solve(H[pose, pose], H[pose, free])
+    jacobian = np.vstack([following, np.eye(H.shape[0] - 6)])
+    score = around.scores.sum(axis=0) @ jacobian
+    covariance = around.noise(jacobian)[0] * (1.0 + num_scenes / SHARED_FRAMES)
+    chi2 = float(score @ np.linalg.solve(covariance, score))
+    curvature = H[free, free] + H[free, pose] @ following
+    inverse = np.linalg.pinv(curvature)
+    sigmas = np.sqrt(np.maximum(np.diag(inverse @ covariance @ inverse.T), np.finfo(float).tiny))
+    deviations = np.abs(np.linalg.lstsq(curvature, score)[0]) / sigmas
+    scale = 1.0 / np.sqrt(np.diag(motions)[pose])
+    usual = float(np.median(np.linalg.eigvalsh(H[pose, pose] * np.outer(scale, scale))))
+    moved_px = _damped_px(score, curvature, jacobian.T @ motions @ jacobian, LEAST_FALL * usual)
+    limit = WRONG_INTRINSICS.limit("chi-square") * (1.0 + FEW_FRAMES / max(num_scenes, FEW_FRAMES))
     limit_px = max(WRONG_INTRINSICS.limit("movement") * camera.width, LEAST_PX)
     changes = [
-        f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, free.deviations, strict=True) if each > 2.0
+        f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, deviations, strict=True) if each > 2.0
     ]
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
     found = (
-        f"the intrinsics look wrong{which}, freed they would move the points by {free.moved_px:.0f} pixels or more, "
-        f"chi-square {free.chi2:.0f} of 5, needed at most {limit:.0f}"
+        f"the intrinsics look wrong{which}, freed they would move the points by {moved_px:.0f} pixels or more, "
+        f"chi-square {chi2:.0f} of 5, needed at most {limit:.0f}"
     )
-    return (WRONG_INTRINSICS.measured(min(free.chi2 / limit, free.moved_px / limit_px), found),)
-
-
-class _Freed(NamedTuple):
-    """The score of the intrinsics, with the pose following them (Rao's score test, robust to dependent points)."""
-
-    chi2: float
-    """Square of the score in its standard errors."""
-    moved_px: float
-    """Movement of the points by the damped Newton step, in pixels, root mean square."""
-    deviations: Matrix
-    """(5,) Newton step of each intrinsic, in its standard errors, without sign."""
-
-    @classmethod
-    def of(cls, around: Sensitivity, num_scenes: int) -> _Freed:
-        """Eliminate the pose, whose optimum follows the intrinsics."""
-        pose, intrinsics = slice(0, 6), slice(6, None)
-        H, motions = around.curvature, around.motions
-        following = -np.linalg.solve(H[pose, pose], H[pose, intrinsics])
-        jacobian = np.vstack([following, np.eye(H.shape[0] - 6)])
-        score = around.scores.sum(axis=0) @ jacobian
-        covariance = around.noise(jacobian)[0] * (1.0 + num_scenes / SHARED_FRAMES)
-        curvature = H[intrinsics, intrinsics] + H[intrinsics, pose] @ following
-        step = np.linalg.lstsq(curvature, score)[0]
-        inverse = np.linalg.pinv(curvature)
-        sigmas = np.sqrt(np.maximum(np.diag(inverse @ covariance @ inverse.T), np.finfo(float).tiny))
-        scale = 1.0 / np.sqrt(np.diag(motions)[pose])
-        usual = float(np.median(np.linalg.eigvalsh(H[pose, pose] * np.outer(scale, scale))))
-        return cls(
-            chi2=float(score @ np.linalg.solve(covariance, score)),
-            moved_px=_damped_px(score, curvature, jacobian.T @ motions @ jacobian, LEAST_FALL * usual),
-            deviations=np.abs(step) / sigmas,
-        )
+    return (WRONG_INTRINSICS.measured(min(chi2 / limit, moved_px / limit_px), found),)
 
 
 def _damped_px(score: Matrix, curvature: Matrix, motions: Matrix, least: float) -> float:

@@ -101,8 +101,7 @@ def _estimate(
 ) -> Joint:
     """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
-    seen = replace(observations, camera=camera)
-    asked = Variables(config.intrinsics, config.with_delay)
+    seen, asked = replace(observations, camera=camera), Variables(config.intrinsics, config.with_delay)
     problem = Problem(seen, asked, config, polish)
     fit = problem.fit_determined(T_camera_lidar)
     gain = _held_out_gain(problem, T_camera_lidar, fit)
@@ -113,44 +112,36 @@ def _estimate(
         and gain.gain > MIN_GAIN * gain.sigma
         and fit.moved_px <= polish.settled_px
     )
-    T = fit.T_camera_lidar if is_kept else T_camera_lidar
-    after = fit.observations if is_kept else observations
-    uncertainty = None
-    if is_kept and fit.covariance is not None:
-        uncertainty = Uncertainty.from_covariance(T, fit.covariance[:6, :6], fit.degrees_of_freedom[:6])
+    T, after, uncertainty = T_camera_lidar, observations, None
     # The joint covariance of an estimate that is kept holds what all intrinsics may be off.
-    staying = Variables((), asked.with_delay and not fit.variables.with_delay) if is_kept else asked
+    staying = asked
+    if is_kept:
+        T, after, seen = fit.T_camera_lidar, fit.observations, fit.observations
+        staying = Variables((), asked.with_delay and not fit.variables.with_delay)
+        if fit.covariance is not None:
+            uncertainty = Uncertainty.from_covariance(T, fit.covariance[:6, :6], fit.degrees_of_freedom[:6])
     refined = _camera_of(fit, asked, camera, gain, is_kept) if asked.intrinsics else None
     clock = _clock_of(fit, time_offset_s, is_kept) if asked.with_delay else None
+    words = [
+        f"{name} {each.found - each.given:+.4g}"
+        for name, each in ({} if refined is None else refined.intrinsics).items()
+        if each.is_determined
+    ]
+    if clock is not None and clock.is_determined:
+        words.append(f"clock {1e3 * clock.time_offset_s:+.1f} ms")
     return Joint(
         T_camera_lidar=T,
         agreement=_core.agreement(after.core, T),
         settings={"jointly": asdict(config)},
-        note=f"{_variables_words(refined, clock) or 'nothing determined'}, {'kept' if is_kept else 'not kept'}",
+        note=f"{', '.join(words) or 'nothing determined'}, {'kept' if is_kept else 'not kept'}",
         observations=after,
         camera=refined,
         clock=clock,
         uncertainty=uncertainty,
-        left_open=_left_open(fit, after if is_kept else seen, T, staying, config),
+        left_open=_left_open(fit, seen, T, staying, config),
         is_kept=is_kept,
         notes=_notes(fit, asked, gain, is_kept),
     )
-
-
-def _variables_words(camera: RefinedCamera | None, clock: Clock | None) -> str:
-    """Tell what was found of the variables that are determined."""
-    words = (
-        []
-        if camera is None
-        else [
-            f"{name} {each.found - each.given:+.4g}"
-            for name, each in camera.intrinsics.items()
-            if each.is_determined
-        ]
-    )
-    if clock is not None and clock.is_determined:
-        words.append(f"clock {1e3 * clock.time_offset_s:+.1f} ms")
-    return ", ".join(words)
 
 
 def _left_open(
@@ -232,37 +223,26 @@ def _camera_of(
         held_out_sigma_nats=gain.sigma if math.isfinite(gain.sigma) else None,
         found=fit.observations.camera,
         intrinsics=intrinsics,
-        joint_covariance=_rows(covariance),
+        joint_covariance=None if covariance is None else covariance.tolist(),
     )
 
 
 def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
-    if not fit.variables.with_delay:
-        return Clock(
-            time_offset_s=before_s,
-            given_s=before_s,
-            sigma_s=None,
-            half_width_95_s=None,
-            is_determined=False,
-            is_kept=False,
-            meaning=NOT_DETERMINED,
-        )
-    offset_s = before_s + float(fit.changes[-1])
-    places = [*range(6), fit.places[-1]]
+    found_s, sigma_s, half_width_s, covariance = before_s, None, None, None
+    if is_determined := fit.variables.with_delay:
+        found_s, sigma_s = before_s + float(fit.changes[-1]), float(fit.sigmas[-1])
+        half_width_s, places = float(fit.half_widths[-1]), [*range(6), fit.places[-1]]
+        covariance = None if fit.covariance is None else fit.covariance[np.ix_(places, places)].tolist()
     return Clock(
-        time_offset_s=offset_s,
+        time_offset_s=found_s,
         given_s=before_s,
-        sigma_s=float(fit.sigmas[-1]),
-        half_width_95_s=float(fit.half_widths[-1]),
-        is_determined=True,
-        is_kept=is_kept,
-        meaning=offset_words(offset_s),
-        joint_covariance=_rows(None if fit.covariance is None else fit.covariance[np.ix_(places, places)]),
+        sigma_s=sigma_s,
+        half_width_95_s=half_width_s,
+        is_determined=is_determined,
+        is_kept=is_kept and is_determined,
+        meaning=offset_words(found_s) if is_determined else NOT_DETERMINED,
+        joint_covariance=covariance,
     )
-
-
-def _rows(covariance: Matrix | None) -> tuple[tuple[float, ...], ...] | None:
-    return None if covariance is None else tuple(map(tuple, covariance.tolist()))
 
 
 def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -> tuple[str, ...]:
@@ -279,18 +259,13 @@ def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -
     if asked.with_delay and not fit.variables.with_delay:
         notes.append(DELAY_NOT_DETERMINED)
     if not is_kept and fit.variables.names:
-        which = _which(fit.variables)
-        if not fit.is_beyond_chance:
-            notes.append(f"{which} of the drive stay, since what was found differs from them only by chance")
-        else:
+        both = ["intrinsics"] * bool(fit.variables.intrinsics) + ["clocks"] * fit.variables.with_delay
+        why = "what was found differs from them only by chance"
+        if fit.is_beyond_chance:
             by = gain.gain / max(gain.sigma, 1e-12)
-            notes.append(
-                f"{which} of the drive stay, since held-out data agree with what was found by {by:.1f} standard errors "
-                f"better, needed more than {MIN_GAIN:g}"
+            why = (
+                f"held-out data agree with what was found by {by:.1f} standard errors better, needed more than "
+                f"{MIN_GAIN:g}"
             )
+        notes.append(f"the {' and '.join(both)} of the drive stay, since {why}")
     return tuple(notes)
-
-
-def _which(variables: Variables) -> str:
-    both = ["intrinsics"] * bool(variables.intrinsics) + ["clocks"] * variables.with_delay
-    return f"the {' and '.join(both)}"

@@ -4,7 +4,7 @@ All are brought to the top of the exact mutual information together (`rust/align
 says. Standard deviations of what was known before keep a variable where it was if the labels do not tell it; it is then
 left out, and told to be not determined.
 
-The covariance is that of the labels' measurement (`semcal_cli.assessment.measurement`) over all variables together;
+The covariance is that of the labels' measurement (`semcal_cli.assessment.sensitivity`) over all variables together;
 what was known before is one more independent measurement, and all frames share errors of their borders. Intrinsics that
 are not determined stay in it: they may be off by what was known of them, and so may the pose.
 """
@@ -20,8 +20,14 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.measurement import MANY, measure
-from semcal_cli.assessment.sensitivity import BLOCKS_PX, Matrix, determined_sensitivity, sensitivity
+from semcal_cli.assessment.sensitivity import (
+    BLOCKS_PX,
+    MANY,
+    Matrix,
+    determined_sensitivity,
+    measure,
+    sensitivity,
+)
 from semcal_cli.config import (
     CENTER_SIGMA_PX,
     FOCAL_SIGMA,

@@ -1,28 +1,84 @@
-"""Frames whose points and pixels do not belong together: another moment, a mirrored picture, another camera."""
+"""Frames one by one: their names in sentences, files that they share, and whether points and pixels belong together.
+
+They do not where a picture is of another moment, mirrored, or of another camera.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from contextlib import suppress
+from itertools import chain, groupby
+from pathlib import PurePosixPath
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.frame_names import frame_list, frame_name
-from semcal_cli.assessment.information import information_by_squares
+from semcal_cli.assessment.information import (
+    information_by_frame,
+    information_by_squares,
+    pointwise_information,
+)
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import InputError
+from semcal_cli.files.reading import hash_file
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks.check import Measured
 from semcal_cli.result.checks.table import ODD_FRAMES
 
+Information = npt.NDArray[np.float64]
+
+MAX_NAMED = 6
+"""Largest number of frames, or of stretches of frames, that a list names."""
+FILES = {
+    "points": "points",
+    "point_labels": "labels of points",
+    "image_labels": "label images",
+    "image": "pictures",
+}
+"""Keys of a frame's files, with what a sentence calls them."""
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""
 NUM_EXCHANGES = 3
 """Number of other frames whose pictures are tried."""
 
-Information = npt.NDArray[np.float64]
+
+def frame_names(names: Sequence[str]) -> list[str]:
+    """Name all frames by their point clouds, without folder and suffix where that tells them apart."""
+    stems = [PurePosixPath(name).stem for name in names]
+    counts = Counter(stems)
+    return [stem if counts[stem] == 1 else name for stem, name in zip(stems, names, strict=True)]
+
+
+def frame_name(names: Sequence[str], index: int) -> str:
+    """Name a frame by its point cloud without folder and suffix, if that tells it from all others."""
+    return frame_names(names)[index]
+
+
+def frame_list(names: Sequence[str], indices: Sequence[int]) -> str:
+    """List some frames, stretches of consecutive ones by the first and the last: "frames 000002 to 000005 and 000009".
+
+    Args:
+        names: Point cloud of each frame of the drive.
+        indices: Indices of the frames to list, in ascending order.
+    """
+    short, parts = frame_names(names), list[tuple[str, int]]()
+    for _, group in groupby(enumerate(indices), lambda placed: placed[1] - placed[0]):
+        stretch = [short[index] for _, index in group]
+        is_long = len(stretch) > 2
+        parts += (
+            [(f"{stretch[0]} to {stretch[-1]}", len(stretch))] if is_long else [(name, 1) for name in stretch]
+        )
+    word = "frames" if len(indices) > 1 else "frame"
+    if len(parts) == 1:
+        return f"{word} {parts[0][0]}"
+    shown = parts if len(parts) <= MAX_NAMED else parts[: MAX_NAMED - 1]
+    num_others = len(indices) - sum(count for _, count in shown)
+    *firsts, last = [part for part, _ in shown] + ([f"{num_others} others"] if num_others else [])
+    return f"{word} {', '.join(firsts)} and {last}"
 
 
 def check_pairs(
@@ -39,7 +95,22 @@ def check_pairs(
         agreement: Agreement of all frames at this pose.
         names: Name of each frame: its point cloud.
     """
-    own, num_pairs, most_exchanged, measure = _of_frames(observations, T_camera_lidar, agreement)
+    if observations.starts is not None:
+        found = information_by_squares(observations, T_camera_lidar)
+        own, num_pairs = found.by_frame, found.weight_by_frame
+        most_exchanged = own + ODD_FRAMES.limit("another picture, by squares") * found.sigma_by_frame
+    else:
+        joints = agreement.frame_joints[: observations.num_frames]
+        table = pointwise_information(joints.sum(axis=0))
+        own, num_pairs = information_by_frame(joints, table), joints.sum(axis=(1, 2))
+        most_exchanged = ODD_FRAMES.limit("another picture") * own
+
+    def measure(others: Observations) -> Information:
+        """Compute the information (F,) with the pixels of other observations."""
+        if others.starts is not None:
+            return information_by_squares(others, T_camera_lidar).by_frame
+        return information_by_frame(_core.agreement(others.core, T_camera_lidar).frame_joints, table)
+
     is_seen = num_pairs >= MIN_PAIRS
     if not is_seen.any() or observations.num_frames < 2:
         return ()
@@ -62,58 +133,6 @@ def check_pairs(
     return (ODD_FRAMES.measured(share, sentence, "information"),)
 
 
-class _OfFrames(NamedTuple):
-    """What the points of each frame tell of pixels."""
-
-    own: Information
-    """(F,) information with the frame's own pixels."""
-    num_pairs: npt.NDArray[np.float64]
-    """(F,) number of pairs of points and pixels."""
-    most_exchanged: Information
-    """(F,) largest allowed information with the pixels of another frame."""
-    measure: Callable[[Observations], Information]
-    """Computes the information (F,) with the pixels of other observations."""
-
-
-def _of_frames(observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement) -> _OfFrames:
-    """Measure frames by the classes that go together in all of them, or square by square."""
-    if observations.starts is not None:
-        found = information_by_squares(observations, T_camera_lidar)
-        most = found.by_frame + ODD_FRAMES.limit("another picture, by squares") * found.sigma_by_frame
-
-        def by_squares(others: Observations) -> Information:
-            return information_by_squares(others, T_camera_lidar).by_frame
-
-        return _OfFrames(found.by_frame, found.weight_by_frame, most, by_squares)
-    joints = agreement.frame_joints[: observations.num_frames]
-    table = pointwise_information(joints.sum(axis=0))
-    own = information_by_frame(joints, table)
-
-    def by_classes(others: Observations) -> Information:
-        return information_by_frame(_core.agreement(others.core, T_camera_lidar).frame_joints, table)
-
-    return _OfFrames(own, joints.sum(axis=(1, 2)), ODD_FRAMES.limit("another picture") * own, by_classes)
-
-
-def information_by_frame(joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]) -> Information:
-    """Mean pointwise information (F,) of the pairs of each frame, by a table for all of them, nats.
-
-    Args:
-        joints: (F, X, Y) weights of the pairs of each frame.
-        table: (X, Y) pointwise mutual information.
-    """
-    weights = np.maximum(joints.sum(axis=(1, 2)), 1.0)
-    return np.asarray((joints * table).sum(axis=(1, 2)) / weights)
-
-
-def pointwise_information(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Compute the pointwise mutual information of a histogram (X, Y), nats; zero for pairs that were never seen."""
-    expected = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
-    seen = joint > 0.0
-    ratio = np.divide(joint, expected, out=np.ones_like(joint), where=seen)
-    return np.asarray(np.log(ratio))
-
-
 def _exchanged(observations: Observations, measure: Callable[[Observations], Information]) -> Information:
     """Largest information of each frame's points with the pixels of some other frames, (F,)."""
     images, count = observations.images, observations.num_frames
@@ -124,3 +143,40 @@ def _exchanged(observations: Observations, measure: Callable[[Observations], Inf
         same = [scenes[frame] == scenes[(frame + shift) % count] for frame in range(count)]
         found.append(np.where(same, -np.inf, measure(others)))
     return np.asarray(np.max(found, axis=0))
+
+
+def find_identical_files(drive: Drive) -> list[str]:
+    """Name the frames whose points, labels or pictures are the same bytes, in a sentence for each group of frames."""
+    kinds: dict[tuple[int, ...], list[str]] = defaultdict(list)
+    for key, kind in FILES.items():
+        for group in _identical(drive, key):
+            kinds[group].append(kind)
+    names, sentences = [frame.points for frame in drive.frames], []
+    for group, of_group in sorted(kinds.items()):
+        *firsts, last = of_group
+        same = f"{', '.join(firsts)} and {last}" if firsts else last
+        # A frame that is listed several times is named once.
+        first, *others = sorted({names[index]: index for index in reversed(group)}.values())
+        if others:
+            verb = "have" if len(others) > 1 else "has"
+            sentence = (
+                f"{frame_list(names, others)} {verb} the same {same} as frame {frame_name(names, first)}"
+            )
+        else:
+            sentence = f"frame {frame_name(names, first)} is listed {len(group)} times, with the same {same}"
+        sentences.append(sentence)
+    return sentences
+
+
+def _identical(drive: Drive, key: str) -> list[tuple[int, ...]]:
+    """Group the indices of frames whose files of one kind are the same bytes. Only files of the same size are read."""
+    named = [(index, getattr(frame, key)) for index, frame in enumerate(drive.frames)]
+    paths = {index: drive.resolve(name) for index, name in named if name is not None}
+    by_size, by_content = defaultdict[int, list[int]](list), defaultdict[str, list[int]](list)
+    for index, path in paths.items():
+        with suppress(OSError):
+            by_size[path.stat().st_size].append(index)
+    for index in chain.from_iterable(group for group in by_size.values() if len(group) > 1):
+        with suppress(InputError):
+            by_content[hash_file(paths[index])].append(index)
+    return [tuple(group) for group in by_content.values() if len(group) > 1]

@@ -1,22 +1,52 @@
-"""Priors: measurements of a camera's pose that are known beforehand."""
+"""Priors, which are measurements of a camera's pose that are known beforehand, and their fusion with the labels.
+
+The labels give a measurement of the pose, whose covariance is the sandwich of `semcal_cli.assessment.uncertainty`. The
+priors give others, and all are weighted by their information (Gauss-Newton). Axes that are known exactly are
+constraints. If the labels alone do not determine the pose, they are evaluated again after each round. Directions in
+which the mutual information does not curve carry no information of the labels, so the priors alone decide there. Stated
+errors of the intrinsics add to the covariance of the labels' measurement.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli import _core
+from semcal_cli.assessment.intrinsics import around_intrinsics, covariance_of_intrinsics, shift_by
+from semcal_cli.assessment.sensitivity import Matrix, Measurement, Sensitivity, measure, sensitivity, sum_of
+from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
+from semcal_cli.drive.document import IntrinsicsSigma
+from semcal_cli.drive.intrinsics import sigma_of
+from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
-from semcal_cli.geometry.twists import inverse_left_jacobian, pose_at
+from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
+from semcal_cli.result.checks.convergence import FUSION_NOT_SETTLED
+from semcal_cli.result.checks.stated import PRIOR
+from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.uncertainty import Uncertainty
 
 CLAMP_SIGMAS = 3.0
 """Standard deviations to which the refinement clamps a pose at the start of each level. A normal error exceeds them
 once in 400 times."""
 EXACT = 1e-6
 """Standard deviation, metres or radians, below which an axis counts as known exactly, so that sums do not round."""
+MAX_ROUNDS = 20
+"""Largest number of Gauss-Newton rounds."""
+LONGEST_STEP_PX = 2.0
+"""Largest movement of the points in one round, in pixels, root mean square; the curvature holds about that far."""
+SETTLED_PX = 0.1
+"""Movement of the points below which the rounds end, in pixels, root mean square, as `PolishConfig.settled_px`."""
+LEAST_INFORMATION = 1e-13
+"""Smallest information along a direction, as a share of the best known direction's. Less is rounding."""
+UNSETTLED = FUSION_NOT_SETTLED.finding(
+    f"the pose that labels and what is known determine together had not settled in {MAX_ROUNDS} rounds"
+)
 
 
 @dataclass(frozen=True)
@@ -87,3 +117,206 @@ def clamp(T_camera_lidar: Pose, priors: Sequence[Prior]) -> Pose:
     for prior in priors:
         T_camera_lidar = prior.clamp(T_camera_lidar)
     return T_camera_lidar
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fused(StageResult):
+    """Pose that labels and priors determine together. Its findings are contradictions between them."""
+
+    uncertainty: Uncertainty | None
+    """Uncertainty of the pose; None if labels and priors together do not determine it."""
+    is_alone: bool
+    """Whether the labels determine the pose without priors."""
+    label_gain: Matrix
+    """(6, 6) gain from a twist of the labels' optimum to a twist of the pose."""
+    of_intrinsics: Matrix | None
+    """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if they are exact."""
+
+
+def fuse_with_priors(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    priors: Sequence[Prior],
+    *,
+    edge_band_px: int = EDGE_BAND_PX,
+    of_clock: Matrix | None = None,
+) -> Fused:
+    """Find the pose that labels and priors determine together.
+
+    Args:
+        observations: The observations that the pose was polished on.
+        T_camera_lidar: (4, 4) pose polished without priors, metres.
+        priors: The priors, which leave at least one direction free.
+        edge_band_px: Width of the edge band in the settings of the polish.
+        of_clock: (6, 6) covariance of the labels' optimum by a clock that is not checked; None if that costs nothing.
+    """
+    settings = SensitivityConfig(edge_band_px=edge_band_px)
+    around = sensitivity(observations, T_camera_lidar, settings)
+    is_alone = around is not None and around.is_determined
+    T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
+    of_intrinsics = _of_intrinsics(observations, T)
+    systematic = sum_of(of_intrinsics, of_clock)
+    contradictions: dict[str, list[Finding]] = {}
+    if around is not None and is_alone:
+        labels = measure(around, systematic)
+        contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
+    T, fit = _iterate(observations, T, priors, around, systematic, settings, is_alone)
+    far, uncertainty, label_gain = list[Finding](), None, np.eye(6)
+    if fit is not None:
+        # Steps are of first order, so exact axes are restored to the last digit.
+        T = clamp(T, [prior.exact for prior in priors])
+        far = [line for prior in priors for line in contradictions.get(prior.name) or _distance(prior, T)]
+        label_gain = fit.covariance @ fit.labels.information
+        if fit.is_closed:
+            degrees_of_freedom = fit.labels.degrees_of_freedom(fit.covariance)
+            uncertainty = Uncertainty.from_covariance(T, fit.covariance, degrees_of_freedom)
+    is_settled = fit is not None and fit.moved_px < SETTLED_PX
+    if of_intrinsics is not None:
+        of_intrinsics = None if fit is None else np.asarray(label_gain @ of_intrinsics @ label_gain.T)
+    return Fused(
+        T_camera_lidar=T,
+        agreement=_core.agreement(observations.core, T),
+        findings=(*(() if is_settled else (UNSETTLED,)), *far),
+        note=f"with {', '.join(prior.name for prior in priors)}",
+        uncertainty=uncertainty,
+        is_alone=is_alone,
+        label_gain=label_gain,
+        of_intrinsics=of_intrinsics,
+    )
+
+
+class _Fit(NamedTuple):
+    """State after the last round of Gauss-Newton."""
+
+    labels: Measurement
+    """Measurement of the pose by the labels."""
+    covariance: Matrix
+    """(6, 6) covariance of a twist on the left of the pose."""
+    is_closed: bool
+    """Whether every direction is determined."""
+    moved_px: float
+    """Movement of the points in the last round, in pixels, root mean square."""
+
+
+def _iterate(
+    observations: Observations,
+    T: Pose,
+    priors: Sequence[Prior],
+    around: Sensitivity | None,
+    systematic: Matrix | None,
+    settings: SensitivityConfig,
+    is_alone: bool,
+) -> tuple[Pose, _Fit | None]:
+    """Weigh labels and priors until a round moves the points little; no fit if labels carry no information at all.
+
+    If the labels alone determine the pose, they are evaluated once; otherwise they are evaluated in every round.
+    """
+    fit: _Fit | None = None
+    for _ in range(MAX_ROUNDS):
+        if fit is not None and not is_alone:
+            around = sensitivity(observations, T, settings)
+        if around is None:
+            return T, None
+        labels = fit.labels if fit is not None and is_alone else measure(around, systematic)
+        step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
+        moved_px = float(np.sqrt(step @ around.motions @ step))
+        step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
+        T = apply_twist(T, step)
+        # The labels' optimum stays where it is, so its distance from the pose changes by the step.
+        labels = labels._replace(mean=labels.mean - labels.reads @ step)
+        fit = _Fit(labels, covariance, is_closed, moved_px)
+        if moved_px < SETTLED_PX:
+            break
+    return T, fit
+
+
+class _Known(NamedTuple):
+    """Known axes of all priors, a row each: `jacobian @ twist` should be minus the residual."""
+
+    jacobian: Matrix
+    residual: npt.NDArray[np.float64]
+    sigmas: npt.NDArray[np.float64]
+
+
+def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
+    """Compute the covariance (6, 6) of the labels' optimum by errors of the intrinsics; None if K is exact."""
+    camera = observations.camera
+    if sigma_of(camera) == IntrinsicsSigma():
+        return None
+    return covariance_of_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
+
+
+def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
+    sigmas = np.concatenate([prior.sigmas for prior in priors])
+    stated = np.isfinite(sigmas)
+    jacobian = np.concatenate([prior.jacobian(T_camera_lidar) for prior in priors])
+    residual = np.concatenate([prior.residual(T_camera_lidar) for prior in priors])
+    return _Known(jacobian[stated], residual[stated], sigmas[stated])
+
+
+def _solve(
+    labels: Measurement, known: _Known, motions: Matrix
+) -> tuple[npt.NDArray[np.float64], Matrix, bool]:
+    """Compute the twist to the best pose, its covariance, and whether every direction is determined.
+
+    The pose stays where it is along directions that are not determined.
+    """
+    is_exact = known.sigmas <= EXACT
+    weight = 1.0 / known.sigmas[~is_exact] ** 2
+    J, e = known.jacobian[~is_exact], known.residual[~is_exact]
+    information = labels.information + J.T @ (weight[:, None] * J)
+    pull = labels.reads.T @ np.linalg.solve(labels.covariance, labels.mean) - J.T @ (weight * e)
+    to_exact, free = np.zeros(6), np.eye(6)
+    if is_exact.any():
+        to_exact = -np.linalg.pinv(known.jacobian[is_exact]) @ known.residual[is_exact]
+        free = _null_space(known.jacobian[is_exact])
+    # The basis is scaled so that each direction moves the points by the same number of pixels.
+    free = free / np.sqrt(np.diag(free.T @ motions @ free))
+    weights, directions = np.linalg.eigh(free.T @ information @ free)
+    closed = weights > LEAST_INFORMATION * weights[-1]
+    basis = free @ directions[:, closed]
+    covariance = basis / weights[closed] @ basis.T
+    return to_exact + covariance @ (pull - information @ to_exact), covariance, bool(closed.all())
+
+
+def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
+    """Compare a prior with the optimum of the labels alone, over all known axes at once."""
+    jacobian, residual, sigmas = _known(T_camera_lidar, [prior])
+    alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
+    off = residual + jacobian @ np.linalg.solve(labels.reads, labels.mean)
+    covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(sigmas))
+    chi2 = float(off @ np.linalg.solve(covariance, off))
+    fewest = float(labels.degrees_of_freedom(alone).min())
+    # With few parts of the images almost any distance may be chance, so it is limited as well.
+    num_axes = len(sigmas)
+    by_chance = _core.fisher_limit(PRIOR.limit("chance"), num_axes, fewest)
+    most = num_axes * min(by_chance, PRIOR.limit("one axis") ** 2)
+    if chi2 <= most:
+        return []
+    worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
+    far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
+    found = (
+        f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {num_axes}, needed at most "
+        f"{most:.0f}"
+    )
+    return [PRIOR.finding(found)]
+
+
+def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
+    deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
+    worst = int(deviations.argmax())
+    far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))
+    found = (
+        f"{prior.name} is {far} from the pose that all else leads to, {deviations[worst]:.1f} standard deviations, "
+        f"needed at most {PRIOR.limit('one axis'):.0f}"
+    )
+    return [*PRIOR.measured(float(deviations[worst]), found, "one axis").findings]
+
+
+def _length(axis: int, off: float) -> str:
+    return f"{100.0 * abs(off):.1f} cm" if axis < 3 else f"{np.degrees(abs(off)):.2f} degrees"
+
+
+def _null_space(rows: Matrix) -> Matrix:
+    _, values, directions = np.linalg.svd(rows)
+    return np.asarray(directions[int((values > 1e-9 * values[0]).sum()) :].T)

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from semcal_cli.assessment.joint import Joint, fit_jointly
+from semcal_cli.assessment.joint import fit_jointly
 from semcal_cli.config import JointlyConfig, PolishConfig
-from semcal_cli.drive.camera import CAMERA_MODELS, OF_K, Camera
-from semcal_cli.drive.motion import twists_per_s
+from semcal_cli.drive.delay import twists_per_s
+from semcal_cli.drive.intrinsics import COEFFICIENTS, OF_K
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
@@ -46,65 +46,50 @@ def advise(
         with_priors: Whether the pose was fused with priors, which such an estimate does not take.
         time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
     """
-    asked = _asked(findings, observations.camera, done or JointlyConfig())
+    done, topics = done or JointlyConfig(), {finding.topic for finding in findings}
+    intrinsics: tuple[str, ...] = ()
+    if not done.intrinsics and topics & {*OF_INTRINSICS}:
+        intrinsics = (*OF_K, *[RADIAL] * (RADIAL in COEFFICIENTS[observations.camera.model]))
+    asked = JointlyConfig(intrinsics, with_delay=not done.with_delay and bool(topics & {*OF_CLOCKS}))
     if not asked.is_asked:
         return tuple(findings)
-    option = _option(asked)
-    found = None
-    if with_priors:
-        option += " and without priors"
-    elif done is None or not done.is_asked:
-        found = _estimate(observations, T_camera_lidar, asked, polish, time_offset_s)
-    advised = []
-    for finding in findings:
-        if finding.topic not in _topics(asked):
-            advised.append(finding)
-        elif found is None:
-            advised.append(
-                finding._replace(advice=f"{finding.advice}, or calibrate more frames with {option}")
-            )
+    options = [f"--refine-intrinsics {','.join(intrinsics)}"] * bool(intrinsics)
+    options += ["--estimate-delay"] * asked.with_delay + ["and without priors"] * with_priors
+    values = None
+    if not with_priors and not done.is_asked:
+        values = _values(observations, T_camera_lidar, asked, polish, time_offset_s)
+
+    def advised(finding: Finding) -> Finding:
+        if not (
+            (finding.topic in OF_INTRINSICS and intrinsics)
+            or (finding.topic in OF_CLOCKS and asked.with_delay)
+        ):
+            return finding
+        if values is None:
+            advice = f"{finding.advice}, or calibrate more frames with {' '.join(options)}"
         else:
-            advised.append(finding._replace(advice=f"calibrate with {option}, which finds {_values(found)}"))
-    return tuple(advised)
+            advice = f"calibrate with {' '.join(options)}, which finds {values}"
+        return finding._replace(advice=advice)
+
+    return tuple(advised(finding) for finding in findings)
 
 
-def _asked(findings: Sequence[Finding], camera: Camera, done: JointlyConfig) -> JointlyConfig:
-    """Choose what to estimate, without what was estimated already."""
-    topics = {finding.topic for finding in findings}
-    names: tuple[str, ...] = ()
-    if not done.intrinsics and topics & {*OF_INTRINSICS}:
-        names = (*OF_K, RADIAL) if RADIAL in CAMERA_MODELS[camera.model].coefficients else tuple(OF_K)
-    return JointlyConfig(names, with_delay=not done.with_delay and bool(topics & {*OF_CLOCKS}))
-
-
-def _topics(asked: JointlyConfig) -> tuple[str, ...]:
-    return (OF_INTRINSICS if asked.intrinsics else ()) + (OF_CLOCKS if asked.with_delay else ())
-
-
-def _option(asked: JointlyConfig) -> str:
-    options = [f"--refine-intrinsics {','.join(asked.intrinsics)}"] * bool(asked.intrinsics)
-    return " ".join(options + ["--estimate-delay"] * asked.with_delay)
-
-
-def _estimate(
+def _values(
     observations: Observations,
     T_camera_lidar: Pose,
     asked: JointlyConfig,
     polish: PolishConfig,
     time_offset_s: float,
-) -> Joint | None:
-    """Estimate what looks wrong; None if the estimate is not kept, or there is none."""
+) -> str | None:
+    """Estimate what looks wrong, and say what is determined; None if the estimate is not kept, or there is none."""
     if asked.with_delay and twists_per_s(observations) is None:
         return None
     try:
         found = fit_jointly(observations, T_camera_lidar, asked, polish, time_offset_s)
     except (SemcalError, ValueError):
         return None  # An advice must not end the run whose finding it is for.
-    return found if found.is_kept else None
-
-
-def _values(found: Joint) -> str:
-    """Say what was found, as far as it is determined."""
+    if not found.is_kept:
+        return None
     words = []
     texts = [] if found.camera is None else intrinsic_texts(found.camera)
     if changes := [f"{each.name} {each.given} -> {each.found}" for each in texts if each.half_width]:

@@ -1,4 +1,4 @@
-"""Rivals of a pose: other poses near it that the data explain nearly as well.
+"""Rivals of a pose: other poses near it that the data explain nearly as well, and mountings that look alike.
 
 What edges, segments and intensities tell has many tops, and so has what labels of few frames tell. Around a wrong pose
 they are about as high as its own; around the right one they are not.
@@ -7,23 +7,30 @@ they are about as high as its own; around the right one they are not.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
-from semcal_cli.config import EDGE_BAND_PX, ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.config import EDGE_BAND_PX, ExactConfig, InitializationConfig, PolishConfig, PyramidConfig
+from semcal_cli.drive.events import Listener, Progress
 from semcal_cli.drive.frame_selection import few_frames
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
+from semcal_cli.initialization.search import Initialization, is_rival, led_by
 from semcal_cli.refinement.exact import exact_config
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import pyramid_factors
+from semcal_cli.refinement.pyramid import Refinement, pyramid_factors
+from semcal_cli.refinement.several_starts import SeveralStarts
 from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import CUES_DISAGREE, OTHER_POSE
+from semcal_cli.result.checks.mounting import CUES_DISAGREE, FEW_SCENES, OTHER_POSE
 from semcal_cli.result.uncertainty import Uncertainty
 
 NUM_RIVALS, NUM_FRAMES = 16, 5
@@ -58,19 +65,19 @@ def check_rivals(
     tops, near = _tops(observations, T_camera_lidar)
     if observations.starts is None and uncertainty is not None:
         finished = [newton(observations, top, PolishConfig()).T_camera_lidar for top in near]
-        tops += [top for top in finished if _is_outside(top, T_camera_lidar, uncertainty)]
+        offsets = [compare_poses(top, T_camera_lidar).offsets for top in finished]
+        is_outside = [(np.abs(each) > uncertainty.half_widths).any() for each in offsets]
+        tops += [top for top, is_out in zip(finished, is_outside, strict=True) if is_out]
     if not tops:
         return ()
     behind, T_rival = min(
         zip(sigmas_behind(observations, T_camera_lidar, tops), tops, strict=True),
         key=lambda each: each[0],
     )
+    how = f"better, {-behind:.1f} standard errors ahead"
+    if behind > 0.0:
+        how = f"almost as well, {behind:.1f} standard errors behind"
     away = compare_poses(T_rival, T_camera_lidar)
-    how = (
-        f"almost as well, {behind:.1f} standard errors behind"
-        if behind > 0.0
-        else f"better, {-behind:.1f} standard errors ahead"
-    )
     found = (
         f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data {how}, "
         f"needed {OTHER_POSE.limit():g} behind"
@@ -126,12 +133,62 @@ def _is_far(T_rival: Pose, T_camera_lidar: Pose) -> bool:
     return away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_cm > 100.0 * MAX_HALF_WIDTH_M
 
 
-def _is_outside(T_rival: Pose, T_camera_lidar: Pose, uncertainty: Uncertainty) -> bool:
-    offsets = compare_poses(T_rival, T_camera_lidar).offsets
-    return bool((np.abs(offsets) > uncertainty.half_widths).any())
-
-
 def sigmas_behind(observations: Observations, T_camera_lidar: Pose, rivals: Sequence[Pose]) -> list[float]:
     """Standard errors by which each rival (4, 4) is behind a pose (4, 4); 0 if too few squares are seen to tell."""
     gains = _core.information_gains(observations.core, T_camera_lidar, rivals, EDGE_BAND_PX)
     return [-gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0 for gain in gains]
+
+
+def decide_in_full(
+    data: LoadedDrive,
+    initial: Initialization,
+    refined: Refinement,
+    refine: Callable[[Pose], Refinement],
+    max_baseline_m: float,
+    seed: int,
+    on_event: Listener,
+) -> tuple[Initialization, Refinement]:
+    """Decide by what refines poses between mountings that ground and objects alone cannot tell apart.
+
+    The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
+    are ascended and finished are refined in full, and the better one is taken, up to the first that stays unclear.
+
+    Args:
+        data: The drive, whose cues are refined from several starts.
+        initial: The hypotheses of the search.
+        refined: The best of them, refined.
+        refine: Refines another one from its pose (4, 4).
+        max_baseline_m: Largest distance between camera and LiDAR.
+        seed: Seed of the starts.
+        on_event: Called with what is compared.
+
+    Returns:
+        The search, led by the mounting that is taken, and that one refined.
+    """
+    observations, starts = data.observations, data.observations.starts
+    assert starts is not None
+    if not data.is_refined_by_edges and len(set(observations.scenes)) < FEW_SCENES.limit():
+        # Segments of few scenes make no mounting clear, and take minutes for that.
+        return initial, refined
+    best = taken = initial.hypotheses[0]
+    rivals = [
+        other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
+    ]
+    is_clear, least, polish = bool(rivals), OTHER_POSE.limit(), PolishConfig(max_baseline_m=max_baseline_m)
+    for rival in rivals:
+        on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
+        # A mounting in which sweeps and pictures do not overlap is none.
+        with suppress(CalibrationError):
+            several = SeveralStarts(observations, ExactConfig(max_baseline_m=max_baseline_m), seed, starts)
+            T_coarse = newton(observations, several.coarse_top(rival.pose), polish).T_camera_lidar
+            if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
+                continue
+            found = refine(rival.pose)
+            (behind,) = sigmas_behind(observations, refined.T_camera_lidar, [found.T_camera_lidar])
+            if behind < 0.0:
+                taken, refined = rival, found
+            is_clear &= abs(behind) >= least
+        if not is_clear:
+            break  # The mounting is doubted, whichever of the others is best.
+    initial_findings = () if is_clear else initial.findings
+    return replace(led_by(initial, taken, data.for_search), findings=initial_findings), refined

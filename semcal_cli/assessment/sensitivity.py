@@ -1,4 +1,8 @@
-"""Dependence of the mutual information on a pose, with parts that count as the evidence that they are."""
+"""What labels measure: the dependence of the mutual information on a pose, and the place of its optimum.
+
+Parts of the pictures count as the evidence that they are. Directions in which the mutual information does not curve
+carry no information of the labels, so that what is known otherwise decides there.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +32,10 @@ LEAST_BEND = 1e-6
 """Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
 BLOCKS_PX = (1, 2, 4)
 """Blocks of the pictures on which a pose may be determined, finest first."""
+LEAST_SPREAD = 1e-12
+"""Smallest variance along a direction, as a share of that of a measurement alone. Less is rounding."""
+MANY = 1e6
+"""Degrees of freedom of what is known exactly."""
 
 
 class Scatter(NamedTuple):
@@ -103,42 +111,16 @@ class Sensitivity:
     """(squares,) number of frames that show the scene of the square: their scores repeat one another."""
 
     @property
-    def of_pose(self) -> Sensitivity:
-        """Sensitivity with respect to the pose alone, all other variables fixed."""
-        return replace(
-            self,
-            curvature=self.curvature[:6, :6],
-            class_curvatures=self.class_curvatures[:, :6, :6],
-            scores=self.scores[:, :6],
-            motions=self.motions[:6, :6],
-        )
-
-    @property
     def is_determined(self) -> bool:
-        """Whether the mutual information falls in every direction."""
-        scale = 1.0 / np.sqrt(np.diag(self.motions))
-        bends = np.linalg.eigvalsh(self.curvature * np.outer(scale, scale))
-        return bool(bends[0] > 0.0 and self.has_scatter)
-
-    @property
-    def has_scatter(self) -> bool:
-        """Whether there are squares enough to determine the covariance of the variables."""
-        return len(self.num_alike) > len(self.motions) + 1
-
-    @property
-    def newton_step(self) -> Matrix:
-        """Step (n,) of Newton's method to the optimum."""
-        return np.asarray(np.linalg.solve(self.curvature, self.scores.sum(axis=0)))
+        """Whether the mutual information falls in every direction of the pose, all other variables fixed."""
+        scale = 1.0 / np.sqrt(np.diag(self.motions)[:6])
+        bends = np.linalg.eigvalsh(self.curvature[:6, :6] * np.outer(scale, scale))
+        return bool(bends[0] > 0.0 and len(self.num_alike) > 6 + 1)
 
     @property
     def influence(self) -> Matrix:
         """Influence (n, n) of a score on the optimum: the inverse of the curvature."""
         return np.asarray(np.linalg.inv(self.curvature), np.float64)
-
-    def sandwich(self) -> tuple[Matrix, npt.NDArray[np.float64]]:
-        """Compute the covariance (n, n) of all variables and Satterthwaite's degrees of freedom (n,)."""
-        found = self.scatter(self.influence)
-        return found.covariance, found.degrees_of_freedom
 
     def scatter(self, influence: Matrix) -> Scatter:
         """Compute the scatter of the sum of `scores @ influence`, where `influence` is (n, m).
@@ -281,3 +263,79 @@ def determined_sensitivity(
         if around is not None and around.is_determined:
             return around
     return None
+
+
+class Measurement(NamedTuple):
+    """Measurement of n variables by the labels: `reads @ change` is normal with this mean and covariance."""
+
+    reads: Matrix
+    """(k, n) directions in which the mutual information curves."""
+    scatter: Scatter
+    """Scatter of the data along these directions."""
+    mean: npt.NDArray[np.float64]
+    """(k,) mean."""
+    covariance: Matrix
+    """(k, k) covariance."""
+    systematic: Matrix | None = None
+    """(k, k) part of the covariance that systematic errors add, which all frames share; None without them."""
+
+    @property
+    def information(self) -> Matrix:
+        """Information (n, n) about a change, 0 in directions that are not measured."""
+        return np.asarray(self.reads.T @ self._weight @ self.reads)
+
+    @property
+    def _weight(self) -> Matrix:
+        """Inverse (k, k) of the covariance; nothing along directions in which too few parts scatter to tell it."""
+        scale = np.sqrt(np.diag(self.covariance))
+        scale = np.where(scale > 0.0, scale, np.inf)
+        spreads, directions = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        is_known = spreads > LEAST_SPREAD
+        basis = directions[:, is_known] / scale[:, None]
+        return np.asarray(basis / spreads[is_known] @ basis.T)
+
+    def degrees_of_freedom(self, covariance: Matrix) -> npt.NDArray[np.float64]:
+        """Compute Satterthwaite's degrees of freedom (n,) of a covariance (n, n) to which labels contribute.
+
+        Only the scatter of the labels is estimated, and not the part that systematic errors make.
+        """
+        gain, of_labels = self._weight @ self.reads @ covariance, covariance @ self.information @ covariance
+        if self.systematic is not None:
+            of_labels = of_labels - gain.T @ self.systematic @ gain
+        share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
+        estimated = self.scatter.along(gain).degrees_of_freedom
+        return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
+
+
+def sum_of(*parts: Matrix | None) -> Matrix | None:
+    """Add covariances (n, n) of errors that do not depend on one another; None if there are none."""
+    known = [part for part in parts if part is not None]
+    return np.asarray(np.sum(known, axis=0)) if known else None
+
+
+def no_information(count: int) -> Measurement:
+    """Make the measurement of `count` variables by labels without information."""
+    nothing = np.zeros((0, 0))
+    scatter = Scatter(np.zeros((1, 0)), np.ones(1), nothing, np.zeros((1, 0)), nothing)
+    return Measurement(np.zeros((0, count)), scatter, np.zeros(0), nothing)
+
+
+def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measurement:
+    """Measure the optimum of the labels.
+
+    Args:
+        around: Curvature and scores of the mutual information around the variables.
+        systematic: (n, n) covariance that systematic errors add, such as stated ones of the intrinsics.
+    """
+    scale, bends, directions = bending(around.curvature, around.motions)
+    if len(around.num_alike) <= len(scale) + 1:  # Too few squares determine the covariance.
+        return no_information(len(scale))
+    influence = scale[:, None] * directions / bends
+    scatter = around.scatter(influence)
+    reads = (directions / scale[:, None]).T
+    mean, covariance = around.scores.sum(axis=0) @ influence, scatter.covariance
+    labels = Measurement(reads, scatter, mean, covariance)
+    if systematic is None:
+        return labels
+    along = labels.reads @ systematic @ labels.reads.T
+    return labels._replace(covariance=covariance + along, systematic=along)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
+from semcal_cli.assessment.priors import Fused
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose

@@ -20,8 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.measurement import MANY
-from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
+from semcal_cli.assessment.sensitivity import MANY, Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
@@ -80,10 +79,9 @@ def estimate_uncertainty(
     around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     if around is None or not around.is_determined:
         return None
-    covariance, degrees_of_freedom = around.sandwich()
-    return with_others(
-        Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom), T_camera_lidar, of_others
-    )
+    scatter = around.scatter(around.influence)
+    found = Uncertainty.from_covariance(T_camera_lidar, scatter.covariance, scatter.degrees_of_freedom)
+    return with_others(found, T_camera_lidar, of_others)
 
 
 def with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:

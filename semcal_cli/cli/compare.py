@@ -34,10 +34,11 @@ def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float,
     from rich.console import Console
 
     from semcal_cli.assessment.comparison import compare as difference
-    from semcal_cli.assessment.comparison import describe_cameras, read_known
+    from semcal_cli.assessment.comparison import describe_cameras
     from semcal_cli.cli.tables import labelled
+    from semcal_cli.formats import read_extrinsic
 
-    known_a, known_b = read_known(a), read_known(b)
+    known_a, known_b = read_extrinsic(a), read_extrinsic(b)
     found = difference(known_a, known_b)
     error, allowed_cm = found.error, 100.0 * max_translation_m
     is_same = error.rotation_deg <= max_rotation_deg and error.camera_center_cm <= allowed_cm

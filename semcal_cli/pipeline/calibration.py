@@ -8,21 +8,21 @@ functions.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 
+from pydantic_core import to_jsonable_python
+
 from semcal_cli import _core
 from semcal_cli.assessment.assess import assess as assess
 from semcal_cli.assessment.clock_error import UnknownClock
-from semcal_cli.assessment.fusion import Fused, fuse_with_priors
 from semcal_cli.assessment.joint import Joint, fit_jointly
-from semcal_cli.assessment.joint_checks import check_beside_pose, is_polished
-from semcal_cli.assessment.mountings import decide_in_full
-from semcal_cli.assessment.priors import Prior, clamp
-from semcal_cli.assessment.repeatability import compare_seeds
+from semcal_cli.assessment.pose_checks import compare_seeds
+from semcal_cli.assessment.priors import Fused, Prior, clamp, fuse_with_priors
+from semcal_cli.assessment.rivals import decide_in_full
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import (
     FAR_DEG,
@@ -33,8 +33,10 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.cues.table import CUES, files_of
+from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore, movement
+from semcal_cli.drive.intrinsics import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import can_be_unrolled
 from semcal_cli.drive.observations import Observations
@@ -89,7 +91,7 @@ def calibrate(
     """
     config = CalibrationConfig() if config is None else config
     data = load(drive, config, on_event)
-    check_beside_pose(data, config.refinement, priors)
+    _check_beside_pose(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event, others=given)
@@ -159,7 +161,7 @@ def refine_and_polish(
     from_afar: bool = False,
     others: Sequence[Pose] = (),
 ) -> Stages:
-    """Refine and polish the initial pose, and fuse it with priors.
+    """Refine and polish the initial pose, and fuse it with priors or estimate what is asked for together with it.
 
     If the shutter rolls, the refined pose tells the line of each point; with points moved to the moments of their lines
     it is refined again, and all later stages see those points.
@@ -169,10 +171,12 @@ def refine_and_polish(
     Arguments beside `initial`, the result of `initialize` or of `start_at`, are those of `refine`.
 
     Raises:
-        InputError: as `refine` and `check_beside_pose`.
+        InputError: as `refine`; there are priors without a polish; or something is to be estimated beside the pose, and
+            the lens has not one of the intrinsics, the drive has no motion for the offset of the clock, or priors,
+            features or a pose that is not polished exclude the estimate.
         CalibrationError: as `refine`.
     """
-    check_beside_pose(data, config, priors)
+    _check_beside_pose(data, config, priors)
     again = partial(refine, config=config, seed=seed, priors=priors)
     T_initial = initial.T_camera_lidar
     refined = again(data, T_initial, on_event=on_event, from_afar=from_afar, others=others)
@@ -190,27 +194,40 @@ def refine_and_polish(
     )
     if seen is not data:
         found = replace(found, unrolled=seen.observations)
-    if not is_polished(seen.observations, config):
+    if not _is_polished(seen.observations, config):
         return found
-    return _finish(seen, found, refined, config, priors, on_event)
-
-
-def _finish(
-    data: LoadedDrive,
-    found: Stages,
-    refined: Refinement,
-    config: RefinementConfig,
-    priors: Sequence[Prior],
-    on_event: Listener,
-) -> Stages:
-    """Polish the refined pose, and estimate it together with what is asked for, or with what is known."""
-    polished = polish(data, refined.T_camera_lidar, config, on_event)
-    found = replace(found, polished=polished)
+    polished = polish(seen, refined.T_camera_lidar, config, on_event)
+    found, T_polished = replace(found, polished=polished), polished.T_camera_lidar
     if config.jointly.is_asked:
-        return replace(found, joint=estimate_jointly(data, polished.T_camera_lidar, config, on_event))
+        return replace(found, joint=estimate_jointly(seen, T_polished, config, on_event))
+    return replace(found, fused=fuse(seen, T_polished, config, priors, on_event)) if priors else found
+
+
+def _is_polished(observations: Observations, config: RefinementConfig) -> bool:
+    return config.is_polished and not observations.has_vectors
+
+
+def _check_beside_pose(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior]) -> None:
+    """Check that priors, intrinsics and the clock go with the drive and with the polish."""
+    path, jointly, is_polished = data.drive.path, config.jointly, _is_polished(data.observations, config)
+    if priors and not is_polished:
+        raise InputError(
+            f"{priors[0].name}: is weighed by the polish, which features and is_polished=False exclude"
+        )
+    if not jointly.is_asked:
+        return
+    option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
+    check_intrinsics(jointly.intrinsics, data.observations.camera, f"{path}: --refine-intrinsics")
+    if not is_polished:
+        raise InputError(f"{option}: follows the polish, which features and is_polished=False exclude")
     if priors:
-        return replace(found, fused=fuse(data, polished.T_camera_lidar, config, priors, on_event))
-    return found
+        raise InputError(
+            f"{option}: found {priors[0].name}, needed none: the two are not weighed together yet"
+        )
+    if jointly.with_delay and twists_per_s(data.observations) is None:
+        raise InputError(
+            f"{path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
+        )
 
 
 def refine(
@@ -240,17 +257,20 @@ def refine(
         InputError: the exact estimator is asked for with features, or the device does not exist.
         CalibrationError: too few labelled points are on labelled pixels.
     """
+    observations = data.observations
+    pyramid = PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
+    if observations.starts is not None:
+        pyramid = pyramid_of(observations.starts)
 
     def on_level(level: Level, num_levels: int) -> None:
         moved = compare_poses(level.T_camera_lidar, T_init)
         on_event(Progress(f"refining: {level.factor}-pixel blocks done, {movement(moved)}"))
 
     def ascend() -> Refinement:
-        estimator, settings = make_estimator(data.observations, config, seed, on_event, others)
-        pyramid = _pyramid(data.observations, from_afar=from_afar)
+        estimator, settings = make_estimator(observations, config, seed, on_event, others)
         with about(data.drive.path):
             found = refine_pose(
-                data.observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
+                observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
             )
         settings = {"refinement": {**found.settings, **settings}}
         known = {"priors": [prior.describe() for prior in priors]} if priors else {}
@@ -344,10 +364,18 @@ def make_calibration(
         CalibrationError: the pose is not finite or not rigid.
     """
     findings, assessment, joint = stages.findings, stages.assessment, stages.joint
+    options: dict[str, object] = {"max_frames": data.max_frames}
+    if data.cues != LABELS:
+        options["cues"] = {cue: CUES[cue].settings for cue in data.cues}
     source = None if initial_pose is None else initial_pose.source
-    options = {**_options(data, initial_pose), **stages.settings}
+    if initial_pose is not None and source is None:
+        options["given"] = initial_pose.name
+    if initial_pose is not None and initial_pose.direction is not None:
+        options["init_direction"] = initial_pose.direction
+    options |= stages.settings
     if stages.repeatability is not None:
         options["num_seeds"] = stages.repeatability.num_seeds
+    settings = {"options": to_jsonable_python(options), "seed": config.seed, "versions": versions()}
     return Calibration.from_pose(
         stages.T_camera_lidar,
         status="not_trusted" if findings else "not_assessed" if assessment is None else "trusted",
@@ -364,32 +392,5 @@ def make_calibration(
         polish=None if stages.polished is None else stages.polished.held_out,
         hypotheses=() if stages.searched is None else stages.searched.hypotheses,
         input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
-        settings=Settings.model_validate(
-            {"options": _plain(options), "seed": config.seed, "versions": versions()}
-        ),
+        settings=Settings.model_validate(settings),
     )
-
-
-def _options(data: LoadedDrive, initial_pose: InitialPose | None) -> dict[str, object]:
-    """Collect the options that changed the answer before any stage."""
-    options: dict[str, object] = {"max_frames": data.max_frames}
-    if data.cues != LABELS:
-        options["cues"] = {cue: CUES[cue].settings for cue in data.cues}
-    if initial_pose is not None and initial_pose.source is None:
-        options["given"] = initial_pose.name
-    if initial_pose is not None and initial_pose.direction is not None:
-        options["init_direction"] = initial_pose.direction
-    return options
-
-
-def _plain(value: object) -> object:
-    """Convert tuples to lists, as which both file formats read them back."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:
-    if observations.starts is not None:
-        return pyramid_of(observations.starts)
-    return PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()

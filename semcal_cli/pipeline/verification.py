@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -145,8 +146,8 @@ def verify(
         )
     jointly = JointlyConfig(with_delay=limits.delay_s is not None)
     refinement = RefinementConfig(max_baseline_m=config.refinement.max_baseline_m, jointly=jointly)
-    estimate = _Estimate(data, stated, refinement, config.seed, on_event)
-    return _judged(data, stated, estimate.made(), limits)
+    stages = _estimate(data, stated, refinement, config.seed, on_event)
+    return _judged(data, stated, stages, limits)
 
 
 def _initial_pose(transform: InitialPose | Path | str | npt.ArrayLike) -> InitialPose:
@@ -171,49 +172,29 @@ def _as_result_sees(
     return apply_result(stated.record, document, stated.name).drive
 
 
-@dataclass(frozen=True)
-class _Estimate:
-    """The estimate of the pose anew, from the transform or from nothing."""
+def _estimate(
+    data: LoadedDrive, stated: InitialPose, config: RefinementConfig, seed: int, on_event: Listener
+) -> Stages:
+    """Estimate the pose from the transform, and if that leaves doubts, by a search over all mounting directions."""
 
-    data: LoadedDrive
-    stated: InitialPose
-    config: RefinementConfig
-    seed: int
-    on_event: Listener
-
-    def made(self) -> Stages:
-        """Estimate the pose from the transform, and if that leaves doubts, from nothing."""
-        if not self.data.tells_mountings:
-            return self.at_transform()
-        return self.nearby() or self.from_nothing()
-
-    def nearby(self) -> Stages | None:
-        """Estimate the pose from the transform; None if the estimate is far from it or has findings."""
-        try:
-            stages = self.at_transform(is_nearby=True)
-        except CalibrationError:
-            return None
-        is_near = _is_near(stages.T_camera_lidar, self.stated.T_camera_lidar, NEAR_DEG, NEAR_M)
-        return stages if is_near and stages.uncertainty is not None and not stages.findings else None
-
-    def at_transform(self, *, is_nearby: bool = False) -> Stages:
-        """Estimate the pose from the transform."""
-        return self._from(start_at(self.data, self.stated, self.on_event), is_nearby=is_nearby)
-
-    def from_nothing(self) -> Stages:
-        """Estimate the pose by a search over all mounting directions."""
-        alignment = AlignmentConfig(max_baseline_m=self.config.max_baseline_m)
-        search = InitializationConfig(alignment=alignment)
-        return self._from(initialize(self.data, search, self.seed, on_event=self.on_event))
-
-    def _from(self, initial: StageResult, *, is_nearby: bool = False) -> Stages:
-        data, config, on_event = self.data, self.config, self.on_event
-        stages = refine_and_polish(data, initial, config, self.seed, on_event=on_event, from_afar=is_nearby)
+    def assessed(initial: StageResult, *, is_nearby: bool = False) -> Stages:
+        stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
         if stages.joint is not None:
             # The transform is judged with the clock that the drive has, and the clock beside it.
             stages = replace(stages, joint=replace(stages.joint, left_open=None))
         # An estimate with findings that starts at the transform is made again from nothing.
         return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
+
+    start = start_at(data, stated, on_event)
+    if not data.tells_mountings:
+        return assessed(start)
+    with suppress(CalibrationError):
+        nearby = assessed(start, is_nearby=True)
+        is_near = _is_near(nearby.T_camera_lidar, stated.T_camera_lidar, NEAR_DEG, NEAR_M)
+        if is_near and nearby.uncertainty is not None and not nearby.findings:
+            return nearby
+    search = InitializationConfig(alignment=AlignmentConfig(max_baseline_m=config.max_baseline_m))
+    return assessed(initialize(data, search, seed, on_event=on_event))
 
 
 def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limits) -> Verification:
@@ -221,17 +202,16 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
     findings, uncertainty, notes = stages.findings, stages.uncertainty, stages.notes
     T_stated, estimate = stated.T_camera_lidar, stages.T_camera_lidar
     error = compare_poses(T_stated, estimate)
-    center_m = [0.01 * x for x in error.camera_center_xyz_cm]
     half_widths = None if uncertainty is None else uncertainty.half_widths
+    center_m = [0.01 * x for x in error.camera_center_xyz_cm]
     checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits)
     of_clock = list[str]()
     if limits.delay_s is not None:
         check, of_clock = _check_clock(data, stages, limits.delay_s)
         checks, notes = (*checks, check), tuple(note for note in notes if note not in of_clock)
-    if findings or uncertainty is None:
-        verdict: Verdict = "inconclusive"
-        reasons = [(finding.topic, finding.sentence) for finding in findings]
-    else:
+    verdict: Verdict = "inconclusive"
+    reasons = [(finding.topic, finding.sentence) for finding in findings]
+    if not findings and uncertainty is not None:
         verdict = together(check.verdict for check in checks)
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
         reasons = [(LOOKS_LIKE, each) for each in looks]
@@ -283,25 +263,21 @@ def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
 
 def recognise(T_given: Pose, T_estimate: Pose) -> list[str]:
     """Name the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
+    if _is_near(T_given, T_estimate, SAME_DEG, SAME_M):
+        return []
     optical_body = np.eye(4)
     optical_body[:3, :3] = OPTICAL_AXES.T
     x, y, z, w = quaternion_xyzw(T_given)
-    center, translation = T_given.copy(), T_given[:3, 3]
-    center[:3, 3] = 0.001 * translation
+    center, place = T_given.copy(), T_given[:3, 3].tolist()
+    center[:3, 3] = 0.001 * T_given[:3, 3]
     meant = {
         "the inverse, T_lidar_camera": inverse(T_given),
         "T_body_lidar of a camera's body frame, x forward and z up": optical_body @ T_given,
         "T_lidar_body of a camera's body frame, x forward and z up": optical_body @ inverse(T_given),
-        "a quaternion w x y z that was read as x y z w": pose_from_quaternion(
-            (y, z, w, x), translation.tolist()
-        ),
-        "a quaternion x y z w that was read as w x y z": pose_from_quaternion(
-            (w, x, y, z), translation.tolist()
-        ),
+        "a quaternion w x y z that was read as x y z w": pose_from_quaternion((y, z, w, x), place),
+        "a quaternion x y z w that was read as w x y z": pose_from_quaternion((w, x, y, z), place),
         "a translation in millimetres": center,
     }
     return [
-        f"this looks like {name}"
-        for name, T in meant.items()
-        if _is_near(T, T_estimate, SAME_DEG, SAME_M) and not _is_near(T_given, T_estimate, SAME_DEG, SAME_M)
+        f"this looks like {name}" for name, T in meant.items() if _is_near(T, T_estimate, SAME_DEG, SAME_M)
     ]

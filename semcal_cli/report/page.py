@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
+from semcal_cli.assessment.pairing import frame_names
 from semcal_cli.config import LABELS
 from semcal_cli.drive.cues.table import files_of
 from semcal_cli.drive.motion import unrolled
