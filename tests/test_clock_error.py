@@ -13,9 +13,8 @@ from scipy.linalg import expm
 
 from semcal_cli.assessment.clock_error import KNOW_MOTION, UnknownClock, notes_on_clock
 from semcal_cli.assessment.priors import Prior, fuse_with_priors
-from semcal_cli.config import CalibrationConfig, PolishConfig, SynthConfig
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.delay import delayed
+from semcal_cli.config import CalibrationConfig, PolishConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, Motion, Twist, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import delayed

@@ -8,7 +8,7 @@ import numpy as np
 
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
-from semcal_cli.result.camera_words import camera_differences
+from semcal_cli.result.camera import camera_differences
 
 
 @dataclass(frozen=True)

@@ -28,15 +28,14 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.pairing import frame_list
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import few_frames
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.belonging import LEAKED_LABELS, SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
 from semcal_cli.result.checks.check import Check, Measured
+from semcal_cli.result.checks.table import LEAKED_LABELS, SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
 from semcal_cli.threads import thread_pool
 
 Picture = npt.NDArray[np.uint8]

@@ -15,10 +15,8 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.calibration import Repeatability
-from semcal_cli.result.checks.camera import FAR_CAMERA, MOTION, SHUTTER
-from semcal_cli.result.checks.convergence import SEEDS
-from semcal_cli.result.checks.determination import CHANCE, OVERLAP
+from semcal_cli.result.checks.table import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SEEDS, SHUTTER
+from semcal_cli.result.sections import Repeatability
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty, normal_half_widths
 

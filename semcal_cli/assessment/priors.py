@@ -21,13 +21,11 @@ from semcal_cli import _core
 from semcal_cli.assessment.intrinsics import around_intrinsics, covariance_of_intrinsics, shift_by
 from semcal_cli.assessment.sensitivity import Matrix, Measurement, Sensitivity, measure, sensitivity, sum_of
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
-from semcal_cli.drive.document import IntrinsicsSigma
-from semcal_cli.drive.intrinsics import sigma_of
+from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
 from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
-from semcal_cli.result.checks.convergence import FUSION_NOT_SETTLED
-from semcal_cli.result.checks.stated import PRIOR
+from semcal_cli.result.checks.table import FUSION_NOT_SETTLED, PRIOR
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 

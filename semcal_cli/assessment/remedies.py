@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 from semcal_cli.assessment.joint import fit_jointly
 from semcal_cli.config import JointlyConfig, PolishConfig
-from semcal_cli.drive.delay import twists_per_s
-from semcal_cli.drive.intrinsics import COEFFICIENTS, OF_K
+from semcal_cli.drive.camera import CAMERA_MODELS, OF_K
+from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
@@ -49,7 +49,7 @@ def advise(
     done, topics = done or JointlyConfig(), {finding.topic for finding in findings}
     intrinsics: tuple[str, ...] = ()
     if not done.intrinsics and topics & {*OF_INTRINSICS}:
-        intrinsics = (*OF_K, *[RADIAL] * (RADIAL in COEFFICIENTS[observations.camera.model]))
+        intrinsics = (*OF_K, *[RADIAL] * (RADIAL in CAMERA_MODELS[observations.camera.model].coefficients))
     asked = JointlyConfig(intrinsics, with_delay=not done.with_delay and bool(topics & {*OF_CLOCKS}))
     if not asked.is_asked:
         return tuple(findings)
@@ -90,8 +90,7 @@ def _values(
         return None  # An advice must not end the run whose finding it is for.
     if not found.is_kept:
         return None
-    words = []
-    texts = [] if found.camera is None else intrinsic_texts(found.camera)
+    words, texts = [], [] if found.camera is None else intrinsic_texts(found.camera)
     if changes := [f"{each.name} {each.given} -> {each.found}" for each in texts if each.half_width]:
         words.append(", ".join(changes))
     if found.clock is not None and found.clock.is_determined:

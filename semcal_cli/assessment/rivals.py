@@ -30,7 +30,7 @@ from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Refinement, pyramid_factors
 from semcal_cli.refinement.several_starts import SeveralStarts
 from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.mounting import CUES_DISAGREE, FEW_SCENES, OTHER_POSE
+from semcal_cli.result.checks.table import CUES_DISAGREE, FEW_SCENES, OTHER_POSE
 from semcal_cli.result.uncertainty import Uncertainty
 
 NUM_RIVALS, NUM_FRAMES = 16, 5

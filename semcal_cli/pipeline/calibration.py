@@ -32,13 +32,12 @@ from semcal_cli.config import (
     PyramidConfig,
     RefinementConfig,
 )
+from semcal_cli.drive.camera import check_intrinsics
 from semcal_cli.drive.cues.table import CUES, files_of
-from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore, movement
-from semcal_cli.drive.intrinsics import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.motion import can_be_unrolled
+from semcal_cli.drive.motion import can_be_unrolled, twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, about
 from semcal_cli.geometry.pose_error import compare_poses

@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.pairing import frame_names
-from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import points_at, unrolled
