@@ -65,7 +65,7 @@ REFUSED = {
     f"calibrate {__file__} --method paper --cue labels,intensity --init-rpy-xyz 0 0 0 0 0 0": "--cue: found "
     "labels,intensity, --method paper takes one cue.",
     "calibrate d --method soic --mine-steps 3": "--mine-steps requires --method paper.",
-    "calibrate d --mine-optimizer sgd": "--mine-optimizer requires --method paper.",
+    "calibrate d --mine-units 8": "--mine-units requires --method paper.",
     # outputs
     "calibrate d --to-camera front": "--to-camera requires --to.",
     "calibrate d --json --to text": "--to requires -o where --json is given: both would write to standard output.",

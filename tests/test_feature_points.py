@@ -9,9 +9,9 @@ from semcal_cli.config.mine import MINE_WITH_VECTORS
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.feature_points import FeaturePoints, block_means, feature_vectors
+from semcal_cli.refinement.level_points import FeaturePoints, block_means, feature_vectors
 from semcal_cli.refinement.network import SeparableNetwork
-from semcal_cli.refinement.se3 import exp_se3
+from semcal_cli.refinement.torch_geometry import exp_se3
 
 WIDTH, HEIGHT, CHANNELS, NUM_FRAMES, NUM_POINTS = 64, 48, 5, 3, 2000
 CAMERA = Camera(

@@ -22,7 +22,7 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate, refine
-from semcal_cli.refinement.se3 import exp_se3
+from semcal_cli.refinement.torch_geometry import exp_se3
 
 RIGHT_DEG, RIGHT_CM = 0.3, 6.0
 """Of four small pairs with noise as long as classes are apart."""

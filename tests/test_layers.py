@@ -10,17 +10,7 @@ from importlinter.cli import lint_imports
 
 PACKAGE = ROOT / "semcal_cli"
 WITH_TORCH = {
-    f"refinement/{name}"
-    for name in (
-        "optimizers",
-        "network",
-        "labelled_points",
-        "feature_points",
-        "mine",
-        "se3",
-        "projection",
-        "objective",
-    )
+    f"refinement/{name}" for name in ("level_points", "mine", "network", "objective", "torch_geometry")
 }
 WITH_OPENCV = {
     "drive/cues/intensity",

@@ -13,9 +13,8 @@ from conftest import make_pose
 from semcal_cli import _core
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.labelled_points import sample
-from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork
-from semcal_cli.refinement.optimizers import Adam
+from semcal_cli.refinement.level_points import sample
+from semcal_cli.refinement.network import Adam, DonskerVaradhan, StatisticsNetwork
 
 ERROR = 0.1
 CHANNEL_MI = math.log(2) + ERROR * math.log(ERROR) + (1 - ERROR) * math.log(1 - ERROR)

@@ -8,7 +8,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.objective import MutualInformation
-from semcal_cli.refinement.se3 import exp_se3
+from semcal_cli.refinement.torch_geometry import exp_se3
 
 
 class Bilinear(torch.nn.Module):

@@ -20,10 +20,9 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at
-from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine import MineEstimator
 from semcal_cli.refinement.polish import polish_pose
-from semcal_cli.refinement.pyramid import LevelOptimizer, refine_pose
+from semcal_cli.refinement.pyramid import ExactEstimator, LevelOptimizer, refine_pose
 
 NUM_CLASSES = 25  # of the synthetic street's ids, 255 is unlabelled
 

@@ -7,7 +7,7 @@ import torch
 from torch.autograd import gradcheck
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.refinement.projection import Projection
+from semcal_cli.refinement.torch_geometry import Projection
 
 SAME_PIXEL = 1e-6
 FOCAL = (600.0, 610.0)

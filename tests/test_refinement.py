@@ -12,9 +12,8 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine import MineEstimator
-from semcal_cli.refinement.pyramid import LevelOptimizer, pyramid_factors, refine_pose
+from semcal_cli.refinement.pyramid import ExactEstimator, LevelOptimizer, pyramid_factors, refine_pose
 
 # Three times what four frames of 640 x 360 were measured to end at.
 MAX_ROTATION_DEG = 0.1

@@ -6,7 +6,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 from torch.autograd import gradcheck
 
-from semcal_cli.refinement.se3 import exp_se3, generators
+from semcal_cli.refinement.torch_geometry import exp_se3, generators
 
 ROUND_OFF = 1e-10
 

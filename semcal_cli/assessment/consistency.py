@@ -22,7 +22,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import delayed, differs, twists_per_s
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.exact import refine_exactly
+from semcal_cli.refinement.pyramid import refine_exactly
 from semcal_cli.result.checks.check import Measured
 from semcal_cli.result.checks.table import (
     NOTHING_LABELLED,

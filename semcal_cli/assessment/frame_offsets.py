@@ -18,9 +18,8 @@ from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, Sensitiv
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
-from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import pyramid_factors
+from semcal_cli.refinement.pyramid import pyramid_factors, refine_exactly
 from semcal_cli.result.sections import DrivePart
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool

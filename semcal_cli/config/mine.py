@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 from semcal_cli.config import EDGE_BAND_PX, MAX_BASELINE_M
 from semcal_cli.config.setting import setting
-
-Optimizer: TypeAlias = Literal["adam", "sgd"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,6 @@ class MineConfig:
     """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
     """Pixels less than this from one of another class count a tenth."""
-    optimizer: Optimizer = setting("adam", "Optimiser of network and pose.", option="--mine-optimizer")
     min_points: int = 50
     """A level with fewer points tells nothing, and the pose stays as it is."""
 

@@ -11,8 +11,7 @@ from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError, check_torch, torch_import
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.exact import ExactEstimator
-from semcal_cli.refinement.pyramid import LevelOptimizer
+from semcal_cli.refinement.pyramid import ExactEstimator, LevelOptimizer
 from semcal_cli.refinement.several_starts import SeveralStarts
 
 

@@ -1,7 +1,7 @@
 """MINE: a network's lower bound on mutual information, ascended together with the pose (Alg. 1).
 
 The steps of Alg. 1 stand beside the code that takes them. The bound is in `semcal_cli.refinement.network` (eq. 5), the
-matrix exponential in `semcal_cli.refinement.se3` (eq. 3).
+matrix exponential in `semcal_cli.refinement.torch_geometry` (eq. 3).
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -20,35 +19,15 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.baseline import within_baseline
 from semcal_cli.geometry.poses import Pose, nearest_rigid
-from semcal_cli.refinement.feature_points import FeaturePoints, feature_vectors
-from semcal_cli.refinement.labelled_points import LabelledPoints
-from semcal_cli.refinement.network import DonskerVaradhan, SeparableNetwork, StatisticsNetwork
-from semcal_cli.refinement.optimizers import Adam, GradientDescent
+from semcal_cli.refinement.level_points import FeaturePoints, LabelledPoints, feature_vectors
+from semcal_cli.refinement.network import Adam, DonskerVaradhan, SeparableNetwork, StatisticsNetwork
 from semcal_cli.refinement.pyramid import Level
-from semcal_cli.refinement.se3 import exp_se3
+from semcal_cli.refinement.torch_geometry import exp_se3
 
 TORCH_THREADS = 1
 """Fixed, because sums over threads round differently: results must not depend on the machine's cores. One, because
 on mini-batches of this size a second thread gains little, and waits ten times over where other work shares the cores.
 """
-
-
-class LevelPoints(Protocol):
-    """The points of a level, chosen at its anchor pose, of which each step takes a mini-batch."""
-
-    def __len__(self) -> int:
-        """Number of points."""
-
-    def expectations(self, chosen: Tensor, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute both expectations of the bound over a mini-batch, differentiably in the pose and in theta.
-
-        Args:
-            chosen: (N,) int64, the points of the mini-batch.
-            T_camera_lidar: (4, 4) float64, on the CPU.
-
-        Returns:
-            E_p(x,y)[F] and E_p(x)p(y)[exp F], float32 scalars on the network's device.
-        """
 
 
 class MineEstimator:
@@ -78,7 +57,7 @@ class MineEstimator:
         # Alg. 1: initialise theta; learning rates and optimisers are MineConfig's and Adam.
         self.network = self._make_network().to(self.device)
         self.bound = DonskerVaradhan(config.mean_decay)
-        self.theta = _optimizer(config, list(self.network.parameters()), config.learning_rate_theta)
+        self.theta = Adam(self.network.parameters(), config.learning_rate_theta)
         self.num_warm_up = config.warm_up_steps
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
@@ -98,7 +77,18 @@ class MineEstimator:
                 max_points=self.config.max_points,
                 constant_radius=self.config.constant_radius,
             )
-            points = self._level_points(anchored, factor, T_start, visible_only)
+            points: LabelledPoints | FeaturePoints
+            if isinstance(self.network, StatisticsNetwork):
+                points = LabelledPoints(anchored, self.network, self.device)
+            else:
+                points = FeaturePoints(
+                    self.observations,
+                    self.network,
+                    self.device,
+                    factor=factor,
+                    anchor=T_start,
+                    visible_only=visible_only,
+                )
             if len(points) < self.config.min_points:
                 return Level(factor, T_start, math.inf, len(points))
             preconditioner = torch.from_numpy(anchored.preconditioner)
@@ -112,17 +102,9 @@ class MineEstimator:
         num_classes = len(observations.point_class_names), len(observations.image_class_names)
         return StatisticsNetwork(*num_classes, config.num_hidden, self.generator)
 
-    def _level_points(
-        self, anchored: _core.AnchoredPoints, factor: int, anchor: Pose, visible_only: bool
-    ) -> LevelPoints:
-        observations, network = self.observations, self.network
-        if isinstance(network, StatisticsNetwork):
-            return LabelledPoints(anchored, network, self.device)
-        return FeaturePoints(
-            observations, network, self.device, factor=factor, anchor=anchor, visible_only=visible_only
-        )
-
-    def _optimize(self, points: LevelPoints, factor: int, anchor: Tensor, preconditioner: Tensor) -> Level:
+    def _optimize(
+        self, points: LabelledPoints | FeaturePoints, factor: int, anchor: Tensor, preconditioner: Tensor
+    ) -> Level:
         """Take the steps of a level from its anchor pose (4, 4) float64.
 
         `preconditioner` is (6, 6) float64: its columns are twists that each move the points by one block, independently
@@ -131,7 +113,7 @@ class MineEstimator:
         config = self.config
         # Alg. 1: initialise the twist. Each level's v starts at zero, from the pose of the one before.
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
-        pose = _optimizer(config, [v], config.learning_rate_pose, betas=(0.9, 0.99))
+        pose = Adam([v], config.learning_rate_pose, betas=(0.9, 0.99))
         bounds, path = [], []
         for rate in _learning_rates(config, self.num_warm_up):
             pose.rate = config.learning_rate_pose * rate
@@ -154,7 +136,9 @@ class MineEstimator:
         self.num_warm_up = config.warm_up_steps // 3
         quarter = max(len(path) // 4, 1)
         before, last = torch.stack(path[-2 * quarter :]).view(2, quarter, 6).mean(1)
-        T_end = _rigid(exp_se3(preconditioner @ path[-1]) @ anchor)
+        # Products of matrix exponentials are rigid but for rounding.
+        T_end = nearest_rigid((exp_se3(preconditioner @ path[-1]) @ anchor).numpy())
+        T_end[3] = 0.0, 0.0, 0.0, 1.0
         return Level(
             factor=factor,
             T_camera_lidar=within_baseline(T_end, config.max_baseline_m),
@@ -185,26 +169,9 @@ def _fixed_threads() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _optimizer(
-    config: MineConfig,
-    parameters: list[Tensor],
-    rate: float,
-    betas: tuple[float, float] = (0.9, 0.999),
-) -> GradientDescent:
-    """Make the optimiser that the settings name; `betas` are the decays of Adam's means."""
-    return GradientDescent(parameters, rate) if config.optimizer == "sgd" else Adam(parameters, rate, betas)
-
-
 def _learning_rates(config: MineConfig, num_warm_up: int) -> Iterator[float]:
     """Alg. 1's scheduler of the pose's learning rate: zero while theta warms up, then a falling cosine."""
     yield from [0.0] * num_warm_up
     for step in range(config.steps_per_level):
         cosine = 0.5 * (1.0 + math.cos(math.pi * step / config.steps_per_level))
         yield config.final_rate + (1.0 - config.final_rate) * cosine
-
-
-def _rigid(T_camera_lidar: Tensor) -> Pose:
-    """Give the rigid transform next to a product of matrix exponentials."""
-    pose = nearest_rigid(T_camera_lidar.numpy())
-    pose[3] = 0.0, 0.0, 0.0, 1.0
-    return pose

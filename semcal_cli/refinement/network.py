@@ -1,11 +1,11 @@
-"""Statistics networks F(x, y) and the Donsker-Varadhan bound on mutual information that they maximise (eq. 5).
+"""Statistics networks F(x, y), the Donsker-Varadhan bound on mutual information (eq. 5), and what maximises it.
 
 Source: Belghazi et al., *Mutual Information Neural Estimation* (arXiv 1801.04062), with its bias-corrected gradient.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import torch
@@ -15,6 +15,8 @@ from semcal_cli.config.mine import MineConfig
 
 MAX_STATISTIC = 30.0
 """The exponential of a larger statistic would overflow in float32 sums, and mean nothing."""
+EPSILON = 1e-8
+"""Keeps the steps of Adam finite."""
 
 
 class StatisticsNetwork(torch.nn.Module):
@@ -108,3 +110,45 @@ class DonskerVaradhan(torch.nn.Module):
         self._mean_exp = self.decay * previous + (1 - self.decay) * detached
         bound = joint - mean_exp.log()
         return bound.detach(), joint - mean_exp / self._mean_exp
+
+
+class Adam:
+    """Adam (Kingma and Ba, arXiv 1412.6980) for a few small tensors, to the last bit as `torch.optim` has it.
+
+    `torch.optim` loads torch's compiler when its first optimiser is made, which takes as long as 200 steps of MINE.
+    """
+
+    def __init__(
+        self, parameters: Iterable[Tensor], rate: float, betas: tuple[float, float] = (0.9, 0.999)
+    ) -> None:
+        """Take the tensors over: they and their gradients become views of what is kept here.
+
+        Args:
+            parameters: Leaves that require gradients, of one dtype and on one device.
+            rate: Learning rate, which may be changed between steps.
+            betas: Decays of the two means of gradients.
+        """
+        leaves = list(parameters)
+        self.rate, self.betas, self._num_steps = rate, betas, 0
+        self._values = torch.cat([leaf.detach().reshape(-1) for leaf in leaves])
+        self._gradient, self._mean, self._mean_square = (torch.zeros_like(self._values) for _ in range(3))
+        sizes = [leaf.numel() for leaf in leaves]
+        parts = zip(leaves, torch.split(self._values, sizes), torch.split(self._gradient, sizes), strict=True)
+        for leaf, values, gradient in parts:
+            leaf.data, leaf.grad = values.view_as(leaf), gradient.view_as(leaf)
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Descend by one step."""
+        self._num_steps += 1
+        for_mean, for_square = self.betas
+        self._mean.lerp_(self._gradient, 1.0 - for_mean)
+        self._mean_square.mul_(for_square).addcmul_(self._gradient, self._gradient, value=1.0 - for_square)
+        # Both means begin at zero; the corrections take that out.
+        length = self.rate / (1.0 - for_mean**self._num_steps)
+        scale = (1.0 - for_square**self._num_steps) ** 0.5
+        self._values.addcdiv_(self._mean, (self._mean_square.sqrt() / scale).add_(EPSILON), value=-length)
+
+    def zero_grad(self) -> None:
+        """Forget the gradients, in place."""
+        self._gradient.zero_()

@@ -23,7 +23,7 @@ from torch.nn import functional
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.refinement.projection import Projection
+from semcal_cli.refinement.torch_geometry import Projection
 
 
 class MutualInformation(torch.nn.Module):

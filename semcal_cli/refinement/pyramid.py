@@ -1,7 +1,8 @@
 """The label pyramid: a pose is optimised level by level, coarse to fine, each from the pose of the one before (Alg. 1).
 
-What is maximised at a level is the estimator's: the exact mutual information of labels (`semcal_cli.refinement.exact`),
-or the Donsker-Varadhan bound of a statistics network (`semcal_cli.refinement.mine`).
+What is maximised at a level is the estimator's: the exact mutual information of labels, in Rust, or the
+Donsker-Varadhan bound of a statistics network (`semcal_cli.refinement.mine`). `refine_exactly` is the way in for what
+is assessed: other focal lengths and clocks, parts of a drive, single frames.
 
 Every level has the same number of steps, whose lengths fall to a twentieth: on mini-batches, when to stop earlier would
 be told by noise. Whether the pose has settled by then is measured.
@@ -16,17 +17,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 from semcal_cli import _core
-from semcal_cli.config import PyramidConfig
+from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks.table import REFINEMENT_NOT_SETTLED
-from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.stage import StageResult
+
+SEGMENT_SHARE = 2
+"""Segments are compared by this part of the points, since only those near the picture are looked at."""
 
 
 @dataclass(frozen=True)
@@ -101,40 +105,32 @@ def refine_pose(
         level = optimizer.ascend(
             factor, pose, visible_only=factor * block_deg < config.hidden_below_block_deg
         )
-        _check_overlap(observations, level, config.min_points)
+        if level.num_points < config.min_points:
+            total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
+            raise CalibrationError(
+                f"no overlap: {level.num_points} of {total} points land on pixels with classes, "
+                f"needed {config.min_points}"
+            )
         levels.append(level)
         pose = clamp(level.T_camera_lidar)
         on_level(level, len(factors))
-    converged = levels[-1].drift <= config.max_final_drift
-    how = "settled" if converged else "not settled"
+    drift, most = levels[-1].drift, config.max_final_drift
+    converged = drift <= most
+    found = (
+        f"the refinement had not settled, the pose still moved points by {drift:.1f} pixels over the last quarters of "
+        f"the finest level, needed at most {most:g}"
+    )
     return Refinement(
         T_camera_lidar=pose,
         agreement=_core.agreement(observations.core, pose),
         bound_nats=levels[-1].bound_nats,
-        findings=() if converged else (_not_settled(levels[-1], config.max_final_drift),),
+        findings=() if converged else (REFINEMENT_NOT_SETTLED.finding(found),),
         settings={"pyramid": asdict(config)},
         note="" if converged else "still moving at the end",
-        details=f"{len(levels)} levels, {how}",
+        details=f"{len(levels)} levels, {'settled' if converged else 'not settled'}",
         levels=tuple(levels),
         converged=converged,
     )
-
-
-def _check_overlap(observations: Observations, level: Level, min_points: int) -> None:
-    if level.num_points < min_points:
-        total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
-        raise CalibrationError(
-            f"no overlap: {level.num_points} of {total} points land on pixels with classes, "
-            f"needed {min_points}"
-        )
-
-
-def _not_settled(finest: Level, most: float) -> Finding:
-    found = (
-        f"the refinement had not settled, the pose still moved points by {finest.drift:.1f} pixels over the last "
-        f"quarters of the finest level, needed at most {most:g}"
-    )
-    return REFINEMENT_NOT_SETTLED.finding(found)
 
 
 def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:
@@ -142,3 +138,52 @@ def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:
     widest = core_camera(camera).pixels_per_radian * math.radians(config.coarsest_block_deg)
     largest = min(widest, camera.width / config.min_blocks, camera.height / config.min_blocks)
     return [2**level for level in range(int(math.log2(max(largest, 1.0))), -1, -1)]
+
+
+class ExactEstimator:
+    """Ascends the exact mutual information of discrete labels, level by level.
+
+    For discrete labels the Donsker-Varadhan bound is reached by a table of pointwise mutual information, so that there
+    is no statistics network to learn.
+    """
+
+    def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
+        """Keep what the levels have in common.
+
+        Args:
+            observations: Labelled points and label images of all frames.
+            config: Steps, mini-batches and limits.
+            seed: Seed of the mini-batches.
+        """
+        self.config = exact_config(observations, config)
+        self.observations, self.seed = observations, seed
+
+    def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
+        """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
+        end = _core.ascend(
+            self.observations.core,
+            T_start,
+            self.config,
+            factor=factor,
+            visible_only=visible_only,
+            seed=self.seed,
+        )
+        return Level(factor, end.T_camera_lidar, end.drift, end.num_points)
+
+
+def exact_config(observations: Observations, config: ExactConfig) -> ExactConfig:
+    """Adapt settings to the cue: a segment has few points of a mini-batch, so that each step takes all points."""
+    if not observations.has_segments:
+        return config
+    num_points = config.max_points // SEGMENT_SHARE
+    return replace(config, batch_size=num_points, max_points=num_points)
+
+
+def refine_exactly(
+    observations: Observations, T_init: Pose, exact: ExactConfig, pyramid: PyramidConfig
+) -> Refinement | None:
+    """Refine a pose (4, 4); None if the lens does not reach the points, or no point is left in the image."""
+    try:
+        return refine_pose(observations, T_init, ExactEstimator(observations, exact, seed=0), pyramid)
+    except SemcalError:
+        return None

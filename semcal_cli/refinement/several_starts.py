@@ -14,9 +14,8 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.refinement.exact import exact_config
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import Level, pyramid_factors
+from semcal_cli.refinement.pyramid import Level, exact_config, pyramid_factors
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """Ends of ascents that are nearer to a better one than this have met it, and do not go on."""

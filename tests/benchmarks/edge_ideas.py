@@ -35,9 +35,8 @@ from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import refine_pose
+from semcal_cli.refinement.pyramid import ExactEstimator, refine_pose
 from semcal_cli.refinement.several_starts import pyramid_of
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -27,9 +27,8 @@ from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork
-from semcal_cli.refinement.projection import Projection
 from semcal_cli.refinement.pyramid import pyramid_factors
-from semcal_cli.refinement.se3 import exp_se3
+from semcal_cli.refinement.torch_geometry import Projection, exp_se3
 
 
 @dataclass(frozen=True)
