@@ -9,8 +9,7 @@ from rich.console import Console
 
 from semcal_cli.batch.records import write_summary
 from semcal_cli.batch.tasks import Outcome, failed
-from semcal_cli.cli.batch_end import MAX_NAMED, print_end
-from semcal_cli.cli.batch_progress import BatchProgress
+from semcal_cli.cli.batch_progress import MAX_NAMED, BatchProgress, print_end
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives

@@ -19,8 +19,7 @@ from conftest import run
 from hostile_drives import HOSTILE, Edit, break_drive
 from test_calibration import POSE, make_calibration
 
-from semcal_cli.cli import EXIT_FAILURE, semcal
-from semcal_cli.cli.sections import SECTIONS
+from semcal_cli.cli import EXIT_FAILURE, SECTIONS, semcal
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document

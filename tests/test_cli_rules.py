@@ -7,7 +7,7 @@ import pytest
 from conftest import run
 
 from semcal_cli.cli import semcal
-from semcal_cli.cli.rules import CheckedCommand
+from semcal_cli.cli.settings import SettingsCommand
 
 EXIT_USAGE = 2
 START = "--init t"
@@ -137,9 +137,9 @@ REFUSED = {
         f"calibrate d --cue {value}": f"Invalid value for '--cue': found '{value}', {expected}."
         for value, expected in (
             ("colour", "needed some of labels, segments, edges, intensity, features, auto"),
-            ("segments,segments", "needed each cue once"),
-            ("edges,auto", "but auto goes alone"),
-            ("labels,features", "but features go alone"),
+            ("segments,segments", "needed each name once"),
+            ("edges,auto", "needed auto alone"),
+            ("labels,features", "needed features alone"),
         )
     },
     "synth d --delay-ms 5": "--delay-ms: found 5, needed --motion steady or mixed, without which it changes nothing",
@@ -171,7 +171,7 @@ def test_what_does_not_go_together_is_refused(line: str, capfd: pytest.CaptureFi
         "calibrate d --repeat 1",
         "calibrate d --to nothing",
         "calibrate d --init t --fix tx,qx",
-        "calibrate d --init t --fix tx,ty,tz,rx,ry,rz",
+        "calibrate d --init-rpy-xyz 0 0 0 0 0 0 --fix tx,ty,tz,rx,ry,rz",
         "calibrate d --prior-rotation-deg 0 0 0 -1",
         "calibrate d --prior-translation-m 0 0 nan 1",
         "calibrate d --method paper --mine-pose-rate 0",
@@ -201,17 +201,17 @@ def test_values_out_of_their_ranges_are_wrong_usage(line: str, capfd: pytest.Cap
     assert "Error: " in err or line == "experiment"
 
 
-def checked(group: click.Group = semcal) -> Iterator[CheckedCommand]:
+def checked(group: click.Group = semcal) -> Iterator[SettingsCommand]:
     """Find the commands with rules, those of groups among them."""
     for command in group.commands.values():
         if isinstance(command, click.Group):
             yield from checked(command)
-        elif isinstance(command, CheckedCommand):
+        elif isinstance(command, SettingsCommand):
             yield command
 
 
 @pytest.mark.parametrize("command", list(checked()), ids=lambda command: str(command.name))
-def test_rules_name_options_and_values_that_there_are(command: CheckedCommand) -> None:
+def test_rules_name_options_and_values_that_there_are(command: SettingsCommand) -> None:
     everywhere = {name: each for one in checked() for each in one.params for name in each.opts}
     own = {name for each in command.params for name in each.opts}
     for rule in command.rules:

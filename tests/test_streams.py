@@ -95,9 +95,9 @@ def test_a_folder_that_is_only_read_is_named_before_the_work(
     for name in ("old.yaml", "new.yaml"):
         path = tmp_path / name
         with pytest.raises(InputError) as refused:
-            check_outputs([], [path])
+            check_outputs([], path)
         assert str(refused.value) == f"{path}: found no right to write to its folder {tmp_path}, needed it"
-    check_outputs([], [tmp_path / "pipe"])  # into which the content goes
+    check_outputs([], tmp_path / "pipe")  # into which the content goes
 
 
 def test_descriptors_are_told_by_their_names(tmp_path: Path) -> None:

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from semcal_cli.cli.calibrate import calibrate
-from semcal_cli.cli.calibrate import settings_of as settings_of_calibrate
+from semcal_cli.cli.calibrate import CalibrateSettings, calibrate
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
-from semcal_cli.cli.options import (
-    KNOWN_TRANSFORMS,
-    MAX_THREADS,
-    PATH,
-    FiniteRange,
-    choice_option,
-    number_option,
-    quiet_option,
-)
-from semcal_cli.cli.refinement import check_estimator
-from semcal_cli.cli.rules import CheckedCommand, Options, given, refuse
-from semcal_cli.cli.verify import settings_of as settings_of_verify
-from semcal_cli.cli.verify import verify
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, MAX_THREADS, QuietSettings
+from semcal_cli.cli.rules import Options, given, refuse
+from semcal_cli.cli.settings import SettingsCommand, argument, command, option
+from semcal_cli.cli.verify import VerifySettings, verify
 from semcal_cli.errors import torch_import
 
 if TYPE_CHECKING:
@@ -33,13 +25,7 @@ if TYPE_CHECKING:
     from semcal_cli.batch.tasks import Outcome, Task
 
 EXIT_STOPPED = 130
-Check: TypeAlias = Callable[[Mapping[str, Any]], object]
-"""Checks the values of a command's parameters without a drive."""
-COMMANDS: dict[str, tuple[click.Command, Check]] = {
-    "calibrate": (calibrate, settings_of_calibrate),
-    "verify": (verify, settings_of_verify),
-}
-"""The commands, each with the function that checks its options without a drive."""
+COMMANDS: dict[str, SettingsCommand[Any]] = {"calibrate": calibrate, "verify": verify}
 OURS = (
     *("-o", "--log", "--threads", "--quiet", "--report", "--overlay", "--json", "--junit", "--inconclusive"),
     *("--to", "--to-direction", "--to-frame", "--to-camera", "--to-lidar"),
@@ -48,7 +34,7 @@ OURS = (
 REST = "semcal.rest"
 
 
-class WithRest(CheckedCommand):
+class WithRest(SettingsCommand["BatchSettings"]):
     """A command that passes the arguments after -- on."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -64,13 +50,40 @@ class WithRest(CheckedCommand):
         return [*super().collect_usage_pieces(ctx), "[-- OPTIONS OF THE COMMAND]"]
 
 
-@click.command(
-    cls=WithRest,
-    rules=[
+@dataclass(frozen=True, kw_only=True)
+class BatchSettings(QuietSettings):
+    """What the options of `batch` say."""
+
+    rules = [
         given("--command verify").requires("--calibration"),
         given("--calibration").requires("--command verify"),
         given("--dask").excludes("--jobs", because="the cluster has as many as its workers' threads"),
-    ],
+    ]
+    drives: tuple[str, ...] = argument()
+    output: Path = option("Folder of the results.", "-o", "--output", required=True, metavar="DIR")
+    command: Literal["calibrate", "verify"] = option("Command to run.", default="calibrate")
+    calibration: Path | None = option("Transform to verify, with --command verify.", metavar="FILE")
+    jobs: int | None = option("Number of drives at a time.  [default: 1]", least=1)
+    threads: int | None = option(
+        "Threads for each drive.  [default: cores by jobs; with --dask, 1]", least=1, most=MAX_THREADS
+    )
+    timeout_s: float | None = option("Longest time for one drive.", "--timeout", above=0.0, metavar="S")
+    force: bool = option("Run finished drives again.", default=False)
+    dask: str | None = option(
+        "Run on this Dask cluster, tcp://HOST:PORT, on shared storage.", metavar="ADDRESS"
+    )
+
+    @property
+    def num_threads(self) -> int:
+        """Threads for each drive."""
+        from semcal_cli.threads import num_cores
+
+        return self.threads or (1 if self.dask is not None else max(num_cores() // (self.jobs or 1), 1))
+
+
+@command(
+    BatchSettings,
+    cls=WithRest,
     help=f"""Calibrate many DRIVES, or verify one transform on them.
 
     DRIVES are folders, drive files, patterns in quotes, text files (.txt) with one of these a line, or - for standard
@@ -85,74 +98,35 @@ class WithRest(CheckedCommand):
     FILE is {KNOWN_TRANSFORMS}.
     """,
 )
-@click.argument("drives", nargs=-1, required=True)
-@click.option("-o", "--output", type=PATH, required=True, metavar="DIR", help="Folder of the results.")
-@choice_option("--command", list(COMMANDS), default="calibrate", help="Command to run.")
-@click.option("--calibration", type=PATH, metavar="FILE", help="Transform to verify, with --command verify.")
-@number_option("--jobs", help="Number of drives at a time.  [default: 1]")
-@number_option(
-    "--threads", most=MAX_THREADS, help="Threads for each drive.  [default: cores by jobs; with --dask, 1]"
-)
-@click.option(
-    "--timeout",
-    "timeout_s",
-    type=FiniteRange(0.0, min_open=True),
-    metavar="S",
-    help="Longest time for one drive.",
-)
-@click.option("--force", is_flag=True, help="Run finished drives again.")
-@click.option(
-    "--dask",
-    "address",
-    metavar="ADDRESS",
-    help="Run on this Dask cluster, tcp://HOST:PORT, on shared storage.",
-)
-@quiet_option
-def batch(
-    drives: tuple[str, ...],
-    output: Path,
-    command: str,
-    calibration: Path | None,
-    jobs: int | None,
-    threads: int | None,
-    timeout_s: float | None,
-    force: bool,
-    address: str | None,
-    quiet: bool,
-) -> None:
+def batch(settings: BatchSettings) -> None:
     """Run a command on many drives."""
     from semcal_cli.batch.cluster import connect, execute_on
     from semcal_cli.batch.records import worst
     from semcal_cli.batch.run import execute_here, run_batch
-    from semcal_cli.cli.batch_end import print_end
-    from semcal_cli.cli.batch_progress import BatchProgress
+    from semcal_cli.cli.batch_progress import BatchProgress, print_end
     from semcal_cli.cli.worker import run_task
-    from semcal_cli.threads import num_cores
 
-    num_jobs = jobs or 1
-    num_threads = threads or (1 if address is not None else max(num_cores() // num_jobs, 1))
-    tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s, address is None)
-    folder = output.absolute()
+    tasks, num_jobs, folder = _make_tasks(settings), settings.jobs or 1, settings.output.absolute()
     with ExitStack() as stack:
-        client = None if address is None else stack.enter_context(connect(address))
-        show = stack.enter_context(BatchProgress(len(tasks), num_jobs, quiet))
+        client = None if settings.dask is None else stack.enter_context(connect(settings.dask))
+        show = stack.enter_context(BatchProgress(len(tasks), num_jobs, settings.quiet))
         if client is None:
             execute = execute_here(folder, num_jobs, run_task, show.begin)
         else:
             execute = execute_on(client, folder, run_task)
         try:
-            outcomes = run_batch(tasks, folder, execute, force=force, on_done=show.tell)
+            outcomes = run_batch(tasks, folder, execute, force=settings.force, on_done=show.tell)
         except KeyboardInterrupt:
             stack.close()
             done = f"{show.num_done:,} of {len(tasks):,} drives are done"
             click.echo(f"semcal: stopped: {done}; the same command does the others", err=True)
             sys.exit(EXIT_STOPPED)
-    print_end(show.console, outcomes, output)
-    _report(command, output, outcomes).tell_github()
+    print_end(show.console, outcomes, settings.output)
+    _report(settings, outcomes).tell_github()
     sys.exit(worst(outcome.exit_code for outcome in outcomes))
 
 
-def _report(command: str, output: Path, outcomes: Sequence[Outcome]) -> CiReport:
+def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
     """Make a case of each drive; one that failed fails, too."""
     from semcal_cli.assessment.limits import together
 
@@ -162,18 +136,10 @@ def _report(command: str, output: Path, outcomes: Sequence[Outcome]) -> CiReport
         for each in outcomes
     ]
     worst = together(case.verdict for case in cases)
-    return CiReport(f"batch {command}", str(output), worst, cases)
+    return CiReport(f"batch {settings.command}", str(settings.output), worst, cases)
 
 
-def _make_tasks(
-    drives: tuple[str, ...],
-    output: Path,
-    command: str,
-    calibration: Path | None,
-    num_threads: int,
-    timeout_s: float | None,
-    is_here: bool,
-) -> list[Task]:
+def _make_tasks(settings: BatchSettings) -> list[Task]:
     """List the tasks: the command on each drive, with its results below the folder.
 
     Raises:
@@ -182,89 +148,79 @@ def _make_tasks(
             theirs.
     """
     from semcal_cli.batch.folders import check_apart, check_distinct_folders, check_made_by_batch
-    from semcal_cli.batch.tasks import Task, find_drives, folder_of
+    from semcal_cli.batch.tasks import find_drives, folder_of
 
-    rest, also, max_points = _take_rest(command, calibration, is_here)
-    found = find_drives(drives, sys.stdin)
+    make = _task_maker(settings)
+    found, folder = find_drives(settings.drives, sys.stdin), settings.output.absolute()
     check_distinct_folders(found)
-    check_apart(found, output)
-    folder = output.absolute()
-    tasks = [
-        Task(
-            drive,
-            path=str(Path(drive).absolute()),
-            folder=str(folder / folder_of(drive)),
-            command=command,
-            arguments=tuple(rest),
-            also=tuple(also),
-            num_threads=num_threads,
-            max_points=max_points,
-            timeout_s=timeout_s,
-        )
+    check_apart(found, settings.output)
+    tasks: list[Task] = [
+        make(drive, path=str(Path(drive).absolute()), folder=str(folder / folder_of(drive)))
         for drive in found
     ]
-    check_made_by_batch(tasks, folder, output)
+    check_made_by_batch(tasks, folder, settings.output)
     return tasks
 
 
-def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[list[str], list[str], int]:
-    """Check the options that go to the command, once for all drives.
+def _task_maker(settings: BatchSettings) -> partial[Task]:
+    """Check what goes to the command, once for all drives, and make tasks of which only the drive is open.
 
-    Returns:
-        The options with absolute paths, their files, and the points of the largest sweep that they allow.
+    Other machines have other working folders, so that files are named by their absolute paths.
 
     Raises:
         click.UsageError: the command has no such option, options exclude one another, or the batch sets one.
         InputError: a transform is invalid, or this machine, where the drives are to run, lacks torch or the
             device.
     """
+    from semcal_cli.batch.tasks import Task
     from semcal_cli.drive.document import drive_file
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
-    values = _checked_parameters(command, calibration, rest)
-    if is_here:
-        check_estimator(values)
-    if is_here and values.get("device") == "cuda":
-        with torch_import():
-            from semcal_cli.refinement.mine import check_device
+    calibration, found = settings.calibration, _checked(settings, rest)
+    named = [] if calibration is None else [calibration]
+    if isinstance(found, CalibrateSettings):
+        if settings.dask is None:
+            found.check_estimator()
+            if found.device == "cuda":
+                with torch_import():
+                    from semcal_cli.refinement.mine import check_device
 
-        check_device("cuda")
-    init: Path | None = values.get("init")
-    named = [path for path in (calibration, init) if path is not None]
-    if init is not None:
-        # Other machines have other working folders; the last value of a repeated option counts.
-        rest = [*rest, "--init", str(init.absolute())]
-    if (model := values.get("image_model")) is not None:
-        named.append(model)
-        rest = [*rest, "--image-model", str(model.absolute())]
-        if (card := values["image_card"]) is not None and Path(card).exists():
-            named.append(Path(card))
-            rest = [*rest, "--image-card", str(Path(card).absolute())]
+                check_device("cuda")
+        files = {"--init": found.init, "--image-model": found.image_model}
+        if found.image_model is not None and found.image_card is not None and Path(found.image_card).exists():
+            files["--image-card"] = Path(found.image_card)
+        for name, path in files.items():
+            if path is not None:
+                named.append(path)
+                rest = [*rest, name, str(path.absolute())]  # the last value of a repeated option counts
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
-    return rest, [str(drive_file(path).absolute()) for path in named], values["max_points"]
+    return partial(
+        Task,
+        command=settings.command,
+        arguments=tuple(rest),
+        also=tuple(str(drive_file(path).absolute()) for path in named),
+        num_threads=settings.num_threads,
+        max_points=found.max_points,
+        timeout_s=settings.timeout_s,
+    )
 
 
-def _checked_parameters(command: str, calibration: Path | None, rest: list[str]) -> dict[str, Any]:
-    """Parse the options that go to the command, and check all that can be said about them without a drive.
-
-    Raises:
-        click.UsageError: the command has no such option, options exclude one another, or the batch sets one.
-        InputError: a transform is invalid.
-    """
+def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:
+    """Parse the options that go to the command, and check all that can be said about them without a drive."""
     from semcal_cli.batch.tasks import RESULTS
 
     if "--" in rest:
         raise click.UsageError("-- --: found -- once more, needed options of the command")
-    arguments = ["DRIVE"] if calibration is None else ["DRIVE", str(calibration)]
-    run, check = COMMANDS[command]
+    name, run = settings.command, COMMANDS[settings.command]
+    arguments = ["DRIVE"] if settings.calibration is None else ["DRIVE", str(settings.calibration)]
     root = click.get_current_context().parent
-    result = {"output": RESULTS[command]}
-    with run.make_context(command, [*arguments, *rest], root, default_map=result) as context:
+    with run.make_context(name, [*arguments, *rest], root, default_map={"output": RESULTS[name]}) as context:
         refuse(Options(context), OURS, "is not for many drives")
+        found: CalibrateSettings | VerifySettings = run.settings_in(context)
         try:
-            check(context.params)
+            found.check()
         except click.UsageError as error:
             error.ctx = context
             raise
-    return context.params
+    return found

@@ -1,32 +1,35 @@
-"""The progress of a running batch on the terminal."""
+"""What a batch says while it runs, and at its end: verdicts, drives that need a look, what the others agree on."""
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter, deque
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from rich.console import Console
 from rich.text import Text
 
 from semcal_cli.batch.pace import Pace
+from semcal_cli.batch.records import CSV, JSONL
 from semcal_cli.batch.tasks import FAILED, Outcome
-from semcal_cli.cli.live import live_lines, running_lines, time_left
-from semcal_cli.cli.terminal import make_console
-from semcal_cli.errors import printable
+from semcal_cli.cli.tables import labelled, pose_rows, wrapped
+from semcal_cli.cli.terminal import COLORS, live_lines, make_console, running_lines, time_left
+from semcal_cli.errors import SemcalError, printable
 
 RECENT = 8
 """Number of drives that are shown after they are done."""
-STYLES = {
-    "failed": "bold red",
-    "fail": "bold red",
-    "not_trusted": "bold red",
-    "inconclusive": "bold yellow",
-    "not_assessed": "bold yellow",
-    "trusted": "bold green",
-    "pass": "bold green",
-}
+WORST_FIRST = ("fail", "not_trusted", "inconclusive", "not_assessed", "trusted", "pass")
+STYLES = {"failed": COLORS["fail"], **{status: COLORS[status] for status in WORST_FIRST}}
 """Colour of each status, the worst first."""
 STATUS_WIDTH = 14
+MAX_NAMED = 8
+"""Most drives that are named at the end; the files name all."""
+GOOD = ("trusted", "pass", "not_assessed")
+"""Statuses of drives that need no look."""
+MIN_AGREEING = 2
+"""Least number of trusted drives that can agree on a pose."""
 
 
 class BatchProgress(Pace):
@@ -79,8 +82,7 @@ def counts_text(counts: Counter[str]) -> Text:
 def outcome_text(outcome: Outcome) -> Text:
     """Name the status of a drive, the drive, and the first reason."""
     reason = f": {first_reason(outcome)}" if outcome.reasons else ""
-    status = Text(f"{words(outcome.status):<{STATUS_WIDTH}}", STYLES[outcome.status])
-    return status + Text(printable(f"{outcome.drive}{reason}"))
+    return status_text(outcome.status) + Text(printable(f"{outcome.drive}{reason}"))
 
 
 def first_reason(outcome: Outcome) -> str:
@@ -92,3 +94,67 @@ def first_reason(outcome: Outcome) -> str:
 def words(status: str) -> str:
     """Write a status as words."""
     return status.replace("_", " ")
+
+
+def status_text(status: str) -> Text:
+    """Write a status as words in its colour, as wide as the column of statuses."""
+    return Text(f"{words(status):<{STATUS_WIDTH}}", STYLES[status])
+
+
+def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> None:
+    """Print the end of a batch whose results are in a folder."""
+    if console.quiet:
+        return
+    from semcal_cli.fleet.verdict import MIN_DRIVES
+
+    counts = counts_text(Counter(outcome.status for outcome in outcomes))
+    done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts
+    lines = [done, *_bad_drives(outcomes, folder)]
+    trusted = [outcome.drive for outcome in outcomes if outcome.status == "trusted"]
+    rows = _agreement(set(trusted), folder) if len(trusted) >= MIN_AGREEING else []
+    rows.append(("summary", f"{folder / CSV}, {folder / JSONL}"))
+    lines += [Text(line) for row in rows for line in wrapped(*row)]
+    if len(trusted) >= MIN_DRIVES:
+        place = shlex.quote(str(folder))
+        lines.append(Text(labelled("next", f"semcal fleet {place} --report fleet.html")))
+    for line in lines:
+        console.print(line)
+
+
+def _bad_drives(outcomes: Sequence[Outcome], folder: Path) -> list[Text]:
+    """Name the drives that need a look, the worst first, each with its first reason."""
+    order = list(STYLES)
+    bad = [outcome for outcome in outcomes if outcome.status not in GOOD]
+    bad.sort(key=lambda outcome: (order.index(outcome.status), outcome.drive))
+    lines: list[Text] = []
+    for outcome in bad[:MAX_NAMED]:
+        lines.append(status_text(outcome.status) + Text(printable(outcome.drive)))
+        if outcome.reasons:
+            lines += [Text(line) for line in wrapped("", first_reason(outcome), STATUS_WIDTH)]
+    if len(bad) > MAX_NAMED:
+        lines.append(Text(f"and {len(bad) - MAX_NAMED:,} more: see {folder / CSV}"))
+    return lines
+
+
+def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
+    """Say what the trusted drives agree on, and how well that is known, as labels and texts."""
+    from semcal_cli.config import Limits
+    from semcal_cli.fleet.combination import combine_drives
+    from semcal_cli.fleet.members import read_members
+    from semcal_cli.result.intervals import widest
+
+    try:
+        members = [each for each in read_members([folder]) if each.drive in trusted and each.left_out is None]
+        num_cameras = len({each.camera for each in members})
+        if num_cameras > 1:
+            several = f"none: the trusted drives have {num_cameras:,} different cameras, given or estimated"
+            return [("agreed pose", several)]
+        found = combine_drives(members, Limits())
+    except SemcalError as error:
+        return [("agreed pose", f"none: {error}")]
+    known = widest(found.parts[-1].half_widths.tolist())
+    return [
+        ("agreed pose", f"of {len(members):,} trusted drives: {known}"),
+        *pose_rows(found.T_camera_lidar),
+        *([("note", found.reasons[0])] if found.verdict != "pass" and found.reasons else ()),
+    ]

@@ -1,120 +1,191 @@
-"""`semcal calibrate`: the whole pipeline."""
+"""`semcal calibrate`: the whole pipeline, on a drive, on each part of one, or on the drives of a rig."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import click
 
-from semcal_cli.cli.convert import FormatName, format_options, open_options
-from semcal_cli.cli.label import (
-    IMAGE_RULES,
-    ImageLabels,
-    image_labels_of,
-    image_options,
-    label_on_the_way,
-)
-from semcal_cli.cli.options import (
-    ResultOptions,
-    asked,
-    choice_option,
-    drive_argument,
-    number_option,
-    overlay_option,
-    report_option,
-    result_options,
-)
-from semcal_cli.cli.paper import PAPER_RULES, make_paper, paper_options
-from semcal_cli.cli.priors import PRIORS
-from semcal_cli.cli.refinement import (
-    REFINEMENT_RULES,
-    check_estimator,
-    make_refinement,
-    refinement_options,
-)
-from semcal_cli.cli.rules import CheckedCommand, given
-from semcal_cli.cli.search import SEARCH_RULES, STARTS, make_search, search_options
-from semcal_cli.config import AUTO, LABELS, CalibrationConfig
+from semcal_cli.cli.convert import WrittenSettings
+from semcal_cli.cli.label import ImageSettings, label_on_the_way
+from semcal_cli.cli.options import ResultSettings
+from semcal_cli.cli.rules import given
+from semcal_cli.cli.settings import command, option, output_file, setting_of, settings_group
+from semcal_cli.cli.stages import PRIORS, STARTS, RefinementSettings, SearchSettings
+from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
+from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
+from semcal_cli.config.setting import settings_of
+from semcal_cli.errors import CalibrationError, SemcalError, check_torch
 from semcal_cli.files.writing import takes_several
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.priors import Prior
     from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.experiments.baselines.config import PaperConfig
-    from semcal_cli.formats.format import FormatOptions
-    from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
 
 BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
-METHOD_RULES = (
-    given(
-        *("--search-deg", "--zoom", "--estimator", "--edge-band", "--no-polish", "--repeat", "--split"),
-        *("--refine-intrinsics", "--intrinsics-sigma", "--estimate-delay", *PRIORS),
-    ).requires("--method mi"),
-    given("--seed", "--roll", "--device", *BEYOND_LABELS).requires("--method mi", "--method paper"),
-    *PAPER_RULES,
-    given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 is by labels"),
-)
-OUTPUT_RULES = (
-    given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
-    given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
-    given("--split").requires("-o", because="it writes several files, which are named after that one"),
-    given("--split").excludes("--to", because="it writes whole results"),
-    given("--split").excludes(
-        "--no-polish", "--cue features", because="frames are compared after the polish"
-    ),
-)
-METHODS = ("mi", "paper", "soic")
+OF_PAPER = "{} Only with --method paper."
 
 
-@click.command(
-    cls=CheckedCommand,
-    rules=(*METHOD_RULES, *IMAGE_RULES, *SEARCH_RULES, *REFINEMENT_RULES, *OUTPUT_RULES),
-)
-@drive_argument
-@image_options
-@choice_option(
-    "--method",
-    METHODS,
-    default="mi",
-    help="Mutual information as semcal maximises it; the paper's method as published, without anything of semcal's "
-    "own; or SOIC, a rival that needs the same class names on both sides. The last two are there to compare with, and "
-    "do not estimate their uncertainty.",
-)
-@search_options
-@refinement_options
-@paper_options
-@number_option(
-    "--repeat",
-    least=2,
-    help="Calibrate with N seeds, and report their scatter beside the stated uncertainty.",
-)
-@click.option(
-    "--split",
-    is_flag=True,
-    help="Where the camera was moved in mid-drive, also calibrate each part of the drive on its own, and write "
-    "OUT_part_1.yaml, OUT_part_2.yaml and so on beside -o OUT.yaml, and the same for --log. The exit code is then "
-    "that of the worst part; --report and --overlay show the whole drive.",
-)
-@click.option(
-    "--to",
-    type=FormatName(),
-    metavar="FORMAT",
-    help="Write only the transform, in a format that `convert --formats` lists.",
-)
-@open_options("to-", "what is written with --to")
-@report_option("the result")
-@overlay_option("Also write overlays of the points, before and after, for at most 20 frames.")
-@result_options
-def calibrate(
-    drive: Path,
-    **options: Any,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class PaperSettings:
+    """Options for the choices that the paper leaves open."""
+
+    section = "The paper's method"
+    rules = [
+        given(
+            *(each.option for config in (MineConfig, PyramidConfig) for each in settings_of(config).values())
+        ).requires("--method paper"),
+    ]
+    mine: dict[str, Any] = settings_group(MineConfig, help=OF_PAPER, is_open=True)
+    max_final_drift: float | None = setting_of(PyramidConfig, "max_final_drift", help=OF_PAPER, is_open=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateSettings(
+    ImageSettings, SearchSettings, RefinementSettings, PaperSettings, WrittenSettings, ResultSettings
+):
+    """What the options of `calibrate` say."""
+
+    rules = [
+        given(
+            *("--search-deg", "--zoom", "--estimator", "--edge-band", "--no-polish", "--repeat", "--split"),
+            *("--refine-intrinsics", "--intrinsics-sigma", "--estimate-delay", *PRIORS),
+        ).requires("--method mi"),
+        given("--seed", "--roll", "--device", *BEYOND_LABELS).requires("--method mi", "--method paper"),
+        given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 is by labels"),
+        given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
+        given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
+        given("--split").requires("-o", because="it writes several files, which are named after that one"),
+        given("--split").excludes("--to", because="it writes whole results"),
+        given("--split").excludes(
+            "--no-polish", "--cue features", because="frames are compared after the polish"
+        ),
+    ]
+    method: Literal["mi", "paper", "soic"] = option(
+        "Mutual information as semcal maximises it; the paper's method as published, without anything of semcal's own; "
+        "or SOIC, a rival that needs the same class names on both sides. The last two are there to compare with, and "
+        "do not estimate their uncertainty.",
+        default="mi",
+    )
+    repeat: int | None = option(
+        "Calibrate with N seeds, and report their scatter beside the stated uncertainty.", least=2
+    )
+    split: bool = option(
+        "Where the camera was moved in mid-drive, also calibrate each part of the drive on its own, and write "
+        "OUT_part_1.yaml, OUT_part_2.yaml and so on beside -o OUT.yaml, and the same for --log. The exit code is then "
+        "that of the worst part; --report and --overlay show the whole drive.",
+        default=False,
+    )
+    page: Path | None = output_file("Also write a page about the result: .html.", "--report")
+    images: Path | None = option(
+        "Also write overlays of the points, before and after, for at most 20 frames.",
+        "--overlay",
+        metavar="DIR",
+    )
+
+    def check(self) -> None:
+        """Check all that can be said about the options without the drive.
+
+        Raises:
+            click.UsageError: options do not go together that no rule is about.
+            InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
+        """
+        for name in ("initial_pose", "paper", "config", "priors"):
+            getattr(self, name)
+        output = self.outputs.output
+        if self.split and output is not None and takes_several(output):
+            raise click.UsageError(f"--split: found {output}, needed -o with a file: it writes several.")
+
+    def check_estimator(self) -> None:
+        """Check that torch is there if MINE is asked for.
+
+        Raises:
+            InputError: it is not installed.
+        """
+        if self.method == "paper":
+            check_torch("--method paper")
+        super().check_estimator()
+
+    @property
+    def refinement(self) -> RefinementConfig:
+        """Settings of the refinement."""
+        found = super().refinement
+        return replace(found, estimator="mine") if self.method == "paper" else found
+
+    def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
+        """Give the cues to compare, which for rivals and MINE are labels if none are named."""
+        return LABELS if self.method != "mi" and cues == AUTO else super().known_cues(cues)
+
+    @property
+    def config(self) -> CalibrationConfig:
+        """All settings of the calibration."""
+        return CalibrationConfig(
+            self.seed,
+            self.known_cues(self.cues),
+            self.max_frames,
+            self.initialization,
+            self.refinement,
+            self.repeat or 1,
+            is_raw=self.method == "paper",
+        )
+
+    @property
+    def paper(self) -> PaperConfig | None:
+        """Settings of the paper's method, with the search's in-plane rotations and distance; None for another one.
+
+        Raises:
+            click.UsageError: several cues are given.
+        """
+        if self.method != "paper":
+            return None
+        from semcal_cli.experiments.baselines.config import PaperConfig
+
+        if len(self.cues) > 1:
+            raise click.UsageError(f"--cue: found {','.join(self.cues)}, --method paper takes one cue.")
+        usual, drift = PaperConfig(), self.max_final_drift
+        has_vectors = self.known_cues(self.cues) != LABELS
+        mine = replace(
+            MINE_WITH_VECTORS if has_vectors else usual.mine,
+            edge_band_px=0,
+            max_baseline_m=self.max_baseline_m,
+            **self.mine,
+        )
+        pyramid = usual.pyramid if drift is None else replace(usual.pyramid, max_final_drift=drift)
+        return PaperConfig(replace(self.initialization, zoom=usual.initialization.zoom), pyramid, mine)
+
+    @property
+    def outputs(self) -> Outputs:
+        """Output files."""
+        from semcal_cli.cli.outputs import Outputs
+
+        to = None if self.to is None else (self.to, self.written())
+        return replace(Outputs.of_result(self), to=to, page=self.page, images=self.images)
+
+    def calibration(self) -> Callable[..., Calibration]:
+        """Choose the function that calibrates a drive by the method, with all settings."""
+        start: dict[str, Any] = {"config": self.config, "initial_pose": self.initial_pose}
+        if self.method == "soic":
+            from semcal_cli.experiments.baselines.soic import calibrate_by_soic
+
+            return partial(calibrate_by_soic, **start)
+        if (paper := self.paper) is not None:
+            from semcal_cli.experiments.baselines.paper import calibrate_as_published
+
+            return partial(calibrate_as_published, paper=paper, **start)
+        from semcal_cli.pipeline import calibrate
+
+        return partial(calibrate, priors=self.priors, **start)
+
+
+@command(CalibrateSettings)
+def calibrate(settings: CalibrateSettings) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
 
     Needs no start guess: all mounting directions are searched, then the best pose is refined. Exit code 3 means that
@@ -123,135 +194,104 @@ def calibrate(
     DRIVE may be a rig.yaml, which names the drives of several cameras of one LiDAR: all are calibrated, and -o is a
     folder for the result of each and for rig_calibration.yaml, with each camera beside each other.
     """
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.rig.document import find_rig
 
-    check_estimator(options)
-    settings = settings_of(options)
-    common, config, initial_pose = settings.common, settings.config, settings.initial_pose
-    run = partial(_by_method(settings), config=config, initial_pose=initial_pose)
-    if (rig := find_rig(drive)) is not None:
+    settings.check_estimator()
+    settings.check()
+    if (rig := find_rig(settings.drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
-        sys.exit(calibrate_rig(rig, run, common, config))
-    if settings.image_labels is not None:
-        drive = _labelled(drive, settings.image_labels, common)
-    if settings.is_split:
-        from semcal_cli.cli.split import calibrate_parts
-
-        sys.exit(calibrate_parts(drive, run, settings.outputs, common, config, initial_pose))
-    sys.exit(_calibrate_drive(drive, run, settings.outputs, common, config, initial_pose))
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the options of `calibrate` say, whatever the drive."""
-
-    method: str
-    """One of `METHODS`."""
-    common: ResultOptions
-    config: CalibrationConfig
-    initial_pose: InitialPose | None
-    priors: tuple[Prior, ...]
-    paper: PaperConfig | None
-    """Settings of the paper's method; None for another one."""
-    outputs: Outputs
-    is_split: bool
-    """Whether each part of a drive is calibrated in which the camera was moved."""
-    image_labels: ImageLabels | None
-    """The network that labels pictures on the way; None if the drive has labels."""
+        sys.exit(calibrate_rig(rig, settings))
+    if settings.image_model is not None:
+        with Terminal(quiet=settings.quiet, verbose=settings.verbose) as terminal:
+            drive = label_on_the_way(
+                settings.drive, settings, settings.max_frames, settings.max_points, terminal
+            )
+        settings = replace(settings, drive=drive)
+    sys.exit(_calibrate_drive(settings))
 
 
-def settings_of(values: Mapping[str, Any]) -> Settings:
-    """Check all that can be said about the options without the drive, and make settings of them.
-
-    Args:
-        values: Values of the command's parameters, by their names.
-
-    Raises:
-        click.UsageError: options do not go together that no rule is about.
-        InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
-    """
-    from semcal_cli.cli.outputs import Outputs
-
-    options = dict(values)
-    is_paper = options["method"] == "paper"
-    if options["method"] != "mi" and options["cues"] == AUTO:
-        options["cues"] = LABELS
-    image_labels = image_labels_of(options)
-    search_config, initial_pose = make_search(options)
-    to, opened = options["to"], format_options(options, "to_")
-    max_baseline_m = search_config.alignment.max_baseline_m
-    paper = make_paper(options, search_config) if is_paper else None
-    options["estimator"] = "mine" if is_paper else options["estimator"]
-    refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
-    common = asked(ResultOptions, options)
-    config = CalibrationConfig(
-        common.seed,
-        common.cues,
-        common.max_frames,
-        search_config,
-        refinement,
-        options["repeat"] or 1,
-        is_raw=is_paper,
-    )
-    formatted = None if to is None else _formatted(to, opened)
-    page, images = options["page"], options["images"]
-    outputs = Outputs(common.output, common.log, formatted, page, images, common.as_json)
-    if options["split"] and outputs.output is not None and takes_several(outputs.output):
-        raise click.UsageError(f"--split: found {outputs.output}, needed -o with a file: it writes several.")
-    return Settings(
-        options["method"],
-        common,
-        config,
-        initial_pose,
-        priors,
-        paper,
-        outputs,
-        options["split"],
-        image_labels,
-    )
-
-
-def _formatted(to: str, options: Mapping[str, Any]) -> tuple[str, FormatOptions]:
-    from semcal_cli.formats.format import FormatOptions
-
-    return to, FormatOptions(**options)
-
-
-def _by_method(settings: Settings) -> Callable[..., Calibration]:
-    """Choose the calibration function of a method."""
-    if settings.method == "soic":
-        from semcal_cli.experiments.baselines.soic import calibrate_by_soic
-
-        return calibrate_by_soic
-    if settings.paper is not None:
-        from semcal_cli.experiments.baselines.paper import calibrate_as_published
-
-        return partial(calibrate_as_published, paper=settings.paper)
-    from semcal_cli.pipeline import calibrate
-
-    return partial(calibrate, priors=settings.priors)
-
-
-def _labelled(drive: Path, labels: ImageLabels, common: ResultOptions) -> Path:
-    """Label the pictures of a drive on the way, and return the labelled drive."""
+def _calibrate_drive(settings: CalibrateSettings) -> int:
+    """Calibrate one camera, and with --split each part of its drive; write the results, and return the exit code."""
+    from semcal_cli.assessment.disagreement import MAX_PARTS
+    from semcal_cli.cli.outputs import exit_code, loaded_drive
+    from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.pipeline.parts import split
 
-    with Terminal(quiet=common.quiet, verbose=common.verbose) as terminal:
-        return label_on_the_way(drive, labels, common.max_frames, common.max_points, terminal)
+    outputs, initial_pose = settings.outputs, settings.initial_pose
+    of_parts = [outputs.of_part(number) for number in range(1, MAX_PARTS + 1)] if settings.split else []
+    run = partial(settings.calibration(), relative_to=outputs.folder)
+    if settings.split:
+        run = partial(run, hashes={})
+    with loaded_drive(settings, settings.config, outputs, initial_pose, of_parts) as (data, terminal):
+        whole = run(data, on_event=terminal.on_event)
+    code = outputs.write(whole, terminal, settings.threads, data.drive)
+    if not settings.split:
+        return code
+    parts = split(data, whole)
+    for earlier in of_parts[len(parts) :]:
+        if earlier.output is not None and earlier.output.exists():
+            terminal.print(labelled("of another run", str(earlier.output)))
+    if not parts:
+        terminal.print(labelled("parts", "none: no movement of the camera was found"))
+        return code
+    jobs = []
+    for number, (part, each) in enumerate(zip(parts, of_parts, strict=False), start=1):
+        frames, name = part.drive.frames, f"part {number}"
+        title = f"{name}: {len(frames)} frames, {frames[0].points} to {frames[-1].points}"
+        jobs.append(
+            Job(
+                name,
+                title,
+                partial(run, part),
+                each,
+                Terminal(quiet=settings.quiet, verbose=settings.verbose),
+            )
+        )
+    found, failures = calibrate_each(jobs, settings.threads)
+    if failures:
+        raise CalibrationError(failure_sentence(failures, len(parts), "parts"))
+    return max(map(exit_code, found.values()))
 
 
-def _calibrate_drive(
-    drive: Path,
-    run: Callable[..., Calibration],
-    outputs: Outputs,
-    common: ResultOptions,
-    config: CalibrationConfig,
-    initial_pose: InitialPose | None,
-) -> int:
-    """Calibrate one camera, write the result, and return the exit code."""
-    from semcal_cli.cli.drive import loaded_drive
+class Job(NamedTuple):
+    """The calibration of one camera of a rig, or of one part of a drive."""
 
-    with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
-        calibration = run(data, relative_to=outputs.folder, on_event=terminal.on_event)
-    return outputs.write(calibration, terminal, common.threads, data.drive)
+    name: str
+    title: str
+    run: Callable[..., Calibration]
+    """Calibrates, and tells `on_event` what it does."""
+    outputs: Outputs
+    terminal: Terminal
+
+
+def calibrate_each(
+    jobs: Sequence[Job], num_threads: int | None
+) -> tuple[dict[str, Calibration], dict[str, str]]:
+    """Calibrate one after another, and write and show the result of each.
+
+    Returns:
+        The calibrations of those that have one, and the errors of the others, by their names.
+    """
+    from semcal_cli.cli.tables import labelled
+
+    calibrations, failures = dict[str, Calibration](), dict[str, str]()
+    for name, title, run, outputs, terminal in jobs:
+        terminal.print(f"[{title}]")
+        try:
+            with terminal:
+                found = run(on_event=terminal.on_event)
+            outputs.write(found, terminal, num_threads)
+            calibrations[name] = found
+        except SemcalError as error:
+            failures[name] = " ".join(str(error).splitlines())
+            terminal.print(labelled("failed", failures[name]))
+    return calibrations, failures
+
+
+def failure_sentence(failures: dict[str, str], count: int, of: str) -> str:
+    """Say how many of some cameras or parts failed, and why the first did."""
+    name, reason = next(iter(failures.items()))
+    return f"{len(failures)} of {count} {of} failed; {name}: {reason}"

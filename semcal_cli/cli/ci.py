@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import click
 
@@ -93,17 +93,6 @@ class CiReport:
         reasons = ["", *(f"- {_cell(reason)}" for reason in self.reasons)]
         title = f"### semcal {self.command}: {self.verdict}"
         add_to_summary([title, "", f"`{_cell(self.subject)}`", *table, *reasons])
-
-
-def inconclusive_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option that says what an inconclusive verdict is for CI."""
-    return click.option(
-        "--inconclusive",
-        type=click.Choice(get_args(Inconclusive)),
-        default="error",
-        show_default=True,
-        help="What it is when the data cannot decide: an error (exit code 4), a failure (3) or skipped (0).",
-    )(command)
 
 
 @contextmanager

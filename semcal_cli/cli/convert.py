@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import click
 
-from semcal_cli.cli.options import INPUT_FILE, PATH, Command, file_or_stdout
-from semcal_cli.cli.rules import CheckedCommand, given, one_of
+from semcal_cli.cli.options import Direction, result_file
+from semcal_cli.cli.rules import given, one_of
+from semcal_cli.cli.settings import INPUT_FILE, argument, command, option
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.geometry.poses import Pose
     from semcal_cli.result.calibration import Calibration
 
-DIRECTIONS = ("lidar-to-camera", "camera-to-lidar")
-FRAMES = ("optical", "body")
+Frame: TypeAlias = Literal["optical", "body"]
+LIDAR = "The LiDAR's frame or entry in {}."
+CAMERA = "The camera's frame, entry or token in {}."
+FRAME = "Axes of the camera's frame in {}: optical (x right, y down, z forward) or body (x forward, y left, z up)."
+DIRECTION = "Direction of a bare matrix in {}: p_camera = T p_lidar, or p_lidar = T p_camera."
+WRITTEN = "what is written"
 
 
 class FormatName(click.ParamType[str]):
@@ -36,38 +41,6 @@ class FormatName(click.ParamType[str]):
         return str(value)
 
 
-def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
-    """Add the options for what a file leaves open: the file that is read, or with a prefix the file that is written."""
-
-    def add(command: Command) -> Command:
-        for option in (
-            click.option(f"--{prefix}lidar", metavar="NAME", help=f"The LiDAR's frame or entry in {of}."),
-            click.option(
-                f"--{prefix}camera", metavar="NAME", help=f"The camera's frame, entry or token in {of}."
-            ),
-            click.option(
-                f"--{prefix}frame",
-                type=click.Choice(FRAMES),
-                help=f"Axes of the camera's frame in {of}: optical (x right, y down, z forward) or body (x forward, "
-                "y left, z up).",
-            ),
-            click.option(
-                f"--{prefix}direction",
-                type=click.Choice(DIRECTIONS),
-                help=f"Direction of a bare matrix in {of}: p_camera = T p_lidar, or p_lidar = T p_camera.",
-            ),
-        ):
-            command = option(command)
-        return command
-
-    return add
-
-
-def format_options(options: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """List these options of a command by their names in `FormatOptions`."""
-    return {name: options[prefix + name] for name in ("direction", "frame", "camera", "lidar")}
-
-
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
     if is_asked:
         from semcal_cli.formats import FORMATS
@@ -75,6 +48,124 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
         for format in FORMATS:
             click.echo(f"{format.name:<22}{format.equation}")
         ctx.exit()
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenSettings:
+    """Options for the format that a transform is written in, and for what that leaves open."""
+
+    to: str | None = option(
+        "Write only the transform, in a format that `convert --formats` lists.",
+        type=FormatName(),
+        metavar="FORMAT",
+    )
+    to_direction: Direction | None = option(DIRECTION.format(WRITTEN))
+    to_frame: Frame | None = option(FRAME.format(WRITTEN))
+    to_camera: str | None = option(CAMERA.format(WRITTEN), metavar="NAME")
+    to_lidar: str | None = option(LIDAR.format(WRITTEN), metavar="NAME")
+
+    def written(self, **about: Any) -> FormatOptions:
+        """Make options of a format, of which `about` are the others."""
+        from semcal_cli.formats.format import FormatOptions
+
+        return FormatOptions(self.to_direction, self.to_frame, self.to_camera, self.to_lidar, **about)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertSettings(WrittenSettings):
+    """What the options of `convert` say."""
+
+    rules = [
+        one_of("--to", "--into"),
+        given("--into").excludes("--to", "-o", because="it changes its own file"),
+    ]
+    source: Path = argument(type=INPUT_FILE, metavar="IN")
+    from_: str | None = option(
+        "Format of IN, if its content does not tell.", "--from", type=FormatName(), metavar="FORMAT"
+    )
+    output: Path | None = result_file("File to write. Standard output if it is - or not given.")
+    into: Path | None = option(
+        "Set the transform in this file instead, and leave every other byte of it as it is; intrinsics that were "
+        "estimated together with the transform, too, and in a drive the offset of the clock.",
+        metavar="FILE",
+    )
+    direction: Direction | None = option(DIRECTION.format("IN"))
+    frame: Frame | None = option(FRAME.format("IN"))
+    camera: str | None = option(CAMERA.format("IN"), metavar="NAME")
+    lidar: str | None = option(LIDAR.format("IN"), metavar="NAME")
+    repair: bool = option("Replace an invalid rotation by the nearest one, and say so.", default=False)
+
+    def read(self) -> FormatOptions:
+        """Make options of the format that is read."""
+        from semcal_cli.formats.format import FormatOptions
+
+        on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if self.repair else None
+        return FormatOptions(self.direction, self.frame, self.camera, self.lidar, on_repair=on_repair)
+
+
+@command(ConvertSettings)
+@click.option(
+    "--formats",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_formats,
+    help="List the formats, and exit.",
+)
+def convert(settings: ConvertSettings) -> None:
+    """Convert the transform of IN, or of standard input if it is -, into another format.
+
+    Where IN is a calibration of semcal's or a drive, camera-info, kalibr and opencv also get the intrinsics of its
+    camera. --into sets intrinsics that the file has already if IN is a calibration that estimated them and kept them,
+    and in a drive likewise the offset of the clock, so that a next calibration begins with both.
+    """
+    from semcal_cli.errors import InputError
+    from semcal_cli.files.writing import STANDARD_OUTPUT, check_descriptor, descriptor
+    from semcal_cli.formats import convert as convert_file
+
+    if settings.into is not None:
+        if descriptor(settings.into) is not None:
+            raise InputError(f"{settings.into}: found a descriptor, needed a file to change")
+        _put_into(settings.into, settings)
+        return
+    source, output = settings.source, settings.output
+    check_descriptor(output or STANDARD_OUTPUT)
+    written = settings.written(on_note=partial(click.echo, err=True))
+    assert settings.to is not None  # by a rule
+    content = convert_file(
+        source,
+        settings.to,
+        output,
+        from_format=settings.from_,
+        read_options=settings.read(),
+        write_options=written,
+    )
+    if output is None:
+        click.echo(content, nl=False)
+
+
+def _put_into(into: Path, settings: ConvertSettings) -> None:
+    """Set the transform of a file in another one, with the camera and the clock that were estimated with it."""
+    from semcal_cli.formats import DOUBTED, is_doubted, put_transform, read_extrinsic
+
+    source, written = settings.source, settings.written()
+    found = read_extrinsic(source, settings.from_, settings.read())
+    record = found.record
+    camera, clock = (None, None) if record is None else (record.camera, record.clock)
+    lines: list[str] = []
+    options = replace(
+        written,
+        intrinsics=camera.found if camera is not None and camera.is_kept else None,
+        time_offset_s=clock.time_offset_s if clock is not None and clock.is_kept else None,
+        on_note=lines.append,
+    )
+    before = _transform_in(into, written)
+    if put_transform(found.T_camera_lidar, into, options).has_transform:
+        lines.insert(0, _change(into, before, found.T_camera_lidar))
+    if record is not None:
+        lines += [DOUBTED.format(source)] * is_doubted(record) + _what_stays(record, source, into)
+    for line in lines:
+        click.echo(line, err=True)
 
 
 def _transform_in(path: Path, options: FormatOptions) -> Pose | str:
@@ -100,32 +191,6 @@ def _change(path: Path, before: Pose | str, T_camera_lidar: Pose) -> str:
     return f"set the transform in {path}: moved {error.rotation_deg:.3f} degrees, {error.camera_center_cm:.2f} cm"
 
 
-def _put_into(
-    into: Path, source: Path, from_: str | None, read: FormatOptions, written: FormatOptions
-) -> None:
-    """Set the transform of a file in another one, with the camera and the clock that were estimated with it."""
-    from dataclasses import replace
-
-    from semcal_cli.formats import DOUBTED, is_doubted, put_transform, read_extrinsic
-
-    found = read_extrinsic(source, from_, read)
-    camera, clock = (None, None) if found.record is None else (found.record.camera, found.record.clock)
-    lines: list[str] = []
-    options = replace(
-        written,
-        intrinsics=camera.found if camera is not None and camera.is_kept else None,
-        time_offset_s=clock.time_offset_s if clock is not None and clock.is_kept else None,
-        on_note=lines.append,
-    )
-    before = _transform_in(into, written)
-    if put_transform(found.T_camera_lidar, into, options).has_transform:
-        lines.insert(0, _change(into, before, found.T_camera_lidar))
-    if found.record is not None:
-        lines += [DOUBTED.format(source)] * is_doubted(found.record) + _what_stays(found.record, source, into)
-    for line in lines:
-        click.echo(line, err=True)
-
-
 def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
     """Say which of a drive's camera and clock differs from that of the transform that was set in it."""
     from semcal_cli.drive.document import read_drive
@@ -137,71 +202,3 @@ def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
         return []
     changes = apply_result(record, read_drive(into), str(source)).changes
     return [f"the transform belongs to another {label} than the drive has, {line}" for label, line in changes]
-
-
-@click.command(
-    cls=CheckedCommand,
-    rules=[
-        one_of("--to", "--into"),
-        given("--into").excludes("--to", "-o", because="it changes its own file"),
-    ],
-)
-@click.argument("source", metavar="IN", type=INPUT_FILE)
-@click.option("--to", type=FormatName(), metavar="FORMAT", help="Format to write; see --formats.")
-@click.option(
-    "--from", "from_", type=FormatName(), metavar="FORMAT", help="Format of IN, if its content does not tell."
-)
-@file_or_stdout("File to write. Standard output if it is - or not given.")
-@click.option(
-    "--into",
-    type=PATH,
-    metavar="FILE",
-    help="Set the transform in this file instead, and leave every other byte of it as it is; intrinsics that were "
-    "estimated together with the transform, too, and in a drive the offset of the clock.",
-)
-@open_options("", "IN")
-@open_options("to-", "what is written")
-@click.option("--repair", is_flag=True, help="Replace an invalid rotation by the nearest one, and say so.")
-@click.option(
-    "--formats",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_list_formats,
-    help="List the formats, and exit.",
-)
-def convert(
-    source: Path,
-    to: str | None,
-    from_: str | None,
-    output: Path | None,
-    into: Path | None,
-    repair: bool,
-    **options: Any,
-) -> None:
-    """Convert the transform of IN, or of standard input if it is -, into another format.
-
-    Where IN is a calibration of semcal's or a drive, camera-info, kalibr and opencv also get the intrinsics of its
-    camera. --into sets intrinsics that the file has already if IN is a calibration that estimated them and kept them,
-    and in a drive likewise the offset of the clock, so that a next calibration begins with both.
-    """
-    from semcal_cli.errors import InputError
-    from semcal_cli.files.writing import STANDARD_OUTPUT, check_descriptor, descriptor
-    from semcal_cli.formats import convert as convert_file
-    from semcal_cli.formats.format import FormatOptions
-
-    if into is not None and descriptor(into) is not None:
-        raise InputError(f"{into}: found a descriptor, needed a file to change")
-    if into is None:
-        check_descriptor(output or STANDARD_OUTPUT)
-    tell = partial(click.echo, err=True)
-    written = FormatOptions(**format_options(options, "to_"), on_note=tell)
-    on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
-    read = FormatOptions(**format_options(options), on_repair=on_repair)
-    if into is not None:
-        _put_into(into, source, from_, read, written)
-        return
-    assert to is not None
-    content = convert_file(source, to, output, from_format=from_, read_options=read, write_options=written)
-    if output is None:
-        click.echo(content, nl=False)

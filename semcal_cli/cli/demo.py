@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-import click
-
-from semcal_cli.cli.options import PATH, RunOptions, quiet_option, seed_option, threads_option
+from semcal_cli.cli.options import RunSettings, ThreadSettings
+from semcal_cli.cli.settings import argument, command, setting_of
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import described, is_installed
 
 if TYPE_CHECKING:
@@ -22,12 +24,16 @@ OFF_DEG, OFF_M = 2.0, 0.1
 """How far the camera is off on the left half of the picture, which shows what a wrong transform looks like."""
 
 
-@click.command()
-@click.argument("out", type=PATH, default="semcal_demo")
-@seed_option
-@threads_option
-@quiet_option
-def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
+@dataclass(frozen=True, kw_only=True)
+class DemoSettings(ThreadSettings):
+    """What the options of `demo` say."""
+
+    out: Path = argument(Path("semcal_demo"))
+    seed: int = setting_of(CalibrationConfig, "seed")
+
+
+@command(DemoSettings)
+def demo(settings: DemoSettings) -> None:
     """Calibrate a synthetic street drive from nothing, and compare with the truth.
 
     Makes the folder OUT (semcal_demo) with the drive, its calibration.yaml, and report.html and overlay.png to look at.
@@ -35,12 +41,9 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     """
     import numpy as np
 
-    from semcal_cli.cli.drive import loaded_drive
-    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.cli.terminal import make_console
-    from semcal_cli.config import CalibrationConfig
-    from semcal_cli.config.synthetic import SynthConfig
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
     from semcal_cli.geometry.twists import displaced
@@ -49,19 +52,21 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.synthetic.synthesis import synthesize
     from semcal_cli.threads import set_num_threads
 
+    out, seed, quiet = settings.out, settings.seed, settings.quiet
     console = make_console(quiet)
-    set_num_threads(threads)
+    set_num_threads(settings.threads)
     drive, result = out / "drive", out / "calibration.yaml"
     page, picture = out / "report.html", out / "overlay.png"
     console.print(f"making {NUM_FRAMES} frames of a synthetic street in {drive}")
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
     config, outputs = CalibrationConfig(seed), Outputs(result, page=page)
-    with loaded_drive(drive, config, outputs, RunOptions(threads, quiet)) as (data, terminal):
+    run = RunSettings(drive=drive, threads=settings.threads, quiet=quiet)
+    with loaded_drive(run, config, outputs) as (data, terminal):
         calibration = calibrate(data, config, relative_to=outputs.folder, on_event=terminal.on_event)
     off = displaced(calibration.pose, OFF_DEG, OFF_M, np.random.default_rng(seed))
     poses = {f"a camera {OFF_DEG:g} degrees off": off, "found from nothing": calibration.pose}
     Overlays(data.drive, data.observations, poses, "agreement").write(0, picture)
-    code = outputs.write(calibration, terminal, threads, data.drive)
+    code = outputs.write(calibration, terminal, settings.threads, data.drive)
     console.print("\nerror against the truth, which the calibration never saw:")
     T_true = read_transform(drive)
     for line in error_lines(compare_poses(calibration.pose, T_true)):

@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from semcal_cli.batch.pace import Pace
-from semcal_cli.cli.live import clock_time, live_lines, running_lines, time_left
-from semcal_cli.cli.terminal import make_console
+from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 
 
 class ExperimentProgress(Pace):

@@ -1,40 +1,28 @@
-"""`semcal import`: drives from data sets, and from folders of the user's own files."""
+"""`semcal import`: drives from recordings, from data sets, and from folders of the user's own files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from semcal_cli.cli.import_bag import bag
-from semcal_cli.cli.options import PATH, FiniteRange, max_points_option, number_option, quiet_option
-from semcal_cli.cli.rules import CheckedCommand, given
+from semcal_cli.cli.options import QuietSettings, max_points
+from semcal_cli.cli.rules import given, one_of
+from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
 from semcal_cli.datasets import DATASETS, read_dataset
+from semcal_cli.errors import check_installed, printable
 
 if TYPE_CHECKING:
     from semcal_cli.datasets.recording import Recording
+    from semcal_cli.datasets.writing import Written
 
-OWN_OPTIONS = {
-    "nuscenes": click.Option(
-        ["--version"],
-        metavar="NAME",
-        help="The folder of the tables, as v1.0-mini, if there are several.",
-    ),
-    "carla": click.Option(
-        ["--version"],
-        metavar="NAME",
-        help="The release that wrote the data, as 0.9.15, from 0.9.10 on: tags changed at 0.9.14.",
-    ),
-    "kitti-360": click.Option(
-        ["--rectified/--raw"],
-        default=None,
-        help="Pictures of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is turned by "
-        "R_rect. Raw: data_rgb, with K, D and the reference as calib_cam_to_velo.txt has it.  [default: rectified]",
-    ),
-}
-"""Options that only one data set has."""
+MAX_REASONS = 10
+"""Most reasons for what was left out of a recording that are printed."""
+HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
+SIDES = "<<>>>><"
+"""Alignment of the columns of the list of topics."""
 
 
 class FrameSlice(click.ParamType):  # type: ignore[type-arg]
@@ -56,6 +44,98 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
         return slice(*parts)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ImportSettings(QuietSettings):
+    """Options of every import of files."""
+
+    output: Path = option(
+        "Folder of the drive, or its drive.yaml.", "-o", "--output", required=True, metavar="DRIVE"
+    )
+    camera: str | None = option("The camera.", metavar="NAME")
+    frames: slice | None = option("Keep these frames, counted from 0, as 0:100:10.", type=FrameSlice())
+    max_frames: int | None = option(
+        "Keep at most N frames, evenly spaced, or as --spread says (20 if not given).", least=1
+    )
+    spread: bool = option(
+        "Keep the frames whose label images differ most; if speeds are known, only among the slower half.",
+        default=False,
+    )
+    image_classes: str | None = option(
+        "Classes of the label images: a table as cityscapes-train, or a file of lines as `road: [7]`.",
+        metavar="NAME|FILE",
+    )
+    point_classes: str | None = option(
+        "Classes of the labels of points: a table as semantickitti, or a file of lines as `road: [40]`.",
+        metavar="NAME|FILE",
+    )
+    max_gap_s: float | None = option(
+        "Largest difference in time between a sweep and its image.", above=0.0, metavar="S"
+    )
+
+    def write(self, recording: Recording, **others: Any) -> None:
+        """Write the drive, and say what was written; `others` are options that have another meaning here."""
+        from semcal_cli.datasets.choice import Options
+        from semcal_cli.datasets.writing import write_drive
+
+        options = made_of(Options, self, frames=self.frames or slice(None), **others)
+        written = write_drive(recording, options, self.output)
+        if not self.quiet:
+            copies = f", {written.num_converted:,} clouds converted" if written.num_converted else ""
+            _tell(written, copies)
+
+
+def _tell(written: Written, details: str, lines: tuple[str, ...] = ()) -> None:
+    """Say what was written, and what a user should know of it."""
+    remarks = (f"note: {remark}" for remark in written.remarks)
+    for line in (f"wrote {written.path}: {written.num_frames:,} frames{details}", *lines, *remarks):
+        click.echo(line, err=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetSettings(ImportSettings):
+    """Options of the import of a data set."""
+
+    root: Path = argument()
+    sequence: str | None = option("The sequence; needed if there are several.", metavar="NAME")
+    image_labels: Path | None = option("Take the label images from this folder.", metavar="DIR")
+    point_labels: Path | None = option("Take the labels of points from this folder.", metavar="DIR")
+    version: str | None = None
+    rectified: bool | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NuscenesSettings(DatasetSettings):
+    """Options of the import of nuScenes."""
+
+    version: str | None = option(
+        "The folder of the tables, as v1.0-mini, if there are several.", metavar="NAME"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarlaSettings(DatasetSettings):
+    """Options of the import of CARLA."""
+
+    version: str | None = option(
+        "The release that wrote the data, as 0.9.15, from 0.9.10 on: tags changed at 0.9.14.", metavar="NAME"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kitti360Settings(DatasetSettings):
+    """Options of the import of KITTI-360."""
+
+    rectified: bool | None = option(
+        "Pictures of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is turned by "
+        "R_rect. Raw: data_rgb, with K, D and the reference as calib_cam_to_velo.txt has it.  [default: rectified]",
+        "--rectified/--raw",
+    )
+
+
+OWN_SETTINGS = {"nuscenes": NuscenesSettings, "carla": CarlaSettings, "kitti-360": Kitti360Settings}
+"""Settings of the data sets that have options of their own."""
+
+
 @click.group(name="import")
 def import_() -> None:
     """Make a drive of a recording, of a data set, or of a folder of your own files.
@@ -65,103 +145,169 @@ def import_() -> None:
     """
 
 
-def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that every import has."""
-    for option in (
-        quiet_option,
-        click.option(
-            "--point-classes",
-            metavar="NAME|FILE",
-            help="Classes of the labels of points: a table as semantickitti, or a file of lines as `road: [40]`.",
-        ),
-        click.option(
-            "--image-classes",
-            metavar="NAME|FILE",
-            help="Classes of the label images: a table as cityscapes-train, or a file of lines as `road: [7]`.",
-        ),
-        click.option(
-            "--spread",
-            is_flag=True,
-            help="Keep the frames whose label images differ most; if speeds are known, only among the slower half.",
-        ),
-        number_option(
-            "--max-frames",
-            help="Keep at most N frames, evenly spaced, or as --spread says (20 if not given).",
-        ),
-        click.option(
-            "--frames",
-            type=FrameSlice(),
-            default=slice(None),
-            help="Keep these frames, counted from 0, as 0:100:10.",
-        ),
-        click.option("--camera", metavar="NAME", help="The camera."),
-        click.option(
-            "-o",
-            "--output",
-            type=PATH,
-            required=True,
-            metavar="DRIVE",
-            help="Folder of the drive, or its drive.yaml.",
-        ),
-    ):
-        command = option(command)
-    return command
+@dataclass(frozen=True, kw_only=True)
+class BagSettings(QuietSettings):
+    """What the options of `import bag` say."""
 
-
-def _gap_option(default: float | None) -> Callable[..., Any]:
-    return click.option(
-        "--max-gap-s",
-        type=FiniteRange(0.0, min_open=True),
-        default=default,
-        show_default=default is not None,
+    rules = [
+        one_of("-o", "--list"),
+        given("--intrinsics").excludes("--camera-info"),
+        given("--motion-frame").excludes("--motion none"),
+    ]
+    paths: tuple[Path, ...] = argument(metavar="PATH...")
+    output: Path | None = option("Folder of the drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE")
+    is_list: bool = option("List the topics, and what would be taken.", "--list", default=False)
+    points: str | None = option("Sweeps; needed if there are several topics of them.", metavar="TOPIC")
+    image: str | None = option("Pictures; needed if there are several topics of them.", metavar="TOPIC")
+    camera_info: str | None = option("Intrinsics; if not given, those beside the pictures.", metavar="TOPIC")
+    intrinsics: Path | None = option(
+        "Intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
+        metavar="FILE",
+    )
+    max_frames: int | None = option(
+        "Keep at most N frames, spread so that their scenes differ: 70 if neither this nor --every is given.",
+        least=1,
+    )
+    every_s: float | None = option(
+        "Take a frame every S seconds instead, and no more than --max-frames.",
+        "--every",
+        above=0.0,
+        most=1e6,
         metavar="S",
-        help="Largest difference in time between a sweep and its image.",
+    )
+    stamps: Literal["header", "receive"] = option(
+        "Times of sweeps and pictures: those of their headers, or when they were received.", default="header"
+    )
+    max_gap_s: float = option(
+        "Largest time between a sweep and its picture.", default=0.05, above=0.0, most=1e3, metavar="S"
+    )
+    motion: str | None = option(
+        "Odometry, PoseStamped or /tf that tells how the LiDAR moves; the only one if not given.",
+        metavar="TOPIC|none",
+    )
+    motion_frame: str | None = option(
+        "Frame whose poses it holds, if its messages do not say so.", metavar="FRAME"
     )
 
 
-def _write(recording: Recording, output: Path, quiet: bool, settings: dict[str, Any]) -> None:
-    from semcal_cli.datasets.choice import Options
-    from semcal_cli.datasets.writing import write_drive
+@import_.command(
+    cls=SettingsCommand,
+    settings=BagSettings,
+    short_help="A recording of ROS 1 or ROS 2: .bag, MCAP, .db3, or a folder of them.",
+)
+def bag(settings: BagSettings) -> None:
+    """Make a drive of a recording, without ROS. Several PATHs are one recording in parts.
 
-    written = write_drive(recording, Options(**settings), output)
-    if quiet:
+    Sweeps keep all their fields, JPEG and PNG pictures their bytes. Intrinsics come from camera_info, the reference
+    T_camera_lidar from /tf_static, motion from odometry or /tf. Damaged parts are left out, and told.
+    """
+    from semcal_cli.cli.terminal import make_console, progress_line
+
+    for package in ("rosbags", "mcap"):
+        check_installed("semcal import bag", package, "bag")
+    if settings.is_list:
+        _list(settings.paths)
         return
-    copies = f", {written.num_converted:,} clouds converted" if written.num_converted else ""
-    click.echo(f"wrote {written.path}: {written.num_frames:,} frames{copies}", err=True)
-    for remark in written.remarks:
+    from semcal_cli.datasets.bags.importing import import_bag
+    from semcal_cli.datasets.bags.topics import Request
+    from semcal_cli.drive.document import DRIVE_FILE
+    from semcal_cli.drive.events import Event, Progress
+
+    request = made_of(Request, settings, by_receipt=settings.stamps == "receive")
+    assert settings.output is not None  # by a rule
+    with progress_line(make_console(settings.quiet)) as show:
+
+        def on_event(event: Event) -> None:
+            if isinstance(event, Progress):
+                show(event.doing)
+
+        done = import_bag(request, settings.output, on_event)
+    if settings.quiet:
+        return
+    rows = done.left_out.most_common()
+    left_out = [f"left out {count:>7,} {reason}" for reason, count in rows[:MAX_REASONS]]
+    if others := sum(count for _, count in rows[MAX_REASONS:]):
+        left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
+    _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out))
+    path = done.written.path
+    drive = path.parent if path.name == DRIVE_FILE else path
+    click.echo(f"next: semcal label {drive} --image-model FILE.onnx -o LABELLED", err=True)
+
+
+def _list(paths: tuple[Path, ...]) -> None:
+    """Print the topics as a table."""
+    from semcal_cli.datasets.bags.bag import Bag
+    from semcal_cli.datasets.bags.messages import NS
+    from semcal_cli.datasets.bags.topics import roles
+
+    with Bag(paths) as recording:
+        uses = roles(recording)
+        rows = [HEADINGS]
+        for topic in recording.topics:
+            span, use = topic.span, uses.get(topic, "")
+            times = [f"{(time - recording.start_ns) / NS:.3f}" for time in (span.first_ns, span.last_ns)]
+            first, last = times if span.num_messages else ("", "")
+            is_choice = use in ("sweeps", "pictures", "fixed frames") and list(uses.values()).count(use) > 1
+            choice = " (one of several)" if is_choice else ""
+            rate = f"{topic.rate_hz:.1f}"
+            rows.append((topic.name, topic.type, f"{span.num_messages:,}", rate, first, last, use + choice))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [f"{each:{side}{width}}" for each, side, width in zip(row, SIDES, widths, strict=True)]
+        click.echo(printable("  ".join(cells).rstrip()))
+    for remark in recording.remarks:
         click.echo(f"note: {remark}", err=True)
 
 
 def _dataset_command(name: str, summary: str) -> click.Command:
-    @click.command(name, help=f"Import {summary}", short_help=summary)
-    @click.argument("root", type=PATH)
-    @drive_options
-    @_gap_option(None)
-    @click.option("--sequence", metavar="NAME", help="The sequence; needed if there are several.")
-    @click.option("--image-labels", type=PATH, metavar="DIR", help="Take the label images from this folder.")
-    @click.option(
-        "--point-labels", type=PATH, metavar="DIR", help="Take the labels of points from this folder."
-    )
-    def command(root: Path, output: Path, quiet: bool, **settings: Any) -> None:
+    def read(settings: DatasetSettings) -> None:
         from semcal_cli.datasets.recording import Request
 
-        keys = ("sequence", "camera", "version", "rectified")
-        request = Request(root, **{key: settings.pop(key) for key in keys if key in settings})
-        _write(read_dataset(name, request), output, quiet, settings)
+        settings.write(read_dataset(name, made_of(Request, settings)))
 
-    if name in OWN_OPTIONS:
-        command.params.append(OWN_OPTIONS[name])
-    return command
+    return SettingsCommand(
+        name,
+        callback=read,
+        settings=OWN_SETTINGS.get(name, DatasetSettings),
+        help=f"Import {summary}",
+        short_help=summary,
+    )
 
 
-import_.add_command(bag)
 for _name, _dataset in DATASETS.items():
     import_.add_command(_dataset_command(_name, _dataset.summary))
 
 
+@dataclass(frozen=True, kw_only=True)
+class FolderSettings(ImportSettings):
+    """What the options of `import folder` say."""
+
+    rules = [given("--image-classes").requires("--image-labels")]
+    points: str = option("Point clouds, as 'clouds/*.pcd'.", required=True, metavar="GLOB")
+    point_labels: str | None = option(
+        "Labels of points; not needed where the clouds have a field of them.", metavar="GLOB"
+    )
+    image_labels: str | None = option("Label images.", metavar="GLOB")
+    images: str | None = option("Images.", metavar="GLOB")
+    camera_info: Path = option(
+        "Intrinsics of the raw images: a ROS camera_info (its K and D, not P), a Kalibr camchain or an OpenCV "
+        "FileStorage.",
+        required=True,
+        metavar="FILE",
+    )
+    model: str | None = option(
+        "Camera model, if the file of the intrinsics names none, or another one.", metavar="NAME"
+    )
+    reference: Path | None = option("T_camera_lidar to compare with, in any known format.", metavar="FILE")
+    max_gap_s: float = option(
+        "Largest difference in time between a sweep and its image.", default=0.05, above=0.0, metavar="S"
+    )
+    max_points: int = max_points()
+
+
 @import_.command(
-    cls=CheckedCommand,
-    rules=[given("--image-classes").requires("--image-labels")],
+    cls=SettingsCommand,
+    settings=FolderSettings,
     short_help="Your own files, found by patterns and paired by time or by name.",
     help="""Make a drive of your own files.
 
@@ -177,58 +323,9 @@ for _name, _dataset in DATASETS.items():
       car: [26, 27]
     """,
 )
-@click.option("--points", required=True, metavar="GLOB", help="Point clouds, as 'clouds/*.pcd'.")
-@click.option(
-    "--point-labels",
-    metavar="GLOB",
-    help="Labels of points; not needed where the clouds have a field of them.",
-)
-@click.option("--image-labels", metavar="GLOB", help="Label images.")
-@click.option("--images", metavar="GLOB", help="Images.")
-@click.option(
-    "--camera-info",
-    type=PATH,
-    required=True,
-    metavar="FILE",
-    help="Intrinsics of the raw images: a ROS camera_info (its K and D, not P), a Kalibr camchain or an OpenCV "
-    "FileStorage.",
-)
-@click.option(
-    "--model", metavar="NAME", help="Camera model, if the file of the intrinsics names none, or another one."
-)
-@click.option(
-    "--reference", type=PATH, metavar="FILE", help="T_camera_lidar to compare with, in any known format."
-)
-@drive_options
-@_gap_option(0.05)
-@max_points_option
-def folder(
-    points: str,
-    point_labels: str | None,
-    image_labels: str | None,
-    images: str | None,
-    camera_info: Path,
-    model: str | None,
-    reference: Path | None,
-    camera: str | None,
-    max_points: int,
-    output: Path,
-    quiet: bool,
-    **settings: Any,
-) -> None:
+def folder(settings: FolderSettings) -> None:
     """Make a drive of your own files."""
     from semcal_cli.datasets.folder import Folder, read
 
-    source = Folder(
-        points=points,
-        camera_info=camera_info,
-        max_gap_s=settings["max_gap_s"],
-        image_labels=image_labels,
-        point_labels=point_labels,
-        images=images,
-        camera=camera,
-        model=model,
-        reference=reference,
-        max_points=max_points,
-    )
-    _write(read(source), output, quiet, settings)
+    # The labels are found by their patterns, and belong to the recording.
+    settings.write(read(made_of(Folder, settings)), image_labels=None, point_labels=None)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import PATH, json_only_option, max_points_option
+from semcal_cli.cli.options import json_flag, max_points
+from semcal_cli.cli.settings import argument, command, option
 from semcal_cli.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from rich.console import Console
     from rich.table import Table
 
     from semcal_cli.assessment.inspection import DriveReport
@@ -24,7 +25,6 @@ NUM_NAMED = 4
 """Number of classes that the table names, the commonest first."""
 NUM_NAMED_FRAMES = 3
 """Number of frames that a finding about several of them names."""
-SUSPICIOUS = "suspicious"
 LABEL_WIDTH = 12
 WIDE = 240
 """Width in columns of the output on a pipe."""
@@ -41,75 +41,74 @@ COLUMNS = (
 """Columns of the table of frames."""
 
 
-@click.command()
-@click.argument("drive", type=PATH)
-@click.option("--frames", "with_frames", is_flag=True, help="Also print a row for each frame.")
-@json_only_option
-@max_points_option
-def inspect(drive: Path, with_frames: bool, as_json: bool, max_points: int) -> None:
+@dataclass(frozen=True, kw_only=True)
+class InspectSettings:
+    """What the options of `inspect` say."""
+
+    drive: Path = argument()
+    with_frames: bool = option("Also print a row for each frame.", "--frames", default=False)
+    as_json: bool = json_flag()
+    max_points: int = max_points()
+
+
+@command(InspectSettings)
+def inspect(settings: InspectSettings) -> None:
     """Show what DRIVE holds, and what looks wrong with it. Of a rig.yaml, the drive of each camera is shown.
 
     Among others it looks for mirrored clouds, a K of another picture size, labels that are shifted against their points
     or pictures, and frames with the same files.
     """
-    from dataclasses import asdict
-
     from semcal_cli.assessment.inspection import inspect as look_through
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import read_drive
     from semcal_cli.rig.document import find_rig, read_rig
 
-    rig = find_rig(drive)
-    drives = {"": read_drive(drive, max_points)} if rig is None else read_rig(rig).read_drives(max_points)
+    path, max_points = settings.drive, settings.max_points
+    rig = find_rig(path)
+    drives = {"": read_drive(path, max_points)} if rig is None else read_rig(rig).read_drives(max_points)
     reports = {}
-    with progress_line(make_console(quiet=as_json)) as progress:
+    with progress_line(make_console(quiet=settings.as_json)) as progress:
         for name, each in drives.items():
             progress(f"looking through {each.path}")
             reports[name] = look_through(each)
-    if as_json:
+    if settings.as_json:
         documents = {name: asdict(report) for name, report in reports.items()}
         click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    _print(reports, with_frames=with_frames)
+    _print(reports, with_frames=settings.with_frames)
 
 
 def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
-    """Print what is suspicious with any camera, and then what the drive of each holds, under its name if it has one."""
-    console = _make_printer()
-    found = [(name, *finding) for name, report in reports.items() for finding in _findings(report)]
-    if all(label != SUSPICIOUS for _, label, _ in found):
-        _print_labelled(console, SUSPICIOUS, "nothing")
-    for name, label, line in sorted(found, key=lambda finding: finding[1] != SUSPICIOUS):
-        _print_labelled(console, label, f"{name}: {line}" if name else line)
-    for name, report in reports.items():
-        if name:
-            console.print(f"\n[{printable(name)}]", markup=False)
-        for label, line in _content(report):
-            _print_labelled(console, label, line)
-        if with_frames:
-            console.print(_table(report))
-        else:
-            _print_labelled(console, "frames", "see --frames")
+    """Print what is suspicious with any camera, and then what the drive of each holds, under its name if it has one.
 
-
-def _make_printer() -> Console:
-    """Make a console on stdout that cuts lines to the width of a terminal; a pipe gets them whole."""
+    A terminal gets lines of its width; a pipe gets them whole.
+    """
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True, emoji=False)
     if not console.is_terminal:
         console.width = WIDE
-    return console
 
+    def show(label: str, line: str) -> None:
+        console.print(f"{label:<{LABEL_WIDTH}}{printable(line)}", markup=False)
 
-def _print_labelled(console: Console, label: str, line: str) -> None:
-    console.print(f"{label:<{LABEL_WIDTH}}{printable(line)}", markup=False)
-
-
-def _findings(report: DriveReport) -> list[tuple[str, str]]:
-    """List what is suspicious, and then what there is too little of, each after its label."""
-    suspicions = [(SUSPICIOUS, line) for line in (*_grouped(report), *report.suspicions)]
-    return [*suspicions, *(("too little", line) for line in report.advice)]
+    suspicious, too_little = (
+        [f"{name}: {line}" if name else line for name, report in reports.items() for line in found(report)]
+        for found in (lambda report: (*_grouped(report), *report.suspicions), lambda report: report.advice)
+    )
+    for line in suspicious or ["nothing"]:
+        show("suspicious", line)
+    for line in too_little:
+        show("too little", line)
+    for name, report in reports.items():
+        if name:
+            console.print(f"\n[{printable(name)}]", markup=False)
+        for label, line in _content(report):
+            show(label, line)
+        if with_frames:
+            console.print(_table(report))
+        else:
+            show("frames", "see --frames")
 
 
 def _grouped(report: DriveReport) -> list[str]:
@@ -173,16 +172,17 @@ def _table(report: DriveReport) -> Table:
 
 def _together(counts: Iterable[Mapping[str, int] | None]) -> Mapping[str, int] | None:
     """Add up the counts of all frames that have labels; None without any."""
-    found = [each for each in counts if each is not None]
-    total: Counter[str] = Counter()
-    for each in found:
-        total.update(each)
-    return total if found else None
+    total: Counter[str] | None = None
+    for each in counts:
+        if each is not None:
+            total = Counter() if total is None else total
+            total.update(each)
+    return total
 
 
 def _commonest(counts: Mapping[str, int] | None) -> str:
     if counts is None:
         return "no labels"
-    names = sorted(counts, key=lambda name: -counts[name])
+    names = [name for name, _ in Counter(counts).most_common()]
     more = f" and {len(names) - NUM_NAMED} more" if len(names) > NUM_NAMED else ""
     return ", ".join(names[:NUM_NAMED]) + more

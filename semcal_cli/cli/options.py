@@ -2,69 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, Literal, TypeAlias, TypeVar, get_args
 
 import click
 
-from semcal_cli.config import (
-    AUTO,
-    MAX_POINTS,
-    CalibrationConfig,
-    CueName,
-    Limits,
-    RefinementConfig,
-)
-from semcal_cli.config.setting import settings_of
-from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
-
-
-class _Finite(click.ParamType[float]):
-    """A number that is neither NaN nor infinity."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Parse the number, and check that it is finite."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
-
-
-class FiniteNumber(_Finite, click.types.FloatParamType):
-    """A finite number: NaN and infinity are refused."""
-
-
-class FiniteRange(_Finite, click.FloatRange):
-    """A range of finite numbers: NaN and infinity are refused."""
-
+from semcal_cli.cli.settings import PATH, Names, argument, option, output_file, setting_of
+from semcal_cli.config import AUTO, MAX_FRAMES, MAX_POINTS, CalibrationConfig, CueName, Limits
+from semcal_cli.files.writing import descriptor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-AnyOptions = TypeVar("AnyOptions", bound="RunOptions")
-
-
-class InputFile(click.Path):
-    """A file to read; `-` is standard input."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Make the path."""
-        return STANDARD_INPUT if value == "-" else super().convert(value, param, ctx)
-
-
-class OutputFile(click.Path):
-    """A file to write; `-` is standard output."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Make the path."""
-        return STANDARD_OUTPUT if value == "-" else super().convert(value, param, ctx)
-
-
-PATH = click.Path(path_type=Path)
-INPUT_FILE = InputFile(path_type=Path)
-OUTPUT_FILE = OutputFile(path_type=Path)
+Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 
 MAX_THREADS = 1024
 MAX_MAX_POINTS = 2**32 - 1
@@ -73,6 +23,124 @@ MAX_LIMIT = 1e6
 """Largest limit in metres or degrees: no two transforms are farther apart."""
 
 KNOWN_TRANSFORMS = "a calibration, a drive with its reference, or any format that `convert --formats` lists"
+CUES = Names(get_args(CueName), alone=("features", "auto"))
+MANY_POINTS = "Refuse sweeps of more than N points, and their files if they have more than 64 bytes a point."
+
+
+def result_file(
+    help: str = "File of the result: .yaml, .yml or .json. Standard output, as YAML, if it is - or not given.",
+) -> Any:
+    """Make the option -o for the file of a result; standard output, however it is named, is None."""
+
+    def callback(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
+        return None if path is not None and descriptor(path) == 1 else path
+
+    return output_file(help, "-o", "--output", callback=callback)
+
+
+def json_flag() -> Any:
+    """Make the option for JSON on standard output."""
+    return option("Print JSON.", "--json", default=False)
+
+
+def max_points() -> Any:
+    """Make the option for the points of the largest sweep that is read."""
+    return option(MANY_POINTS, default=MAX_POINTS, least=1, most=MAX_MAX_POINTS)
+
+
+def limit(of: str, default: float, metavar: str, **least: float) -> Any:
+    """Make the option for the largest allowed difference of transforms."""
+    return option(
+        f"Largest allowed offset of the {of}.", default=default, metavar=metavar, most=MAX_LIMIT, **least
+    )
+
+
+def inconclusive_choice() -> Any:
+    """Make the option that says what an inconclusive verdict is for CI."""
+    return option(
+        "What it is when the data cannot decide: an error (exit code 4), a failure (3) or skipped (0).",
+        default="error",
+    )
+
+
+def cue_list() -> Any:
+    """Make the option for cues."""
+    return option(
+        "Cues to compare, alone or together: auto (the best that the files of DRIVE allow); labels of points and "
+        "pictures; edges (steps along the scans against gradients of the pictures, without any labels, from a start "
+        "that is known to 5 degrees and 0.3 m); segments (parts of the sweeps by their shape, against labels of "
+        "pictures alone, which give edges a start); intensity (the LiDAR's against the picture's grey values, without "
+        "any labels); or features (vectors of points and pixels, alone, by `semcal calibrate --estimator mine`).  "
+        "[default: auto: labels, or, if points have none, segments,edges or what the files allow of both]",
+        "--cue",
+        default=AUTO,
+        type=CUES,
+        metavar="CUE[,CUE]",
+        show_default=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuietSettings:
+    """The option of every command that shows its progress."""
+
+    quiet: bool = option("Print nothing but the result and errors.", "-q", "--quiet", default=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThreadSettings(QuietSettings):
+    """Options of every command that computes."""
+
+    threads: int | None = option(
+        "Threads to work on; all cores if not given. The result does not depend on it.",
+        least=1,
+        most=MAX_THREADS,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSettings(QuietSettings):
+    """Argument and option of every command that reads a drive."""
+
+    drive: Path = argument()
+    max_points: int = max_points()
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings(DriveSettings, ThreadSettings):
+    """Options of every command that computes something of a drive."""
+
+    verbose: bool = False
+    """Whether figures for experts are shown as well."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateSettings(RunSettings):
+    """Options of every command that compares points and pixels of a drive."""
+
+    seed: int = setting_of(CalibrationConfig, "seed")
+    max_frames: int = setting_of(CalibrationConfig, "max_frames")
+    cues: tuple[CueName, ...] = cue_list()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultSettings(EstimateSettings):
+    """Options of every command that writes a calibration."""
+
+    output: Path | None = result_file()
+    as_json: bool = option("Print the result as JSON, also with -o.", "--json", default=False)
+    verbose: bool = option(
+        "Also print the figures of each stage for experts.", "-v", "--verbose", default=False
+    )
+    log: Path | None = output_file("Write times, host and threads to a JSON file.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitSettings:
+    """Options for the largest allowed difference of transforms."""
+
+    max_translation_m: float = limit("camera", Limits.translation_m, "M", above=0.0)
+    max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", above=0.0)
 
 
 def number_option(
@@ -97,223 +165,10 @@ def number_option(
     )
 
 
-def choice_option(
-    name: str, choices: Sequence[str], *, default: str, help: str
-) -> Callable[[Command], Command]:
-    """Make an option for one of some words, whose help shows its default.
-
-    Args:
-        name: Name of the option.
-        choices: The words.
-        default: Word if the option is not given.
-        help: Sentence of the help.
-    """
-    return click.option(name, type=click.Choice(choices), default=default, show_default=True, help=help)
-
-
-def setting_option(
-    config: type, name: str, *, help: str = "{}", is_open: bool = False
-) -> Callable[[Command], Command]:
-    """Make the option of a setting: its name, type, limits, default and help stand in the configuration.
-
-    Args:
-        config: Class of the configuration.
-        name: Field of the setting, and name of the parameter.
-        help: Sentence of the help, around that of the setting.
-        is_open: Whether the value is None if the option is not given, as something else may be its default.
-    """
-    found = settings_of(config)[name]
-    kind: click.ParamType[Any] = click.Choice(found.choices)
-    if not found.choices and found.kind is int:
-        kind = click.IntRange(found.least, found.most)  # type: ignore[arg-type]
-    elif not found.choices:
-        least, most = (
-            x if y is None else y for x, y in ((found.least, found.above), (found.most, found.below))
-        )
-        kind = FiniteRange(least, most, min_open=found.above is not None, max_open=found.below is not None)
-    told = f"  [default: {found.default}]" if is_open else ""
-    return click.option(
-        found.option or f"--{name.replace('_', '-')}",
-        name,
-        type=kind,
-        default=None if is_open else found.default,
-        show_default=not is_open and found.default is not None,
-        metavar=None if found.choices else found.metavar,
-        help=help.format(found.help) + told,
-    )
-
-
-def with_options(command: Command, options: Sequence[Callable[[Command], Command]]) -> Command:
-    """Add options to a command, whose help shows them in this order."""
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
 drive_argument = click.argument("drive", type=PATH)
-
-
-def file_or_stdout(help: str) -> Callable[[Command], Command]:
-    """Make the option -o for the file of a result; standard output, however it is named, is None."""
-
-    def callback(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
-        return None if path is not None and descriptor(path) == 1 else path
-
-    return click.option("-o", "--output", type=OUTPUT_FILE, callback=callback, metavar="FILE", help=help)
-
-
-output_option = file_or_stdout(
-    "File of the result: .yaml, .yml or .json. Standard output, as YAML, if it is - or not given."
+max_frames_option = number_option(
+    "--max-frames",
+    default=MAX_FRAMES,
+    help="Use at most N frames of a longer drive, those whose label images differ most.",
 )
-log_option = click.option(
-    "--log", type=OUTPUT_FILE, metavar="FILE", help="Write times, host and threads to a JSON file."
-)
-verbose_option = click.option(
-    "-v", "--verbose", is_flag=True, help="Also print the figures of each stage for experts."
-)
-json_only_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-junit_option = click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, also with -o.")
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but the result and errors.")
-seed_option = setting_option(CalibrationConfig, "seed")
-threads_option = number_option(
-    "--threads",
-    most=MAX_THREADS,
-    help="Threads to work on; all cores if not given. The result does not depend on it.",
-)
-max_frames_option = setting_option(CalibrationConfig, "max_frames")
-max_points_option = number_option(
-    "--max-points",
-    most=MAX_MAX_POINTS,
-    default=MAX_POINTS,
-    help="Refuse sweeps of more than N points, and their files if they have more than 64 bytes a point.",
-)
-
-
-def report_option(about: str) -> Callable[[Command], Command]:
-    """Make the option for a page about something."""
-    return click.option(
-        "--report",
-        "page",
-        type=OUTPUT_FILE,
-        metavar="FILE",
-        help=f"Also write a page about {about}: .html.",
-    )
-
-
-def overlay_option(help: str) -> Callable[[Command], Command]:
-    """Make the option for a folder of pictures."""
-    return click.option("--overlay", "images", type=PATH, metavar="DIR", help=help)
-
-
-def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
-    """Add the options for the largest allowed difference of transforms."""
-    limit = partial(
-        click.option, type=FiniteRange(0.0, MAX_LIMIT, min_open=not may_be_zero), show_default=True
-    )
-    translation = limit(
-        "--max-translation-m",
-        default=Limits.translation_m,
-        metavar="M",
-        help="Largest allowed offset of the camera.",
-    )
-    rotation = limit(
-        "--max-rotation-deg",
-        default=Limits.rotation_deg,
-        metavar="DEG",
-        help="Largest allowed offset of the rotation.",
-    )
-    return lambda command: rotation(translation(command))
-
-
-max_baseline_option = setting_option(RefinementConfig, "max_baseline_m")
-
-
-class CueList(click.ParamType[tuple[str, ...]]):
-    """Names of cues, separated by commas."""
-
-    name = "cues"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """Parse the names."""
-        if isinstance(value, tuple):
-            return value
-        names = tuple(str(value).split(","))
-        if not set(names) <= set(CUES):
-            self.fail(f"found {value!r}, needed some of {', '.join(CUES)}.", param, ctx)
-        if len(set(names)) < len(names):
-            self.fail(f"found {value!r}, needed each cue once.", param, ctx)
-        if "features" in names and len(names) > 1:
-            self.fail(f"found {value!r}, but features go alone.", param, ctx)
-        if "auto" in names and len(names) > 1:
-            self.fail(f"found {value!r}, but auto goes alone.", param, ctx)
-        return tuple(name for name in CUES if name in names)
-
-
-CUES = get_args(CueName)
-
-cue_option = click.option(
-    "--cue",
-    "cues",
-    type=CueList(),
-    default=AUTO,
-    metavar="CUE[,CUE]",
-    help="Cues to compare, alone or together: auto (the best that the files of DRIVE allow); labels of points and "
-    "pictures; edges (steps along the scans against gradients of the pictures, without any labels, from a start that "
-    "is known to 5 degrees and 0.3 m); segments (parts of the sweeps by their shape, against labels of pictures alone, "
-    "which give edges a start); intensity (the LiDAR's against the picture's grey values, without any labels); or "
-    "features (vectors of points and pixels, alone, by `semcal calibrate --estimator mine`).  [default: auto: labels, "
-    "or, if points have none, segments,edges or what the files allow of both]",
-)
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """Options of every command that loads a drive."""
-
-    threads: int | None
-    """Number of threads of the Rust stages; None takes all."""
-    quiet: bool
-    """Whether only errors are shown."""
-    max_points: int = MAX_POINTS
-    """Points of the largest sweep that is read."""
-    verbose: bool = False
-    """Whether figures for experts are shown as well."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResultOptions(RunOptions):
-    """Options of every command that computes a calibration."""
-
-    output: Path | None
-    log: Path | None
-    seed: int
-    max_frames: int
-    cues: tuple[CueName, ...]
-    as_json: bool = False
-    """Whether the result is printed as JSON, whatever else it is written to."""
-
-
-def asked(kind: type[AnyOptions], values: Mapping[str, Any]) -> AnyOptions:
-    """Make an object of those options of a command that have the names of its fields."""
-    return kind(**{each.name: values[each.name] for each in fields(kind) if each.name in values})
-
-
-def result_options(command: Command) -> Command:
-    """Add the options of every command that computes a calibration."""
-    for option in (
-        cue_option,
-        max_points_option,
-        max_frames_option,
-        log_option,
-        quiet_option,
-        verbose_option,
-        threads_option,
-        seed_option,
-        json_option,
-        output_option,
-    ):
-        command = option(command)
-    return command
+max_points_option = number_option("--max-points", most=MAX_MAX_POINTS, default=MAX_POINTS, help=MANY_POINTS)

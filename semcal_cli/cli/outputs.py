@@ -1,10 +1,11 @@
-"""The output files of a command: checked before the work begins, written after it."""
+"""The drive that a command reads, and its output files: checked before the work begins, written after it."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,9 @@ import numpy as np
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.tables import doubts, labelled, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal, progress_line
+from semcal_cli.drive.document import Drive, drive_file, read_drive
 from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import output_format
 from semcal_cli.files.reading import is_folder
@@ -29,12 +32,15 @@ from semcal_cli.files.writing import (
     takes_several,
     write_text,
 )
+from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import calibration_text, write_calibration
 from semcal_cli.result.intervals import stated_error
+from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Verdict
-    from semcal_cli.drive.document import Drive
+    from semcal_cli.cli.options import ResultSettings, RunSettings
+    from semcal_cli.config import CalibrationConfig
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
@@ -61,14 +67,28 @@ class Outputs:
     as_json: bool = False
     """Whether the result is also printed as JSON, and nothing else on standard output."""
 
+    @classmethod
+    def of_result(cls, settings: ResultSettings) -> Outputs:
+        """Name the files that every command writes which makes a calibration."""
+        return cls(settings.output, settings.log, as_json=settings.as_json)
+
     @property
     def folder(self) -> Path:
         """Folder of the result."""
         return folder_of(self.output)
 
+    @property
+    def is_illustrated(self) -> bool:
+        """Whether a report or overlays are requested."""
+        return self.page is not None or self.images is not None
+
     def of_part(self, number: int) -> Outputs:
         """Name the outputs of a part of the drive: `out_part_1.yaml` beside `out.yaml`, and a log of its own."""
-        return Outputs(_of_part(self.output, number), _of_part(self.log, number))
+        output, log = (
+            path if path is None or takes_several(path) else path.with_stem(f"{path.stem}_part_{number}")
+            for path in (self.output, self.log)
+        )
+        return Outputs(output, log)
 
     def check(
         self, drive: Drive, initial_pose: InitialPose | None = None, parts: Sequence[Outputs] = ()
@@ -83,18 +103,16 @@ class Outputs:
         Raises:
             InputError: an output cannot be written to its path.
         """
-        read = [drive.path, *map(drive.resolve, drive.files())]
-        if initial_pose is not None and initial_pose.source is not None:
-            read.append(initial_pose.source)
+        read = files_read(drive, None if initial_pose is None else initial_pose.source)
         if self.page is not None:
             check_page(self.page)
         if self.images is not None:
             check_image_folder(self.images, MAX_IMAGES, read)
         if self.output is None or self.as_json:
             check_descriptor(STANDARD_OUTPUT)
-        written = [self.output, self.log, self.page]
-        written += [path for part in parts for path in (part.output, part.log)]
-        check_outputs(read, [path for path in written if path is not None])
+        check_outputs(
+            read, self.output, self.log, self.page, *(path for p in parts for path in (p.output, p.log))
+        )
         if self.to is not None:
             from semcal_cli.formats import write_transform
 
@@ -109,7 +127,7 @@ class Outputs:
         Raises:
             InputError: one is missing, or is not an image of the camera's size.
         """
-        if self.page is None and self.images is None:
+        if not self.is_illustrated:
             return
         from semcal_cli.files.images import check_image
 
@@ -143,13 +161,13 @@ class Outputs:
         terminal.print(
             *summary_lines(calibration, verbose=terminal.verbose), labelled("written to", written_to)
         )
-        if drive is not None and (self.page is not None or self.images is not None):
+        if drive is not None and self.is_illustrated:
             self._illustrate(drive, calibration, terminal)
         verdict, *next_steps = verdict_lines(calibration)
         terminal.print_verdict(verdict, calibration.status)
         terminal.print(*next_steps)
         _report(calibration, written_to).tell_github()
-        return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
+        return exit_code(calibration)
 
     def _write_result(self, calibration: Calibration) -> None:
         if self.as_json:
@@ -182,8 +200,7 @@ class Outputs:
                 terminal.print(labelled("report", str(self.page)))
             if self.images is not None:
                 progress("drawing points on pictures")
-                for path in report.overlays(MAX_IMAGES).write_all(self.images):
-                    terminal.print(labelled("picture", str(path)))
+                terminal.print_paths("picture", report.overlays(MAX_IMAGES).write_all(self.images))
 
 
 def _report(calibration: Calibration, written_to: str) -> CiReport:
@@ -199,25 +216,30 @@ def _report(calibration: Calibration, written_to: str) -> CiReport:
     return CiReport(command, written_to, verdict, [case], calibration.reasons)
 
 
+def exit_code(calibration: Calibration) -> int:
+    """Give the exit code of a calibration that was written: 3 if it is not trusted."""
+    return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
+
+
 def folder_of(output: Path | None) -> Path:
     """Folder that the paths in a result are relative to: that of its file, or the working folder of a stream."""
     return Path() if output is None or descriptor(output) is not None else output.parent
 
 
-def _of_part(path: Path | None, number: int) -> Path | None:
-    if path is None or takes_several(path):
-        return path
-    return path.with_stem(f"{path.stem}_part_{number}")
+def files_read(drive: Drive, *others: Path | None) -> list[Path]:
+    """List the files of a drive, and those of transforms or drives that are given."""
+    given = [drive_file(path) for path in others if path is not None]
+    return [drive.path, *map(drive.resolve, drive.files()), *given]
 
 
-def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
-    """Check that results have a folder to go to, and overwrite neither an input nor one another.
+def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
+    """Check that results have a folder to go to, and overwrite neither an input nor one another; None is no result.
 
     Raises:
         InputError: a folder is missing or cannot be written to, or a result would overwrite a file.
     """
     taken = set(map(os.path.realpath, read))
-    for path in outputs:
+    for path in filter(None, outputs):
         if not is_folder(path.absolute().parent):
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
         if is_folder(path):
@@ -262,3 +284,41 @@ def check_page(path: Path) -> None:
         return
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .html")
+
+
+@contextmanager
+def loaded_drive(
+    settings: RunSettings,
+    config: CalibrationConfig,
+    outputs: Outputs,
+    initial_pose: InitialPose | None = None,
+    parts: Sequence[Outputs] = (),
+    *,
+    as_result_sees: bool = False,
+) -> Iterator[tuple[LoadedDrive, Terminal]]:
+    """Load a drive once its outputs are checked, and show the progress of all that is done with it.
+
+    Args:
+        settings: The drive, how it is read, and what is shown.
+        config: Settings of a calibration, which say what is read.
+        outputs: Output files, which are checked before anything long begins.
+        initial_pose: Pose to start at, whose file no output may replace.
+        parts: Output files of the parts of the drive, which are checked with the others.
+        as_result_sees: Whether the drive gets the camera and the clock that were estimated together with the initial
+            pose.
+
+    Raises:
+        InputError: the drive, one of its files or an output is wrong.
+        CalibrationError: one side's labels carry no information.
+    """
+    spec = read_drive(settings.drive, settings.max_points)
+    outputs.check(spec, initial_pose, parts)
+    set_num_threads(settings.threads)
+    with Terminal(quiet=settings.quiet, verbose=settings.verbose) as terminal:
+        if as_result_sees and initial_pose is not None:
+            applied = apply_result(initial_pose.record, spec, initial_pose.name)
+            terminal.print_changes(applied.changes)
+            spec = applied.drive
+        data = load(spec, config, terminal.on_event)
+        outputs.check_pictures(data.drive)
+        yield data, terminal

@@ -45,8 +45,7 @@ def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[st
     T = calibration.pose
     rows = [
         *zip(["T_camera_lidar", "", "", ""], matrix_lines(T), strict=True),
-        ("camera at", f"{row(camera_center(T).tolist())} m in the LiDAR frame"),
-        ("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
+        *pose_rows(T),
         *(_label_rows(calibration.quality) if verbose else ()),
         *_uncertainty_rows(calibration.believed_uncertainty),
         *_camera_rows(calibration),
@@ -55,6 +54,14 @@ def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[st
         *(("doubt", reason) for reason in calibration.reasons),
     ]
     return [line for label, text in rows for line in wrapped(label, text)]
+
+
+def pose_rows(T: Pose) -> Rows:
+    """Tell in words where a pose puts the camera."""
+    return [
+        ("camera at", f"{row(camera_center(T).tolist())} m in the LiDAR frame"),
+        ("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
+    ]
 
 
 def verdict_lines(calibration: Calibration) -> list[str]:

@@ -1,18 +1,22 @@
-"""The terminal output of a running command: a progress line, and a line for each stage."""
+"""The terminal output of a running command: what it does, a line for each stage, the items of a run, and times."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from types import TracebackType
+from pathlib import Path
 
 from rich.console import Console
+from rich.live import Live
 from rich.progress import Progress as ProgressBar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
-from semcal_cli.cli.tables import wrapped
+from semcal_cli.batch.pace import Pace
+from semcal_cli.cli.tables import labelled, wrapped
 from semcal_cli.drive.events import Event, Progress, StageDone, movement
+from semcal_cli.errors import printable
 
 STAGE_WIDTH = 20
 """Columns before what a stage did: its name and its time."""
@@ -22,6 +26,12 @@ COLORS = {
     **dict.fromkeys(("not_assessed", "inconclusive"), "bold yellow"),
 }
 """Colour of each verdict."""
+REFRESHES_PER_S = 2.0
+MAX_RUNNING = 16
+"""Most running items that are named."""
+MINUTE_S, HOUR_S = 60.0, 3600.0
+SWITCH = 1.5
+"""Multiple of a unit from which a time is told in it."""
 
 
 class Terminal:
@@ -38,12 +48,7 @@ class Terminal:
         self._show = self._line.enter_context(progress_line(self.console))
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._line.close()
 
     def on_event(self, event: Event) -> None:
@@ -63,6 +68,14 @@ class Terminal:
         """Print lines as they are."""
         for line in lines:
             self.console.print(line, markup=False)
+
+    def print_changes(self, changes: Iterable[tuple[str, str]]) -> None:
+        """Print where the camera and the clock of a result differ from those of a drive."""
+        self.print(*(labelled(*change) for change in changes))
+
+    def print_paths(self, label: str, paths: Iterable[Path]) -> None:
+        """Print the files of a kind that were written."""
+        self.print(*(labelled(label, str(path)) for path in paths))
 
     def print_verdict(self, line: str, status: str) -> None:
         """Print the line with the verdict, in its colour on a terminal."""
@@ -97,3 +110,47 @@ def progress_line(console: Console) -> Iterator[Callable[[str], None]]:
 def make_console(quiet: bool) -> Console:
     """Make a console on stderr that neither wraps nor highlights, so that a pipe gets plain lines."""
     return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True, emoji=False)
+
+
+@contextmanager
+def live_lines(console: Console, lines: Callable[[], Sequence[Text]]) -> Iterator[None]:
+    """Show lines that change on a terminal, each cut to its width, until the work is done; nothing on a pipe."""
+    if not console.is_terminal or console.quiet:
+        yield
+        return
+
+    def shown() -> Text:
+        found = lines()
+        for line in found:
+            line.truncate(console.width, overflow="ellipsis")
+        return Text("\n").join(found)
+
+    with Live(get_renderable=shown, console=console, refresh_per_second=REFRESHES_PER_S, transient=True):
+        yield
+
+
+def running_lines(pace: Pace) -> list[Text]:
+    """List the items that are being done, each with the time since it began."""
+    running = pace.running()
+    lines = [Text(f"  {clock_time(elapsed_s):>8}  {printable(name)}") for name, elapsed_s in running]
+    more = [Text(f"and {len(lines) - MAX_RUNNING:,} more")] if len(lines) > MAX_RUNNING else []
+    return [*lines[:MAX_RUNNING], *more]
+
+
+def time_left(pace: Pace) -> str:
+    """Tell about how long the rest takes; empty while nothing is known or nothing is left."""
+    left_s = pace.left_s()
+    if left_s is None or pace.num_left == 0:
+        return ""
+    if left_s < SWITCH * MINUTE_S:
+        return f"about {max(left_s, 1.0):.0f} s left"
+    if left_s < SWITCH * HOUR_S:
+        return f"about {left_s / MINUTE_S:.0f} min left"
+    return f"about {left_s / HOUR_S:.1f} h left"
+
+
+def clock_time(seconds: float) -> str:
+    """Write a duration as minutes and seconds, or as hours, minutes and seconds."""
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -2,45 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.ci import (
-    Case,
-    CiReport,
-    Inconclusive,
-    errors_reported,
-    inconclusive_option,
-)
-from semcal_cli.cli.convert import DIRECTIONS
+from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
+from semcal_cli.cli.convert import DIRECTION
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     MAX_LIMIT,
-    PATH,
-    FiniteRange,
-    RunOptions,
-    asked,
-    cue_option,
-    drive_argument,
-    json_only_option,
-    junit_option,
-    limit_options,
-    max_baseline_option,
-    max_frames_option,
-    max_points_option,
-    overlay_option,
-    quiet_option,
-    report_option,
-    seed_option,
-    threads_option,
+    Direction,
+    EstimateSettings,
+    LimitSettings,
+    inconclusive_choice,
+    json_flag,
 )
-from semcal_cli.cli.rules import CheckedCommand, none_of
-from semcal_cli.cli.search import read_initial_pose
+from semcal_cli.cli.rules import none_of
+from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
+from semcal_cli.cli.stages import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 
 if TYPE_CHECKING:
@@ -52,9 +37,63 @@ if TYPE_CHECKING:
     from semcal_cli.pipeline.verification import Verification
 
 
-@click.command(
-    cls=CheckedCommand,
-    rules=[none_of("--cue features", because="vectors have no exact histogram")],
+@dataclass(frozen=True, kw_only=True)
+class VerifySettings(LimitSettings, EstimateSettings):
+    """What the options of `verify` say."""
+
+    rules = [none_of("--cue features", because="vectors have no exact histogram")]
+    calibration: Path = argument()
+    direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
+    max_delay_ms: float | None = option(
+        "Largest allowed offset of the camera's clock, which is estimated as well then. Needs `motion:` with poses or "
+        "a twist, different speeds, and turns.",
+        above=0.0,
+        most=MAX_LIMIT,
+        metavar="MS",
+    )
+    as_json: bool = json_flag()
+    junit: Path | None = output_file("Also write a JUnit XML file.")
+    page: Path | None = output_file("Also write a page about the verdict: .html.", "--report")
+    images: Path | None = option(
+        "Also draw the points on at most 20 pictures, as the transform and as the one that was found put them.",
+        "--overlay",
+        metavar="DIR",
+    )
+    inconclusive: Inconclusive = inconclusive_choice()
+    max_baseline_m: float = setting_of(RefinementConfig, "max_baseline_m")
+
+    @cached_property
+    def initial_pose(self) -> InitialPose:
+        """The transform.
+
+        Raises:
+            InputError: the file is none.
+        """
+        return read_initial_pose(self.calibration, self.direction, direction_option="--direction")
+
+    @property
+    def config(self) -> CalibrationConfig:
+        """Settings of the estimate."""
+        refinement = RefinementConfig(max_baseline_m=self.max_baseline_m)
+        return CalibrationConfig(self.seed, self.cues, self.max_frames, refinement=refinement)
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the transform and of the clock."""
+        delay_s = None if self.max_delay_ms is None else 1e-3 * self.max_delay_ms
+        return Limits(self.max_rotation_deg, self.max_translation_m, delay_s)
+
+    def check(self) -> None:
+        """Check all that can be said about the options without the drive.
+
+        Raises:
+            InputError: the calibration is not a transform.
+        """
+        _ = self.initial_pose
+
+
+@command(
+    VerifySettings,
     help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
 
     The pose is estimated again, starting at the transform. Limits are along and about each
@@ -63,68 +102,31 @@ if TYPE_CHECKING:
     --inconclusive makes it another one.
     """,
 )
-@drive_argument
-@click.argument("calibration", type=PATH)
-@click.option(
-    "--direction",
-    type=click.Choice(DIRECTIONS),
-    help="Direction of a bare matrix in CALIBRATION: p_camera = T p_lidar, or p_lidar = T p_camera.",
-)
-@limit_options(may_be_zero=False)
-@click.option(
-    "--max-delay-ms",
-    type=FiniteRange(0.0, MAX_LIMIT, min_open=True),
-    metavar="MS",
-    help="Largest allowed offset of the camera's clock, which is estimated as well then. Needs `motion:` with poses "
-    "or a twist, different speeds, and turns.",
-)
-@json_only_option
-@junit_option
-@report_option("the verdict")
-@overlay_option(
-    "Also draw the points on at most 20 pictures, as the transform and as the one that was found put them."
-)
-@inconclusive_option
-@max_baseline_option
-@seed_option
-@threads_option
-@max_frames_option
-@max_points_option
-@cue_option
-@quiet_option
-def verify(
-    drive: Path,
-    as_json: bool,
-    junit: Path | None,
-    page: Path | None,
-    images: Path | None,
-    inconclusive: Inconclusive,
-    **options: Any,
-) -> None:
+def verify(settings: VerifySettings) -> None:
     """Verify a transform on a drive."""
-    from semcal_cli.cli.drive import loaded_drive
-    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.files.writing import write_text
     from semcal_cli.pipeline.verification import verify as check
 
-    start, subject = perf_counter(), f"{drive}, {options['calibration']}"
+    start, subject = perf_counter(), f"{settings.drive}, {settings.calibration}"
     # The JUnit file must not replace an input; neither must a log.
-    outputs = Outputs(log=junit, page=page, images=images)
-    with errors_reported("verify", subject, junit, [drive, options["calibration"]]):
-        initial_pose, config, limits = settings_of(options)
-        run = asked(RunOptions, options)
-        with loaded_drive(drive, config, outputs, run, initial_pose, as_result_sees=True) as (
-            data,
-            terminal,
-        ):
-            found = check(data, initial_pose, limits, config, terminal.on_event)
-            _illustrate(found, data, initial_pose, outputs, terminal)
+    outputs = Outputs(log=settings.junit, page=settings.page, images=settings.images)
+    with errors_reported("verify", subject, settings.junit, [settings.drive, settings.calibration]):
+        pose, config = settings.initial_pose, settings.config
+        with loaded_drive(settings, config, outputs, pose, as_result_sees=True) as (data, terminal):
+            found = check(data, pose, settings.limits, config, terminal.on_event)
+            if outputs.is_illustrated:
+                _illustrate(found, data, pose, outputs, terminal)
     cases = [Case.of_check(check) for check in found.checks]
     seconds = perf_counter() - start
-    report = CiReport("verify", subject, found.verdict, cases, found.reasons, seconds, inconclusive)
-    if junit is not None:
-        write_text(report.junit(), junit)
-    _print(found, as_json)
+    report = CiReport("verify", subject, found.verdict, cases, found.reasons, seconds, settings.inconclusive)
+    if settings.junit is not None:
+        write_text(report.junit(), settings.junit)
+    if settings.as_json:
+        document = asdict(found) | {"T_camera_lidar": found.T_camera_lidar.tolist()}
+        click.echo(json.dumps(document, allow_nan=False))
+    else:
+        _print(found)
     report.tell_github()
     sys.exit(report.exit_code)
 
@@ -133,48 +135,19 @@ def _illustrate(
     found: Verification, data: LoadedDrive, initial_pose: InitialPose, outputs: Outputs, terminal: Terminal
 ) -> None:
     """Write the page and the pictures of a verification, where requested."""
-    if outputs.page is None and outputs.images is None:
-        return
-    from semcal_cli.cli.tables import labelled
     from semcal_cli.drive.events import Progress
     from semcal_cli.report.verification import both_overlays, write_verification
 
     if outputs.page is not None:
         terminal.on_event(Progress("drawing points on pictures"))
         write_verification(found, data, initial_pose, outputs.page)
-        terminal.print(labelled("report", str(outputs.page)))
+        terminal.print_paths("report", [outputs.page])
     if outputs.images is not None:
-        for path in both_overlays(found, data, initial_pose).write_all(outputs.images):
-            terminal.print(labelled("picture", str(path)))
+        overlays = both_overlays(found, data, initial_pose)
+        terminal.print_paths("picture", overlays.write_all(outputs.images))
 
 
-def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationConfig, Limits]:
-    """Check all that can be said about the options without the drive, and make settings of them.
-
-    Raises:
-        InputError: the calibration is not a transform.
-    """
-    refinement = RefinementConfig(max_baseline_m=options["max_baseline_m"])
-    config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"], refinement=refinement)
-    delay_ms = options["max_delay_ms"]
-    limits = Limits(
-        options["max_rotation_deg"],
-        options["max_translation_m"],
-        None if delay_ms is None else 1e-3 * delay_ms,
-    )
-    calibration, direction = options["calibration"], options["direction"]
-    return read_initial_pose(calibration, direction, direction_option="--direction"), config, limits
-
-
-def _print(found: Verification, as_json: bool) -> None:
-    if as_json:
-        import json
-        from dataclasses import asdict
-
-        click.echo(
-            json.dumps(asdict(found) | {"T_camera_lidar": found.T_camera_lidar.tolist()}, allow_nan=False)
-        )
-        return
+def _print(found: Verification) -> None:
     from rich.console import Console
 
     from semcal_cli.assessment.limits import offsets_in_all

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import (
-    KNOWN_TRANSFORMS,
-    OUTPUT_FILE,
-    PATH,
-    cue_option,
-    drive_argument,
-    max_frames_option,
-    max_points_option,
-    number_option,
-    quiet_option,
-    seed_option,
-    threads_option,
-)
-from semcal_cli.cli.rules import CheckedCommand, Options, none_of
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, EstimateSettings
+from semcal_cli.cli.rules import Options, none_of
+from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.cli.stages import read_initial_pose
 from semcal_cli.config import CalibrationConfig
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from semcal_cli.config import CueName
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
     from semcal_cli.files.point_clouds import Sweeps
     from semcal_cli.geometry.poses import Pose
@@ -35,9 +24,23 @@ if TYPE_CHECKING:
 MAX_PORT = 65_535
 
 
-@click.command(
-    cls=CheckedCommand,
-    rules=[none_of("--cue features", because="vectors have no classes to show")],
+@dataclass(frozen=True, kw_only=True)
+class ViewSettings(EstimateSettings):
+    """What the options of `view` say."""
+
+    rules = [none_of("--cue features", because="vectors have no classes to show")]
+    calibration: Path | None = argument()
+    output: Path | None = output_file(
+        "File that the page saves the transform to: .yaml, .yml or .json. The browser saves it if not given.",
+        "-o",
+        "--output",
+    )
+    port: int = option("Port of the page; 0 takes a free one.", default=0, least=0, most=MAX_PORT)
+    is_opened: bool = option("Also open the page in the browser.", "--open", default=False)
+
+
+@command(
+    ViewSettings,
     help=f"""Move the points of DRIVE on its pictures by hand, as a page in a browser shows them.
 
     CALIBRATION is where it begins: {KNOWN_TRANSFORMS}. Without one, the page offers mountings to begin with.
@@ -46,70 +49,37 @@ MAX_PORT = 65_535
     a random word. It ends with Ctrl-C (exit code 130) or, with -o, with its button "Save and end" (0).
     """,
 )
-@drive_argument
-@click.argument("calibration", type=PATH, required=False)
-@click.option(
-    "-o",
-    "--output",
-    type=OUTPUT_FILE,
-    metavar="FILE",
-    help="File that the page saves the transform to: .yaml, .yml or .json. The browser saves it if not given.",
-)
-@number_option("--port", default=0, least=0, most=MAX_PORT, help="Port of the page; 0 takes a free one.")
-@click.option("--open", "is_opened", is_flag=True, help="Also open the page in the browser.")
-@seed_option
-@threads_option
-@max_frames_option
-@max_points_option
-@cue_option
-@quiet_option
-def view(
-    drive: Path,
-    calibration: Path | None,
-    output: Path | None,
-    port: int,
-    is_opened: bool,
-    seed: int,
-    threads: int | None,
-    max_frames: int,
-    max_points: int,
-    cues: tuple[CueName, ...],
-    quiet: bool,
-) -> None:
+def view(settings: ViewSettings) -> None:
     """Show a drive on a page where it is moved by hand."""
-    from semcal_cli.cli.search import read_initial_pose
-    from semcal_cli.cli.tables import labelled
-    from semcal_cli.cli.terminal import make_console, progress_line
+    from semcal_cli.cli.terminal import Terminal, progress_line
     from semcal_cli.drive.document import read_drive
     from semcal_cli.report.view.server import ViewServer
     from semcal_cli.result.applied import apply_result
     from semcal_cli.threads import set_num_threads
 
+    calibration, output = settings.calibration, settings.output
     start = None if calibration is None else read_initial_pose(calibration)
-    applied = apply_result(
-        None if start is None else start.record, read_drive(drive, max_points), str(calibration)
-    )
-    spec = applied.drive
+    drive = read_drive(settings.drive, settings.max_points)
+    applied = apply_result(None if start is None else start.record, drive, str(calibration))
     if output is not None:
-        _check_output(output, spec, calibration)
-    set_num_threads(threads)
-    console = make_console(quiet)
-    for change in applied.changes:
-        console.print(labelled(*change), markup=False)
-    with progress_line(console) as progress:
+        _check_output(output, applied.drive, calibration)
+    set_num_threads(settings.threads)
+    terminal = Terminal(quiet=settings.quiet)
+    terminal.print_changes(applied.changes)
+    with progress_line(terminal.console) as progress:
         progress("reading frames")
-        config = CalibrationConfig(seed, cues, max_frames)
+        config = CalibrationConfig(settings.seed, settings.cues, settings.max_frames)
         T_start = None if start is None else start.T_camera_lidar
-        session = _session(spec, config, T_start, output, console)
-    server = ViewServer(session, port)
-    console.print("open this address in a browser of this machine; Ctrl-C ends it", markup=False)
+        session = _session(applied.drive, config, T_start, output, terminal)
+    server = ViewServer(session, settings.port)
+    terminal.print("open this address in a browser of this machine; Ctrl-C ends it")
     # The address is the result of the command, and the only way to the page.
     click.echo(server.address)
-    if is_opened:
+    if settings.is_opened:
         click.launch(server.address)
     server.answer_until_ended()
     if output is not None and session.has_saved:
-        console.print(labelled("written to", str(output)), markup=False)
+        terminal.print_paths("written to", [output])
 
 
 def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
@@ -119,16 +89,14 @@ def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
         click.UsageError: it would go to a stream.
         InputError: it cannot be written to its path.
     """
-    from semcal_cli.cli.outputs import check_outputs
-    from semcal_cli.drive.document import drive_file
+    from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.writing import descriptor
 
     if descriptor(output) is not None:
         raise click.UsageError("-o: the page saves to a file, and its address goes to standard output")
     output_format(output)
-    given = [] if calibration is None else [drive_file(calibration)]
-    check_outputs([drive.path, *map(drive.resolve, drive.files()), *given], [output])
+    check_outputs(files_read(drive, calibration), output)
 
 
 def _session(
@@ -136,7 +104,7 @@ def _session(
     config: CalibrationConfig,
     start: Pose | None,
     output: Path | None,
-    console: Console,
+    terminal: Terminal,
 ) -> Session:
     """Load the drive; one whose files allow no cue is shown without classes, unless one was asked for."""
     from semcal_cli.drive.frame_selection import evenly_spaced
@@ -161,7 +129,7 @@ def _session(
     for frame in range(len(data.drive.frames)):
         picture_of(data.drive, session.observations, frame)  # a missing one is told before the page is
     if unlabelled:
-        console.print(f"note: nothing tells how well points fit: {unlabelled}", markup=False)
+        terminal.print(f"note: nothing tells how well points fit: {unlabelled}")
     return session
 
 

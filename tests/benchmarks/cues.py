@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.cli.options import CueList
+from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
@@ -93,7 +93,7 @@ def run(
             f"seed {street.seed}: within by between classes {within[0]:.2f}, {within[1]:.2f}", err=True
         )
         for cue in cues:
-            config = CalibrationConfig(cues=tuple(CueList().convert(cue, None, None)))
+            config = CalibrationConfig(cues=tuple(CUE_NAMES.convert(cue, None, None)))
             data = load(drive, config)
             if by_network and "labels" in config.cues:
                 data = _by_network(data, np.random.default_rng(street.seed))

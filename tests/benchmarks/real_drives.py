@@ -21,7 +21,7 @@ import click
 import numpy as np
 from real_data import RealDrive, real_drives
 
-from semcal_cli.cli.options import CueList
+from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -137,7 +137,7 @@ def evaluate(
     found: RealDrive, cue: str, start: str, seeds: Sequence[int], num_pairs: int | None
 ) -> list[End]:
     """Make all runs of a drive by a cue; with `num_pairs`, each by other frames."""
-    cues: tuple[CueName, ...] = tuple(CueList().convert(cue, None, None))
+    cues: tuple[CueName, ...] = tuple(CUE_NAMES.convert(cue, None, None))
     drive, T = read_drive(found.path), read_transform(found.path)
     data, num_frames = load(drive, CalibrationConfig(cues=cues)), len(drive.frames)
     if num_pairs is None or num_pairs >= num_frames:

@@ -1,0 +1,296 @@
+"""Commands whose parameters are the fields of a class of settings.
+
+The type and the default of a field are those of its option, and so is its name, with hyphens. A class inherits the
+options that commands share, and the rules that these have to keep.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import Field, field, fields
+from inspect import get_annotations
+from pathlib import Path
+from types import NoneType
+from typing import Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import click
+
+from semcal_cli.cli.rules import Options
+from semcal_cli.config.setting import settings_of
+from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
+
+Settings = TypeVar("Settings")
+Made = TypeVar("Made")
+PARAMETER, GROUP, IS_ARGUMENT = "parameter", "group", "is_argument"
+LIMITS = ("least", "most", "above", "below")
+OPTIONS = "Options"
+"""Heading of the options in the help that have no other."""
+
+
+class _Finite(click.ParamType[float]):
+    """A number that is neither NaN nor infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parse the number, and check that it is finite."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+class FiniteNumber(_Finite, click.types.FloatParamType):
+    """A finite number: NaN and infinity are refused."""
+
+
+class FiniteRange(_Finite, click.FloatRange):
+    """A range of finite numbers: NaN and infinity are refused."""
+
+
+class StreamOrFile(click.Path):
+    """A file; `-` is a standard stream."""
+
+    def __init__(self, stream: Path) -> None:
+        super().__init__(path_type=Path)
+        self.stream = stream
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Make the path."""
+        return self.stream if value == "-" else super().convert(value, param, ctx)
+
+
+class Names(click.ParamType[tuple[str, ...]]):
+    """Names separated by commas, each once."""
+
+    name = "names"
+
+    def __init__(self, known: tuple[str, ...] = (), alone: tuple[str, ...] = (), needed: str = "") -> None:
+        """Make the type.
+
+        Args:
+            known: Names that there are, in the order of the value; any if empty.
+            alone: Names that stand with no other.
+            needed: What messages say that is needed, if it is not known which names there are.
+        """
+        self.known, self.alone, self.needed = known, alone, needed or f"some of {', '.join(known)}"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Parse the names, and sort them if it is known which there are."""
+        if isinstance(value, tuple):
+            return value
+        names = tuple(name.strip() for name in value.split(","))
+        if "" in names or (self.known and not set(names) <= set(self.known)):
+            self.fail(f"found {value!r}, needed {self.needed}.", param, ctx)
+        if len(set(names)) < len(names):
+            self.fail(f"found {value!r}, needed each name once.", param, ctx)
+        if single := next((name for name in self.alone if name in names and len(names) > 1), None):
+            self.fail(f"found {value!r}, needed {single} alone.", param, ctx)
+        return tuple(name for name in self.known if name in names) or names
+
+
+PATH = click.Path(path_type=Path)
+INPUT_FILE, OUTPUT_FILE = StreamOrFile(STANDARD_INPUT), StreamOrFile(STANDARD_OUTPUT)
+PLAIN_TYPES: dict[Any, click.ParamType[Any]] = {Path: PATH, str: click.STRING, bool: click.BOOL}
+
+
+def option(help: str, *names: str, default: Any = None, **about: Any) -> Any:
+    """Make the field of an option.
+
+    Args:
+        help: Sentence of the help.
+        names: Names of the option; that of the field if there is none.
+        default: Value if it is not given, which the help shows.
+        about: `least`, `most`, `above` and `below`, the limits of a number, and what else `click.Option` takes.
+    """
+    return field(default=default, metadata={PARAMETER: {"help": help, "names": names, **about}})
+
+
+def output_file(help: str, *names: str, **about: Any) -> Any:
+    """Make the field of an option for a file to write."""
+    return option(help, *names, type=OUTPUT_FILE, metavar="FILE", **about)
+
+
+def argument(default: Any = None, **about: Any) -> Any:
+    """Make the field of an argument, which is needed unless it may be None; a tuple takes several."""
+    return field(default=default, metadata={PARAMETER: {IS_ARGUMENT: True, **about}})
+
+
+def setting_of(config: type, name: str, *, help: str = "{}", is_open: bool = False) -> Any:
+    """Make the field of an option for a setting, whose name, limits, default and help stand in the configuration.
+
+    Args:
+        config: Class of the configuration.
+        name: Field of the setting.
+        help: Sentence of the help, around that of the setting.
+        is_open: Whether the value is None if the option is not given, as something else may be its default.
+    """
+    found = settings_of(config)[name]
+    return option(
+        help.format(found.help) + (f"  [default: {found.default}]" if is_open else ""),
+        found.option or f"--{name.replace('_', '-')}",
+        default=None if is_open else found.default,
+        metavar=None if found.choices else found.metavar,
+        **{limit: getattr(found, limit) for limit in LIMITS},
+    )
+
+
+def settings_group(config: type, *, help: str = "{}", is_open: bool = False) -> Any:
+    """Make the field of the options for all settings of a configuration: a dictionary of those that have a value."""
+    return field(default_factory=dict, metadata={GROUP: (config, help, is_open)})
+
+
+def made_of(kind: Callable[..., Made], settings: Any, **others: Any) -> Made:
+    """Make an object of a class, such as a configuration, of the settings that have the names of its fields.
+
+    Args:
+        kind: The class.
+        settings: The settings.
+        others: Values of its other fields.
+    """
+    shared = {each.name for each in fields(kind)} & {each.name for each in fields(settings)}  # type: ignore[arg-type]
+    return kind(**{name: getattr(settings, name) for name in shared} | others)
+
+
+class SettingOption(click.Option):
+    """An option with a heading in the help."""
+
+    section = OPTIONS
+
+
+def _parameters(settings: type) -> list[click.Parameter]:
+    """Make the parameters of a class: options of its own stand before those that it inherits, arguments after."""
+    hints, declared = get_type_hints(settings), {each.name: each for each in fields(settings)}
+    made: list[click.Parameter] = [
+        _argument(name, hints[name], each)
+        for name, each in declared.items()
+        if IS_ARGUMENT in each.metadata.get(PARAMETER, {})
+    ]
+    for owner in settings.__mro__:
+        section = vars(owner).get("section", OPTIONS)
+        for each in [declared.pop(name) for name in get_annotations(owner) if name in declared]:
+            made += _options(each, hints[each.name], section)
+    return made
+
+
+def _argument(name: str, hint: Any, declared: Field[Any]) -> click.Argument:
+    is_several = get_origin(hint) is tuple
+    about: dict[str, Any] = {"type": _type_of(get_args(hint)[0] if is_several else _plain(hint), {})}
+    about |= {key: value for key, value in declared.metadata[PARAMETER].items() if key != IS_ARGUMENT}
+    if declared.default is not None:
+        return click.Argument([name], default=declared.default, **about)
+    return click.Argument(
+        [name], required=NoneType not in get_args(hint), nargs=-1 if is_several else 1, **about
+    )
+
+
+def _options(declared: Field[Any], hint: Any, section: str) -> Iterator[SettingOption]:
+    if GROUP in declared.metadata:
+        config, help, is_open = declared.metadata[GROUP]
+        for name, known in settings_of(config).items():
+            each = setting_of(config, name, help=help, is_open=is_open)
+            each.name = name
+            yield from _options(each, known.kind, known.section or section)
+    elif "names" in declared.metadata.get(PARAMETER, {}):
+        about, kind = dict(declared.metadata[PARAMETER]), _plain(hint)
+        names = about.pop("names") or (f"--{declared.name.replace('_', '-')}",)
+        found = _type_of(kind, {limit: about.pop(limit, None) for limit in LIMITS})
+        if kind is bool:
+            found, about["is_flag"] = None, True
+        usual: dict[str, Any] = {
+            "type": found,
+            "show_default": declared.default is not None and kind is not bool,
+            "metavar": "N" if kind is int else None,
+        }
+        if declared.default is not None:
+            usual["default"] = declared.default
+        made = SettingOption([*names, declared.name], **usual | about)
+        made.section = section
+        yield made
+
+
+def _type_of(kind: Any, limits: dict[str, Any]) -> click.ParamType[Any] | None:
+    if get_origin(kind) is Literal:
+        return click.Choice(get_args(kind))
+    if kind is int:
+        return click.IntRange(limits["least"], limits["most"])
+    if kind is float:
+        low, high = (limits[a] if limits[b] is None else limits[b] for a, b in (LIMITS[::2], LIMITS[1::2]))
+        return FiniteRange(
+            low, high, min_open=limits["above"] is not None, max_open=limits["below"] is not None
+        )
+    return PLAIN_TYPES.get(kind)
+
+
+def _plain(hint: Any) -> Any:
+    """Give a type without None."""
+    is_optional = get_origin(hint) is not Literal and NoneType in get_args(hint)
+    return get_args(hint)[0] if is_optional else hint
+
+
+class SettingsCommand(click.Command, Generic[Settings]):
+    """A command that is called with its settings, after their rules are checked."""
+
+    def __init__(self, *args: Any, settings: type[Settings], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.settings, self.params = settings, [*_parameters(settings), *self.params]
+        self.rules = [rule for owner in reversed(settings.__mro__) for rule in vars(owner).get("rules", ())]
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments, and check that the options go together.
+
+        Raises:
+            click.UsageError: they break a rule, or --json and another output both go to standard output.
+        """
+        rest = super().parse_args(ctx, args)
+        if ctx.resilient_parsing:
+            return rest
+        options = Options(ctx)
+        if complaint := next(filter(None, (rule.complaint(options) for rule in self.rules)), None):
+            raise click.UsageError(complaint, ctx)
+        if ctx.params.get("as_json"):
+            _check_stdout_is_free(options)
+        return rest
+
+    def settings_in(self, ctx: click.Context) -> Settings:
+        """Make the settings of what was parsed."""
+        values, made = ctx.params, dict[str, Any]()
+        for each in fields(self.settings):  # type: ignore[arg-type]
+            if GROUP in each.metadata:
+                names = settings_of(each.metadata[GROUP][0])
+                made[each.name] = {name: values[name] for name in names if values[name] is not None}
+            elif each.name in values:
+                made[each.name] = values[each.name]
+        return self.settings(**made)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Call the command with its settings."""
+        assert self.callback is not None
+        return ctx.invoke(self.callback, self.settings_in(ctx))
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options under their headings, those without one at the end."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            if (record := parameter.get_help_record(ctx)) is not None:
+                sections.setdefault(getattr(parameter, "section", OPTIONS), []).append(record)
+        for title in sorted(sections, key=OPTIONS.__eq__):
+            with formatter.section(title):
+                formatter.write_dl(sections[title])
+
+
+def _check_stdout_is_free(options: Options) -> None:
+    """Check that no file goes to standard output, where --json prints the result."""
+    for parameter in options.given():
+        path, name = options.context.params[str(parameter.name)], parameter.opts[0]
+        # Standard output is None as the file of the result.
+        if parameter.type is OUTPUT_FILE and (path is None or descriptor(path) == 1):
+            raise click.UsageError(
+                f"--json, {name}: would both write to standard output: give {name} a file", options.context
+            )
+
+
+def command(settings: type[Settings], **about: Any) -> Callable[[Callable[[Settings], None]], Any]:
+    """Make a command of a function of settings; `about` is what else `click.command` takes."""
+    return lambda run: click.command(**{"cls": SettingsCommand, "settings": settings, **about})(run)
