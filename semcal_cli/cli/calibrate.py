@@ -277,7 +277,8 @@ def calibrate_each(
     """
     from semcal_cli.cli.tables import labelled
 
-    calibrations, failures = dict[str, Calibration](), dict[str, str]()
+    calibrations: dict[str, Calibration] = {}
+    failures: dict[str, str] = {}
     for name, title, run, outputs, terminal in jobs:
         terminal.print(f"[{title}]")
         try:
