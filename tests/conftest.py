@@ -1,8 +1,9 @@
 import os
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -167,6 +168,9 @@ def knocked_drive(knocked: RawDrive, tmp_path_factory: pytest.TempPathFactory) -
     return write_raw_drive(knocked, tmp_path_factory.mktemp("knocked")).parent
 
 
+Cli = Callable[..., tuple[int, str, str]]
+
+
 def run(capfd: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
     """Run the command in this process: exit code, standard output, standard error."""
     argv, sys.argv = sys.argv, ["semcal", *map(str, arguments)]
@@ -178,6 +182,12 @@ def run(capfd: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str
     finally:
         sys.argv = argv
     return code, *capfd.readouterr()
+
+
+@pytest.fixture
+def cli(capfd: pytest.CaptureFixture[str]) -> Cli:
+    """The command: its exit code, standard output and standard error."""
+    return partial(run, capfd)
 
 
 @pytest.fixture(scope="session")

@@ -3,12 +3,11 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import yaml
 from hostile_commands import Hostile
 from hostile_files import absent
-from hostile_outputs import drive_with, every_failure_has_a_reason, nothing
+from hostile_outputs import drive_with, every_failure_has_a_reason, nothing, set_value
 from refined import clock, refined_camera
 from test_calibration import POSE, make_calibration
 
@@ -21,9 +20,9 @@ NO_RESULT = absent("out.yaml", "x")
 OF_LENS = "fx, fy, cx, cy, k1, k2, p1, p2, k3$"
 
 
-def refused(line: str, *options: str) -> Hostile:
+def refused(line: str, *options: str, make: Callable[[Path], object] = nothing) -> Hostile:
     """Gives options to `calibrate`, which end in a line and write nothing."""
-    return Hostile(nothing, (*CALIBRATE, *options), line, check=NO_RESULT)
+    return Hostile(make, (*CALIBRATE, *options), line, check=NO_RESULT)
 
 
 def all_round(folder: Path) -> None:
@@ -43,8 +42,8 @@ def rig_of_one_lidar(folder: Path) -> None:
     (folder / "rig" / "rig.yaml").write_text("semcal_rig: 1\ncameras: {a: ../drive, b: ../left}\n")
 
 
-def result_with(*keys: str | int, value: object) -> Callable[[Path], object]:
-    """Makes a calibration with a camera and a clock, and another value at a key, in `c.json`."""
+def result_with(keys: str, value: object) -> Callable[[Path], object]:
+    """Makes a calibration with a camera and a clock, and another value at keys joined by dots, in `c.json`."""
 
     def make(folder: Path) -> None:
         path, camera = folder / "c.json", read_drive(folder / "drive").camera
@@ -53,19 +52,15 @@ def result_with(*keys: str | int, value: object) -> Callable[[Path], object]:
         estimated["input"] = record.input.model_copy(update={"camera": camera})
         write_calibration(record.model_copy(update=estimated), path)
         document = json.loads(path.read_text())
-        place: Any = document
-        for key in keys[:-1]:
-            place = place[key]
-        place[keys[-1]] = value
+        set_value(document, tuple(int(key) if key.isdigit() else key for key in keys.split(".")), value)
         path.write_text(json.dumps(document))
 
     return make
 
 
-def read_back(line: str, *keys: str | int, value: object) -> Hostile:
-    """Reads a result with a wrong value, which ends in a line that names file, key and value."""
-    command = ("report", "drive", "c.json", "-o", "x.html", "-q")
-    return Hostile(result_with(*keys, value=value), command, rf"^semcal: error: c\.json: {line}")
+def diagonal(count: int, value: float = 1.0) -> list[list[float]]:
+    """Makes a diagonal matrix, which is a covariance unless a value is below zero."""
+    return [[value if row == column else 0.0 for column in range(count)] for row in range(count)]
 
 
 OPTIONS: dict[str, Hostile] = {
@@ -73,25 +68,19 @@ OPTIONS: dict[str, Hostile] = {
         rf"drive\.yaml: --refine-intrinsics: found 'k9', needed names of plumb_bob: {OF_LENS}",
         *("--refine-intrinsics", "fx,k9"),
     ),
-    "an intrinsic in capitals": refused(
-        rf"--refine-intrinsics: found 'FX', needed names of plumb_bob: {OF_LENS}",
-        *("--refine-intrinsics", "FX"),
-    ),
-    "k1 of a picture all round": Hostile(
-        all_round,
-        (*CALIBRATE, "--refine-intrinsics", "fx,k1"),
+    "k1 of a picture all round": refused(
         r"--refine-intrinsics: found 'k1', needed names of equirectangular: fx, fy, cx, cy$",
-        check=NO_RESULT,
+        *("--refine-intrinsics", "fx,k1"),
+        make=all_round,
     ),
     "no motion for the clock": refused(
         r"drive\.yaml: motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
         "--estimate-delay",
     ),
-    "a speed alone for the clock": Hostile(
-        drive_with("motion", value={"speed_m_s": 12.0}),
-        (*CALIBRATE, "--estimate-delay"),
+    "a speed alone for the clock": refused(
         r"motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
-        check=NO_RESULT,
+        "--estimate-delay",
+        make=drive_with("motion", value={"speed_m_s": 12.0}),
     ),
     "intrinsics of cameras of a rig": Hostile(
         rig_of_one_lidar,
@@ -112,133 +101,107 @@ OPTIONS: dict[str, Hostile] = {
     ),
 }
 
-
-def diagonal(count: int, value: float = 1.0) -> list[list[float]]:
-    """Makes a diagonal matrix, which is a covariance unless a value is below zero."""
-    return [[value if row == column else 0.0 for column in range(count)] for row in range(count)]
-
-
 UNKNOWN_CLOCK = clock(is_determined=False).model_dump()
-OF_FX = ("camera", "intrinsics", "fx")
-READ: dict[str, Hostile] = {
-    "a camera that is none": read_back(r"camera: found 5, needed a mapping$", "camera", value=5),
-    "a camera with another lens": read_back(
-        r"camera\.found\.model: found 'pinhole', needed ", "camera", "found", "model", value="pinhole"
+UNKNOWN = {"given": 0.0, "found": 0.0, "sigma": None, "half_width_95": None, "is_determined": False}
+NO_COVARIANCES = (
+    (lambda count: diagonal(count, -1.0), "a variance of -1, needed at least 0"),
+    (
+        lambda count: [[1.0] * count, *diagonal(count)[1:]],
+        "entries that differ by 1 across the diagonal, needed a symmetric matrix",
     ),
-    "a found focal length below zero": read_back(
+    (
+        lambda count: [[2.0 - float(i == j) for j in range(count)] for i in range(count)],
+        "an eigenvalue of -1, needed a positive semidefinite matrix",
+    ),
+)
+WRONG: list[tuple[str, object, str]] = [
+    ("camera", 5, r"camera: found 5, needed a mapping$"),
+    ("camera.found.model", "pinhole", r"camera\.found\.model: found 'pinhole', needed "),
+    (
+        "camera.found.K.0.0",
+        -1.0,
         r"camera\.found\.K: found focal lengths -1\.0 and \S+, needed both above 0$",
-        *("camera", "found", "K", 0, 0),
-        value=-1.0,
     ),
-    "a half width below zero": read_back(
+    (
+        "camera.intrinsics.fx.half_width_95",
+        -1.0,
         r"camera\.intrinsics\.fx\.half_width_95: found -1(\.0)?, needed at least 0",
-        *OF_FX,
-        "half_width_95",
-        value=-1.0,
     ),
-    "a found value that is huge": read_back(
-        r"camera\.intrinsics\.fx\.found: found 1e\+308, needed at most ", *OF_FX, "found", value=1e308
-    ),
-    "no word whether the camera is kept": read_back(
-        r"camera\.is_kept: found 'yes', needed ", "camera", "is_kept", value="yes"
-    ),
-    "an estimate of what the lens has not": read_back(
+    ("camera.intrinsics.fx.found", 1e308, r"camera\.intrinsics\.fx\.found: found 1e\+308, needed at most "),
+    ("camera.is_kept", "yes", r"camera\.is_kept: found 'yes', needed "),
+    (
+        "camera.intrinsics",
+        {"k9": UNKNOWN},
         rf"camera: found intrinsics k9, needed names of plumb_bob: {OF_LENS}",
-        *("camera", "intrinsics"),
-        value={
-            "k9": {"given": 0.0, "found": 0.0, "sigma": None, "half_width_95": None, "is_determined": False}
-        },
     ),
-    "a covariance of the pose alone": read_back(
+    ("camera.intrinsics", {}, r"camera\.intrinsics: found a mapping of 0, needed at least 1$"),
+    (
+        "camera.joint_covariance",
+        [[0.0] * 6] * 6,
         r"camera\.joint_covariance\[0\]: found a list of 6, needed at least 7",
-        *("camera", "joint_covariance"),
-        value=[[0.0] * 6] * 6,
     ),
-    "a covariance that is not square": read_back(
+    (
+        "camera.joint_covariance",
+        [[0.0] * 8] * 9,
         r"camera\.joint_covariance: found 9 rows with 8 to 8 entries, needed as many as rows$",
-        *("camera", "joint_covariance"),
-        value=[[0.0] * 8] * 9,
     ),
-    "a key that no camera has": read_back(
-        r"camera: unknown key 'sure'; the nearest known key is 'is_kept'$", "camera", "sure", value=True
+    (
+        "camera.joint_covariance",
+        diagonal(9),
+        r"camera\.joint_covariance: found 9 rows, needed 10: six of the pose, one for each intrinsic, ",
     ),
-    "a covariance of the clock with intrinsics": read_back(
-        r"clock\.joint_covariance: found a list of 8, needed at most 7",
-        *("clock", "joint_covariance"),
-        value=[[0.0] * 7] * 8,
-    ),
-    "a clock that is days off": read_back(
-        r"clock\.time_offset_s: found 86400(\.0)?, needed at most ", "clock", "time_offset_s", value=86400.0
-    ),
-    "a clock that is not a number": read_back(
-        r"clock\.time_offset_s: found 'late', needed a number$", "clock", "time_offset_s", value="late"
-    ),
-    "a clock without a meaning": read_back(
-        r"clock\.meaning: found nothing, needed text$", "clock", "meaning", value=None
-    ),
-}
-
-READ |= {
-    "a camera of other pictures than the input": read_back(
+    ("camera.sure", True, r"camera: unknown key 'sure'; the nearest known key is 'is_kept'$"),
+    (
+        "camera.found.width",
+        1,
         r"camera\.found: found plumb_bob of 1 x \d+ pixels, needed plumb_bob of \d+ x \d+ pixels, as in input\.camera$",
-        *("camera", "found", "width"),
-        value=1,
     ),
-    "a camera without intrinsics": read_back(
-        r"camera\.intrinsics: found a mapping of 0, needed at least 1$", "camera", "intrinsics", value={}
+    (
+        "clock.joint_covariance",
+        [[0.0] * 7] * 8,
+        r"clock\.joint_covariance: found a list of 8, needed at most 7",
     ),
-    "a covariance of fewer variables": read_back(
-        r"camera\.joint_covariance: found 9 rows, needed 10: six of the pose, one for each intrinsic, one of the "
-        r"clock$",
-        *("camera", "joint_covariance"),
-        value=diagonal(9),
-    ),
-    **{
-        f"a covariance of {key} {name}": read_back(
-            rf"{key}\.joint_covariance: found {line}$", key, "joint_covariance", value=value
-        )
-        for key, count in (("camera", 10), ("clock", 7))
-        for name, value, line in (
-            ("with a variance below zero", diagonal(count, -1.0), "a variance of -1, needed at least 0"),
-            (
-                "that is not symmetric",
-                [[1.0] * count, *diagonal(count)[1:]],
-                "entries that differ by 1 across the diagonal, needed a symmetric matrix",
-            ),
-            (
-                "beyond all correlation",
-                [[2.0 - float(i == j) for j in range(count)] for i in range(count)],
-                "an eigenvalue of -1, needed a positive semidefinite matrix",
-            ),
-        )
-    },
-    "a clock that is determined without a sigma": read_back(
-        r"clock: found one that is determined with sigma_s None and half_width_95_s 0\.0012, needed both if it is "
-        r"determined, and none if not$",
-        *("clock", "sigma_s"),
-        value=None,
-    ),
-    "a clock that is not determined, with an interval": read_back(
-        r"clock: found one that is not determined with sigma_s 0\.0006 and half_width_95_s 0\.0012, needed both if "
-        r"it is determined, and none if not$",
-        *("clock", "is_determined"),
-        value=False,
-    ),
-    "a clock that is kept and not determined": read_back(
-        r"clock: found a clock that is kept and not determined, needed one that is determined$",
-        "clock",
-        value=UNKNOWN_CLOCK | {"is_kept": True},
-    ),
-    "a covariance of a clock that is not determined": read_back(
-        r"clock: found a joint_covariance of a clock that is not determined, needed null$",
-        "clock",
-        value=UNKNOWN_CLOCK | {"joint_covariance": diagonal(7)},
-    ),
-    "a clock whose meaning has two lines": read_back(
+    ("clock.time_offset_s", 86400.0, r"clock\.time_offset_s: found 86400(\.0)?, needed at most "),
+    ("clock.time_offset_s", "late", r"clock\.time_offset_s: found 'late', needed a number$"),
+    ("clock.meaning", None, r"clock\.meaning: found nothing, needed text$"),
+    (
+        "clock.meaning",
+        "late\nor \x1b[31mearly",
         r"clock\.meaning: found 'late\\nor \\x1b\[31mearly', needed one line of text$",
-        *("clock", "meaning"),
-        value="late\nor \x1b[31mearly",
     ),
+    (
+        "clock.sigma_s",
+        None,
+        r"clock: found one that is determined with sigma_s None and half_width_95_s 0\.0012, needed both if ",
+    ),
+    (
+        "clock.is_determined",
+        False,
+        r"clock: found one that is not determined with sigma_s 0\.0006 and half_width_95_s 0\.0012, needed both if ",
+    ),
+    (
+        "clock",
+        UNKNOWN_CLOCK | {"is_kept": True},
+        r"clock: found a clock that is kept and not determined, needed one that is determined$",
+    ),
+    (
+        "clock",
+        UNKNOWN_CLOCK | {"joint_covariance": diagonal(7)},
+        r"clock: found a joint_covariance of a clock that is not determined, needed null$",
+    ),
+    *(
+        (f"{key}.joint_covariance", make(count), rf"{key}\.joint_covariance: found {line}$")
+        for key, count in (("camera", 10), ("clock", 7))
+        for make, line in NO_COVARIANCES
+    ),
+]
+"""Keys of a result joined by dots, a wrong value, and the message, which names file, key and value."""
+REPORT = ("report", "drive", "c.json", "-o", "x.html", "-q")
+READ: dict[str, Hostile] = {
+    f"{number}. {keys} of a result": Hostile(
+        result_with(keys, value), REPORT, rf"^semcal: error: c\.json: {line}"
+    )
+    for number, (keys, value, line) in enumerate(WRONG)
 }
 
 JOINT: dict[str, Hostile] = OPTIONS | READ

@@ -54,7 +54,7 @@ def drive_with(*keys: str | int, value: object) -> Callable[[Path], object]:
     def make(folder: Path) -> None:
         path = folder / "drive" / "drive.yaml"
         document = yaml.safe_load(path.read_text())
-        _set(document, keys, value)
+        set_value(document, keys, value)
         path.write_text(yaml.safe_dump(document))
 
     return make
@@ -67,13 +67,13 @@ def calibration_with(*keys: str | int, value: object) -> Callable[[Path], object
         path = folder / "c.json"
         write_calibration(make_calibration(POSE), path)
         document = json.loads(path.read_text())
-        _set(document, keys, value)
+        set_value(document, keys, value)
         path.write_text(json.dumps(document))
 
     return make
 
 
-def _set(document: Any, keys: tuple[str | int, ...], value: object) -> None:
+def set_value(document: Any, keys: tuple[str | int, ...], value: object) -> None:
     for key in keys[:-1]:
         document = document[key]
     document[keys[-1]] = value

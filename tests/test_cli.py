@@ -15,7 +15,7 @@ import click
 import numpy as np
 import pytest
 import yaml
-from conftest import run
+from conftest import Cli
 from hostile_drives import HOSTILE, Edit, break_drive
 from test_calibration import POSE, make_calibration
 
@@ -28,26 +28,24 @@ from semcal_cli.result.calibration import write_calibration
 
 
 @pytest.mark.parametrize(("edit", "message"), HOSTILE.values(), ids=HOSTILE.keys())
-def test_hostile_drives(drive: Path, capfd: pytest.CaptureFixture[str], edit: Edit, message: str) -> None:
+def test_hostile_drives(drive: Path, cli: Cli, edit: Edit, message: str) -> None:
     break_drive(drive, edit)
     output = drive / "earlier.yaml"
     output.write_text("an earlier result")
-    code, out, err = run(capfd, "calibrate", drive, "-o", output, "-q")
+    code, out, err = cli("calibrate", drive, "-o", output, "-q")
     assert code == EXIT_FAILURE
     assert out == ""
     assert re.fullmatch(f"semcal: error: {re.escape(str(drive))}/{message}\n", err), err
     assert output.read_text() == "an earlier result"
 
 
-def test_a_start_that_looks_away_is_no_overlap(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli: Cli) -> None:
     document = yaml.safe_load((street / "drive.yaml").read_text())
     document["T_camera_lidar"] = np.eye(
         4
     ).tolist()  # The camera looks along the LiDAR's z axis, into the sky.
     (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
-    code, _, err = run(capfd, "calibrate", street, "--init", tmp_path, "-o", tmp_path / "out.yaml", "-q")
+    code, _, err = cli("calibrate", street, "--init", tmp_path, "-o", tmp_path / "out.yaml", "-q")
     assert code == EXIT_FAILURE
     assert re.fullmatch(
         r"semcal: error: .*drive.yaml: no overlap: 0 of \d+ points land on pixels with classes, needed 100\n",
@@ -69,6 +67,21 @@ def test_a_start_that_looks_away_is_no_overlap(
             ["{street}", "-o", "{street}/drive.yaml"],
             "{street}/drive.yaml: found a file that this run reads .*",
         ),
+        (
+            ["{street}", "--init", "{street}", "--log", "{street}/images/000000.png"],
+            "{street}/images/000000.png: found a file that this run reads .*",
+        ),
+        (["{street}", "--init", "{start}", "-o", "{start}"], "{start}: found a file that this run reads .*"),
+        (
+            ["{street}", "--init", "-"],
+            "-: found standard input, needed a file: the result names and hashes it",
+        ),
+        (["{street}", "--init", "/dev/stdin"], "/dev/stdin: found standard input, needed a file: .*"),
+        (
+            ["{street}", "--prior-translation-m", "5", "0", "0", "1"],
+            "--prior-translation-m: found the camera 5 m from the LiDAR, needed at most 3 m; --max-baseline-m sets the "
+            "limit",
+        ),
         (["{street}", "--init", "{tmp}/none.yaml"], "{tmp}/none.yaml: no such file or folder"),
         (
             ["{street}", "--init-rpy-xyz", "0", "0", "180", "3", "4", "0"],
@@ -78,18 +91,22 @@ def test_a_start_that_looks_away_is_no_overlap(
     ],
 )
 def test_what_is_wrong_is_said_before_the_work_begins(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], message: str
+    street: Path, tmp_path: Path, cli: Cli, arguments: list[str], message: str
 ) -> None:
-    filled = [argument.format(street=street, tmp=tmp_path) for argument in arguments]
-    code, out, err = run(capfd, "calibrate", *filled)
+    names = {
+        "street": street,
+        "tmp": tmp_path,
+        "start": shutil.copy(street / DRIVE_FILE, tmp_path / "start.yaml"),
+    }
+    code, out, err = cli("calibrate", *(argument.format(**names) for argument in arguments))
     assert (code, out) == (EXIT_FAILURE, "")
-    assert re.fullmatch("semcal: error: " + message.format(tmp=tmp_path, street=street) + "\n", err), err
+    assert re.fullmatch("semcal: error: " + message.format(**names) + "\n", err), err
 
 
 def test_results_go_to_standard_output_and_all_else_to_standard_error(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    street: Path, tmp_path: Path, cli: Cli
 ) -> None:
-    code, out, err = run(capfd, "initialize", street, "--log", tmp_path / "log.json")
+    code, out, err = cli("initialize", street, "--log", tmp_path / "log.json")
     assert code == 0
     assert yaml.safe_load(out)["status"] == "not_assessed"
     assert "mountings compared" in err
@@ -97,7 +114,7 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
         "load",
         "initial",
     ]
-    assert run(capfd, "initialize", street, "-o", tmp_path / "a.json", "-q") == (0, "", "")
+    assert cli("initialize", street, "-o", tmp_path / "a.json", "-q") == (0, "", "")
     as_json = json.loads((tmp_path / "a.json").read_text())
     assert as_json["T_camera_lidar"] == yaml.safe_load(out)["T_camera_lidar"]
     best, *others = as_json["hypotheses"]
@@ -108,26 +125,12 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
     assert as_json["quality"]["runner_up_margin"] > 2.0
 
 
-def test_the_exact_estimator_never_imports_torch(street: Path, tmp_path: Path) -> None:
-    script = (
-        "import sys; from semcal_cli.cli import semcal\n"
-        "try: semcal(sys.argv[1:], standalone_mode=False)\n"
-        "except SystemExit as stop: assert not stop.code\n"
-        "assert 'torch' not in sys.modules"
-    )
-    arguments = ["calibrate", street, "-o", tmp_path / "out.yaml", "-q"]
-    # From elsewhere, so that the installed package is imported and not the source folder.
-    subprocess.run([sys.executable, "-c", script, *map(str, arguments)], check=True, cwd=tmp_path)
-
-
-def test_mine_needs_cuda_only_where_it_is_asked_for(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_mine_needs_cuda_only_where_it_is_asked_for(street: Path, tmp_path: Path, cli: Cli) -> None:
     torch = pytest.importorskip("torch")
     if torch.cuda.is_available():
         pytest.skip("there is a CUDA device")
     arguments = ("refine", street, "--init", street, "--estimator", "mine", "-o", tmp_path / "out.yaml")
-    code, _, err = run(capfd, *arguments, "--device", "cuda")
+    code, _, err = cli(*arguments, "--device", "cuda")
     assert code == EXIT_FAILURE
     assert "--device cuda: PyTorch finds no CUDA device here" in err
 
@@ -156,10 +159,10 @@ def commands(
             yield (*path, name), command
 
 
-def test_every_command_stands_in_one_section_with_a_whole_line(capfd: pytest.CaptureFixture[str]) -> None:
+def test_every_command_stands_in_one_section_with_a_whole_line(cli: Cli) -> None:
     listed = [name for section in SECTIONS.values() for name in section]
     assert sorted(listed) == sorted(name for name, each in semcal.commands.items() if not each.hidden)
-    code, out, _ = run(capfd, "--help")
+    code, out, _ = cli("--help")
     assert code == 0
     assert max(map(len, out.splitlines())) <= 80
     for name, line in ((name, line) for section in SECTIONS.values() for name, line in section.items()):
@@ -180,65 +183,46 @@ def test_help_names_only_options_that_the_command_has(path: tuple[str, ...], com
         assert "None]" not in command.get_help(context)
 
 
-@pytest.mark.parametrize(
-    ("command", "order"),
-    [
-        ("calibrate C", "semcal calibrate DRIVE"),
-        ("inspect C", "semcal inspect DRIVE"),
-        ("refine C --init D", "semcal refine DRIVE --init FILE"),
-        ("verify C D", "semcal verify DRIVE CALIBRATION"),
-        ("report C D -o O.html", "semcal report DRIVE CALIBRATION -o FILE"),
-        ("overlay C D -o O", "semcal overlay DRIVE CALIBRATION -o DIR"),
-        ("export rerun C D -o O.rrd", "semcal export rerun DRIVE [CALIBRATION] -o FILE"),
-    ],
-)
-def test_a_calibration_where_the_drive_belongs(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str, order: str
-) -> None:
-    given = tmp_path / "c.yaml"
-    write_calibration(make_calibration(POSE), given)
-    words = {
-        "C": given,
-        "D": street,
-        "O": tmp_path / "o",
-        "O.html": tmp_path / "o.html",
-        "O.rrd": tmp_path / "o.rrd",
-    }
-    code, out, err = run(capfd, *(words.get(word, word) for word in command.split()))
-    assert (code, out) == (EXIT_FAILURE, "")
-    assert err == (
-        f"semcal: error: {given}: found a calibration where the drive belongs; the order is `{order}`\n"
-    )
+ORDERS = {
+    "calibrate C": "semcal calibrate DRIVE",
+    "inspect C": "semcal inspect DRIVE",
+    "refine C --init D": "semcal refine DRIVE --init FILE",
+    "verify C D": "semcal verify DRIVE CALIBRATION",
+    "report C D -o O.html": "semcal report DRIVE CALIBRATION -o FILE",
+    "overlay C D -o O": "semcal overlay DRIVE CALIBRATION -o DIR",
+    "export rerun C D -o O.rrd": "semcal export rerun DRIVE [CALIBRATION] -o FILE",
+    "verify D D": "semcal verify DRIVE CALIBRATION",
+    "compare C D": "",
+}
+"""Commands with a calibration C or a drive D without a reference in a wrong place, and the order that they tell."""
 
 
-@pytest.mark.parametrize(
-    ("command", "order"),
-    [("compare C D", ""), ("verify C D", "; the order is `semcal verify DRIVE CALIBRATION`")],
-)
-def test_a_drive_without_a_reference_is_no_transform(
-    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str, order: str
-) -> None:
+@pytest.mark.parametrize("line", ORDERS)
+def test_a_misplaced_file_is_told_with_the_order(drive: Path, tmp_path: Path, cli: Cli, line: str) -> None:
     document = read_document(drive / DRIVE_FILE)
     del document["T_camera_lidar"]
     write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
-    given = tmp_path / "c.yaml"
+    command, given = line.split(), tmp_path / "c.yaml"
     write_calibration(make_calibration(POSE), given)
-    words = {"C": given, "D": drive}
-    code, _, err = run(capfd, *(words.get(word, word) for word in command.split()))
-    assert code == EXIT_FAILURE
-    needed = "needed a transform, or a drive with T_camera_lidar"
-    assert err == f"semcal: error: {drive / DRIVE_FILE}: found a drive without a reference, {needed}{order}\n"
+    code, out, err = cli(*({"C": given, "D": drive}.get(word, word) for word in command))
+    assert (code, out) == (EXIT_FAILURE, "")
+    found = f"{given}: found a calibration where the drive belongs"
+    if line in ("verify D D", "compare C D"):
+        needed = "needed a transform, or a drive with T_camera_lidar"
+        found = f"{drive / DRIVE_FILE}: found a drive without a reference, {needed}"
+    order = f"; the order is `{ORDERS[line]}`" if ORDERS[line] else ""
+    assert err == f"semcal: error: {found}{order}\n"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion(shell: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    code, out, _ = run(capfd, "completion", shell)
+def test_completion(shell: str, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, _ = cli("completion", shell)
     assert code == 0
     assert f"_SEMCAL_COMPLETE={shell}_complete" in out
     monkeypatch.setenv("_SEMCAL_COMPLETE", f"{shell}_complete")
     monkeypatch.setenv("COMP_WORDS", "semcal cal")
     monkeypatch.setenv("COMP_CWORD", "cal" if shell == "fish" else "1")
-    assert "calibrate" in run(capfd)[1]
+    assert "calibrate" in cli()[1]
 
 
 def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
@@ -295,9 +279,7 @@ def test_the_package_is_a_program() -> None:
 
 
 @pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "picture.png", "cloud.las"])
-def test_pipes_and_devices_are_refused_at_once(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_pipes_and_devices_are_refused_at_once(street: Path, tmp_path: Path, cli: Cli, name: str) -> None:
     document = read_document(street / DRIVE_FILE)
     frame = document["frames"][0] | {"points_stamp": 0.0, "image_stamp": 0.0}
     frame |= {key: str(street / frame[key]) for key in ("points", "point_labels", "image_labels")}
@@ -307,54 +289,39 @@ def test_pipes_and_devices_are_refused_at_once(
     for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
         (tmp_path / name).unlink(missing_ok=True)
         make(tmp_path / name)
-        code, out, err = run(capfd, "calibrate" if name == "poses.txt" else "inspect", tmp_path)
+        code, out, err = cli("calibrate" if name == "poses.txt" else "inspect", tmp_path)
         assert name in out + err
         assert "regular file" in out + err
         assert code == (0 if name == "picture.png" else EXIT_FAILURE)
 
 
-def test_names_are_no_markup_and_may_be_too_long(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_names_are_no_markup_and_may_be_too_long(street: Path, tmp_path: Path, cli: Cli) -> None:
     document = read_document(street / DRIVE_FILE)
     frame = {key: str(street / name) for key, name in document["frames"][0].items() if key != "image"}
     shutil.copy(frame["points"], tmp_path / "a[red].bin")
     document |= {"frames": [frame | {"points": "a[red].bin"}], "classes": {"points": {"x[/y]": [1, 2]}}}
     write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
-    code, out, _ = run(capfd, "inspect", tmp_path)
+    code, out, _ = cli("inspect", tmp_path)
     assert code == 0
     assert "a[red].bin" in out
     assert "x[/y]" in out
     named = tmp_path / "c:car:.yaml"
-    code, _, err = run(capfd, "calibrate", street, "-o", named, "--init", street, "--no-polish")
+    code, _, err = cli("calibrate", street, "-o", named, "--init", street, "--no-polish")
     assert code in (0, 3)
     assert str(named) in "".join(err.split())
     long = "a" * 300
     for arguments in (("inspect", long), ("calibrate", street, "-o", tmp_path / f"{long}.yaml", "-q")):
-        code, _, err = run(capfd, *arguments)
+        code, _, err = cli(*arguments)
         assert code == EXIT_FAILURE
         assert err.count("\n") == 1
         assert "file name too long" in err
 
 
-def test_what_cannot_be_printed_is_escaped(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_printed_is_escaped(tmp_path: Path, cli: Cli) -> None:
     """A key with a control sequence of a terminal."""
     file = tmp_path / "T.json"
     file.write_text(json.dumps({"T\x1b[31m\x00": 1}))
-    code, _, err = run(capfd, "convert", file, "--from", "semcal", "--to", "text")
+    code, _, err = cli("convert", file, "--from", "semcal", "--to", "text")
     assert code == EXIT_FAILURE
     assert "T.json: unknown key 'T\\x1b[31m\\x00'" in err
     assert str(InputError("a\nb\u2028c: found nothing")) == "a b c: found nothing"
-
-
-def test_neither_a_picture_nor_the_start_is_overwritten(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    picture = street / read_document(street / DRIVE_FILE)["frames"][0]["image"]
-    start = shutil.copy(street / DRIVE_FILE, tmp_path / "start.yaml")
-    for arguments in (("--init", street, "--log", picture), ("--init", start, "-o", start)):
-        before = [path.read_bytes() for path in (picture, start)]
-        code, _, err = run(capfd, "refine", street, *arguments)
-        assert code == EXIT_FAILURE
-        assert "found a file that this run reads or writes, needed another name" in err
-        assert before == [path.read_bytes() for path in (picture, start)]

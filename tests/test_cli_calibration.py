@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from conftest import run
+from conftest import Cli
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import EXIT_FAILURE
@@ -42,7 +42,7 @@ def told(lines: list[str], label: str) -> list[str]:
 
 
 def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
-    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    street: Path, street_truth: Pose, tmp_path: Path, cli: Cli
 ) -> None:
     T_lidar_camera = inverse(street_truth)
     body = T_lidar_camera[:3, :3] @ OPTICAL_AXES.T
@@ -50,7 +50,7 @@ def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
     numbers = [f"{x:.1f}" for x in (*rpy, *T_lidar_camera[:3, 3])]
     for extra in ([], ["--search-deg", "15"]):
         output = tmp_path / "out.yaml"
-        code, _, _ = run(capfd, "initialize", street, "--init-rpy-xyz", *numbers, *extra, "-o", output, "-q")
+        code, _, _ = cli("initialize", street, "--init-rpy-xyz", *numbers, *extra, "-o", output, "-q")
         assert code == 0
         calibration = read_calibration(output)
         assert compare_poses(calibration.pose, street_truth).rotation_deg < 1.0
@@ -59,26 +59,24 @@ def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
         )
 
 
-def test_calibrate_then_evaluate(
-    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_calibrate_then_evaluate(street: Path, street_truth: Pose, tmp_path: Path, cli: Cli) -> None:
     result = tmp_path / "calibration.yaml"
-    assert run(capfd, "calibrate", street, "-o", result, "-q") == (0, "", "")
+    assert cli("calibrate", street, "-o", result, "-q") == (0, "", "")
     assert read_calibration(result).status == "trusted"
-    code, out, _ = run(capfd, "evaluate", result, "--reference", street, "--json")
+    code, out, _ = cli("evaluate", result, "--reference", street, "--json")
     error = json.loads(out)
     assert code == 0
     assert error["rotation_deg"] == compare_poses(read_calibration(result).pose, street_truth).rotation_deg
     assert error["rotation_deg"] < 0.2
     assert error["camera_center_cm"] < 5.0
-    assert "rotation" in run(capfd, "evaluate", result, "--reference", result)[1]
+    assert "rotation" in cli("evaluate", result, "--reference", result)[1]
 
 
 def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     drive: Path,
     street_truth: Pose,
     tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
+    cli: Cli,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Only points within five degrees of the optical axis are labelled, a hundredth of the picture."""
@@ -88,13 +86,13 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
         is_near = points @ street_truth[2, :3] > np.cos(np.radians(5.0)) * np.linalg.norm(points, axis=1)
         labels = drive / "point_labels" / f"{path.stem}.label"
         np.where(is_near, np.fromfile(labels, np.uint32), NOT_LABELLED).astype(np.uint32).tofile(labels)
-    code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml", "-q")
+    code, _, stderr = cli("initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
     assert calibration.status == "not_trusted"
     annotation = f"::error title=semcal initialize::fail; not_trusted 1 doubt; {calibration.reasons[0]}"
     assert stderr.startswith(annotation.replace("%", "%25"))
-    code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
+    code, _, stderr = cli("initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
     lines = [line for line in stderr.splitlines() if not line.startswith("::")]
     *_, written_to, verdict, next_step, why = lines
     assert told(lines, "doubt") == [*calibration.reasons]
@@ -110,16 +108,14 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     )
 
 
-def test_a_runner_up_that_is_close_is_not_trusted(
-    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_runner_up_that_is_close_is_not_trusted(drive: Path, tmp_path: Path, cli: Cli) -> None:
     """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
     for path in (drive / "points").iterdir():
         cloud = np.fromfile(path, np.float32).reshape(-1, 4)
         np.concatenate([cloud, cloud * np.float32([-1.0, -1.0, 1.0, 1.0])]).tofile(path)
     for path in (drive / "point_labels").iterdir():
         path.write_bytes(2 * path.read_bytes())
-    code, _, _ = run(capfd, "initialize", drive, "-o", tmp_path / "out.yaml", "-q")
+    code, _, _ = cli("initialize", drive, "-o", tmp_path / "out.yaml", "-q")
     assert code == EXIT_NOT_TRUSTED
     (reason,) = read_calibration(tmp_path / "out.yaml").reasons
     assert re.fullmatch(
@@ -129,33 +125,29 @@ def test_a_runner_up_that_is_close_is_not_trusted(
     )
 
 
-def refine(
-    drive: Path, result: Path, capfd: pytest.CaptureFixture[str], *options: str
-) -> tuple[Calibration, str]:
+def refine(drive: Path, result: Path, cli: Cli, *options: str) -> tuple[Calibration, str]:
     """Refine from the reference: what is written, and standard error."""
-    code, _, err = run(capfd, "refine", drive, "--init", drive, "-o", result, *options)
+    code, _, err = cli("refine", drive, "--init", drive, "-o", result, *options)
     calibration = read_calibration(result)
     assert code == (EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0)
     return calibration, err
 
 
-def test_what_the_polish_did_is_told(street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    polished, err = refine(street, tmp_path / "out.yaml", capfd)
+def test_what_the_polish_did_is_told(street: Path, tmp_path: Path, cli: Cli) -> None:
+    polished, err = refine(street, tmp_path / "out.yaml", cli)
     assert polished.polish is not None
     assert polished.polish.accepted
     assert polished.status == "trusted"
     assert list(polished.stages) == ["initial", "refined", "polished"]
     assert re.search(r"polished +\d+\.\d\d s   moved \d\.\d{3} degrees and \d\.\d\d cm, kept$", err, re.M)
-    plain, _ = refine(street, tmp_path / "out.yaml", capfd, "--no-polish")
+    plain, _ = refine(street, tmp_path / "out.yaml", cli, "--no-polish")
     assert plain.polish is None
     assert plain.status == "not_assessed"
     assert list(plain.stages) == ["initial", "refined"]
     np.testing.assert_allclose(plain.pose, plain.stages["refined"].T_camera_lidar, atol=1e-12)
 
 
-def test_a_polish_that_held_out_data_reject_is_undone(
-    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_polish_that_held_out_data_reject_is_undone(drive: Path, tmp_path: Path, cli: Cli) -> None:
     """Labels of the frames that are worked with are some pixels to the side, those of the held-out frames are not."""
     document = read_document(drive / DRIVE_FILE)
     frames = [dict(document["frames"][index]) for index in (0, 1, 2, 3, 0, 1)]
@@ -164,7 +156,7 @@ def test_a_polish_that_held_out_data_reject_is_undone(
         frames[index]["image_labels"] = f"image_labels/moved_{index}.png"
         cv2.imwrite(str(drive / frames[index]["image_labels"]), np.roll(image, 3 + index // 4, axis=1))
     write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
-    rejected, err = refine(drive, tmp_path / "out.yaml", capfd)
+    rejected, err = refine(drive, tmp_path / "out.yaml", cli)
     assert rejected.polish is not None
     assert not rejected.polish.accepted
     assert rejected.status == "not_trusted"
@@ -175,12 +167,12 @@ def test_a_polish_that_held_out_data_reject_is_undone(
     assert re.search(r"polished +\d+\.\d\d s   not better, so the pose before it is kept$", err, re.M)
     assert f"{len(rejected.reasons)} doubts speak against the pose" in err
     assert told(err.splitlines(), "doubt") == [*rejected.reasons]
-    plain, _ = refine(drive, tmp_path / "out.yaml", capfd, "--no-polish")
+    plain, _ = refine(drive, tmp_path / "out.yaml", cli, "--no-polish")
     np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
 
 
 def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
-    long_street: RawDrive, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    long_street: RawDrive, tmp_path: Path, cli: Cli
 ) -> None:
     path = write_raw_drive(long_street, tmp_path)
     drive = path.parent
@@ -188,24 +180,24 @@ def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
     for row in range(2):
         document["camera"]["K"][row][row] *= 1.1
     path.write_text(yaml.safe_dump(document))
-    code, _, _ = run(capfd, "calibrate", drive, "-o", tmp_path / "out.yaml", "-q")
+    code, _, _ = cli("calibrate", drive, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert (code, calibration.status) == (EXIT_NOT_TRUSTED, "not_trusted")
     (reason,) = (reason for reason in calibration.reasons if "the focal length looks wrong" in reason)
     advised = re.search(r": calibrate with (--refine-intrinsics) ([a-z0-9,]+), which finds fx ", reason)
     assert advised is not None, reason
-    code, _, _ = run(capfd, "calibrate", drive, *advised.groups(), "-o", tmp_path / "out.yaml", "-q")
+    code, _, _ = cli("calibrate", drive, *advised.groups(), "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert (code, calibration.status) == (0, "trusted"), calibration.reasons
 
 
 def test_what_is_known_is_weighed_and_said(
-    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    street: Path, street_truth: Pose, tmp_path: Path, cli: Cli
 ) -> None:
     result = tmp_path / "out.yaml"
     center = [f"{x:.4f}" for x in camera_center(street_truth)]
     options = ["--init", street, "--fix", "ty,rz", "--prior-translation-m", *center, "0.001"]
-    code, _, err = run(capfd, "calibrate", street, *options, "-o", result)
+    code, _, err = cli("calibrate", street, *options, "-o", result)
     calibration = read_calibration(result)
     assert (code, calibration.status) == (0, "trusted"), err
     assert list(calibration.stages) == ["initial", "refined", "polished", "fused"]
@@ -224,9 +216,7 @@ def test_what_is_known_is_weighed_and_said(
     assert about["sigma_rotation_deg"] == [None, None, 0.0]
 
 
-def test_a_picture_that_is_not_drawn_need_not_be_there(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_picture_that_is_not_drawn_need_not_be_there(street: Path, tmp_path: Path, cli: Cli) -> None:
     used = {frame.points for frame in choose_frames(read_drive(street), ("labels",), 2).frames}
     document = read_document(street / DRIVE_FILE)
     for frame in document["frames"]:
@@ -244,32 +234,20 @@ def test_a_picture_that_is_not_drawn_need_not_be_there(
         "--report",
         tmp_path / "r.html",
     )
-    assert run(capfd, *arguments, "--max-frames", "2")[0] in (0, 3)
-    code, _, err = run(capfd, *arguments)
+    assert cli(*arguments, "--max-frames", "2")[0] in (0, 3)
+    code, _, err = cli(*arguments)
     assert (code, "nowhere.png: no such file" in err) == (1, True)
 
 
-def test_a_place_beyond_the_baseline_is_no_prior(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    options = ["--prior-translation-m", "5", "0", "0", "1"]
-    code, _, err = run(capfd, "calibrate", street, *options, "-o", tmp_path / "out.yaml")
-    assert code == EXIT_FAILURE
-    assert err == (
-        "semcal: error: --prior-translation-m: found the camera 5 m from the LiDAR, needed at most 3 m; "
-        "--max-baseline-m sets the limit\n"
-    )
-
-
 def test_a_calibration_in_the_format_of_another_tool(
-    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    street: Path, street_truth: Pose, tmp_path: Path, cli: Cli
 ) -> None:
     options = ["--init", street, "--to", "text", "--to-direction", "lidar-to-camera", "-q"]
-    code, out, _ = run(capfd, "calibrate", street, *options)
+    code, out, _ = cli("calibrate", street, *options)
     T = np.loadtxt(io.StringIO(out))
     assert code == 0
     assert compare_poses(T, street_truth).rotation_deg < 0.2
-    code, out, err = run(capfd, "calibrate", street, "--to", "text", "-o", tmp_path / "T.txt")
+    code, out, err = cli("calibrate", street, "--to", "text", "-o", tmp_path / "T.txt")
     assert (code, out) == (EXIT_FAILURE, "")
     assert err.startswith(
         "semcal: error: --to text: found a transform of no stated direction, needed --to-direction "
@@ -277,66 +255,51 @@ def test_a_calibration_in_the_format_of_another_tool(
 
 
 @pytest.mark.parametrize("command", ["calibrate", "initialize", "refine"])
-def test_the_result_as_json_on_standard_output(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
-) -> None:
+def test_the_result_as_json_on_standard_output(street: Path, tmp_path: Path, cli: Cli, command: str) -> None:
     """The same bytes as those of a JSON file; -o is written as well, in its own format."""
     for name in ("c.json", "c.yaml"):
         output = tmp_path / name
-        code, out, err = run(capfd, command, street, "--init", street, "--json", "-o", output, "-q")
+        code, out, err = cli(command, street, "--init", street, "--json", "-o", output, "-q")
         assert (code, err) == (0, "")
         assert read_document(output) == json.loads(out)
         if name == "c.json":
             assert output.read_text() == out
-    code, out, _ = run(capfd, command, street, "--init", street, "-o", "-", "-q")
+    code, out, _ = cli(command, street, "--init", street, "-o", "-", "-q")
     assert code == 0
     assert yaml.safe_load(out)["T_camera_lidar"] == read_document(tmp_path / "c.yaml")["T_camera_lidar"]
 
 
 def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
-    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    street: Path, street_truth: Pose, tmp_path: Path, cli: Cli
 ) -> None:
     start = tmp_path / "T.txt"
     np.savetxt(start, inverse(street_truth))
     for command in ("calibrate", "initialize", "refine"):
-        code, _, err = run(capfd, command, street, "--init", start)
+        code, _, err = cli(command, street, "--init", start)
         assert code == EXIT_FAILURE
         assert err == (
             f"semcal: error: {start}: found a transform of no stated direction, needed --init-direction "
             "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar\n"
         )
     options = ["--init", start, "--init-direction", "camera-to-lidar", "--json", "-q"]
-    code, out, _ = run(capfd, "refine", street, *options)
+    code, out, _ = cli("refine", street, *options)
     assert code == 0
     found = json.loads(out)
     assert found["settings"]["options"]["init_direction"] == "camera-to-lidar"
     assert compare_poses(np.array(found["T_camera_lidar"]), street_truth).rotation_deg < 0.2
-    code, _, err = run(capfd, "refine", street, "--init", street, "--init-direction", "lidar-to-camera")
+    code, _, err = cli("refine", street, "--init", street, "--init-direction", "lidar-to-camera")
     assert code == EXIT_FAILURE
     assert err == (
         "semcal: error: --init-direction: found 'lidar-to-camera', needed nothing: semcal files leave that not open\n"
     )
 
 
-def test_a_start_is_no_stream(street: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    for name in ("-", "/dev/stdin"):
-        code, _, err = run(capfd, "calibrate", street, "--init", name)
-        assert code == EXIT_FAILURE
-        assert err == (
-            f"semcal: error: {name}: found standard input, needed a file: the result names and hashes it\n"
-        )
-
-
 @pytest.mark.parametrize("command", ["calibrate", "initialize", "refine"])
-def test_figures_for_experts_are_on_request(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
-) -> None:
+def test_figures_for_experts_are_on_request(street: Path, tmp_path: Path, cli: Cli, command: str) -> None:
     said = {}
     for option in ("--log", "--verbose"):
         given = [option, tmp_path / "log.json"] if option == "--log" else [option]
-        code, _, said[option] = run(
-            capfd, command, street, "--init", street, "-o", tmp_path / "c.yaml", *given
-        )
+        code, _, said[option] = cli(command, street, "--init", street, "-o", tmp_path / "c.yaml", *given)
         assert code == 0
         assert all(len(line) <= 80 for line in said[option].splitlines() if "written to" not in line)
     for word in ("nats", "MI ", "points agree"):
@@ -349,11 +312,9 @@ def test_figures_for_experts_are_on_request(
     assert lines[-1 if command != "initialize" else -2].startswith("verdict          ")
 
 
-def test_other_seeds_lead_to_the_same_place(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_other_seeds_lead_to_the_same_place(street: Path, tmp_path: Path, cli: Cli) -> None:
     result = tmp_path / "out.yaml"
-    code, _, err = run(capfd, "calibrate", street, "--repeat", "2", "-o", result)
+    code, _, err = cli("calibrate", street, "--repeat", "2", "-o", result)
     calibration = read_calibration(result)
     found, stated = calibration.repeatability, calibration.uncertainty
     assert found is not None
@@ -365,15 +326,13 @@ def test_other_seeds_lead_to_the_same_place(
     assert found.farthest_camera_center_m < min(stated.half_width_95_camera_center_m)
 
 
-def test_a_long_drive_is_cut_to_the_frames_that_differ(
-    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_long_drive_is_cut_to_the_frames_that_differ(drive: Path, tmp_path: Path, cli: Cli) -> None:
     path = drive / "drive.yaml"
     document = yaml.safe_load(path.read_text())
     document["frames"] = [dict(document["frames"][0]) for _ in range(3)] + document["frames"]
     path.write_text(yaml.safe_dump(document))
     result = tmp_path / "out.yaml"
-    code, _, err = run(capfd, "refine", drive, "--init", drive, "--max-frames", "4", "-o", result)
+    code, _, err = cli("refine", drive, "--init", drive, "--max-frames", "4", "-o", result)
     calibration = read_calibration(result)
     assert code == 0
     assert "4 of 7 frames" in err

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import click
 import pytest
-from conftest import run
+from conftest import Cli
 
 from semcal_cli.cli import semcal
 from semcal_cli.cli.settings import SettingsCommand
@@ -153,8 +153,8 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("line", REFUSED)
-def test_what_does_not_go_together_is_refused(line: str, capfd: pytest.CaptureFixture[str]) -> None:
-    code, out, err = run(capfd, *line.split())
+def test_what_does_not_go_together_is_refused(line: str, cli: Cli) -> None:
+    code, out, err = cli(*line.split())
     assert (code, out) == (EXIT_USAGE, "")
     assert err.splitlines()[-1] == f"Error: {REFUSED[line]}"
 
@@ -195,8 +195,8 @@ def test_what_does_not_go_together_is_refused(line: str, capfd: pytest.CaptureFi
         *(f"calibrate d --refine-intrinsics {names}" for names in ("fx,fy,fx", ",", "fx,", "fx,,fy")),
     ],
 )
-def test_values_out_of_their_ranges_are_wrong_usage(line: str, capfd: pytest.CaptureFixture[str]) -> None:
-    code, out, err = run(capfd, *line.split())
+def test_values_out_of_their_ranges_are_wrong_usage(line: str, cli: Cli) -> None:
+    code, out, err = cli(*line.split())
     assert (code, out) == (EXIT_USAGE, "")
     assert "Error: " in err or line == "experiment"
 

@@ -15,10 +15,10 @@ from semcal_cli.cli.convert import WrittenSettings
 from semcal_cli.cli.label import ImageSettings, label_on_the_way
 from semcal_cli.cli.options import ResultSettings
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import command, option, output_file, setting_of, settings_group
+from semcal_cli.cli.settings import command, option, output_file, setting_of
 from semcal_cli.cli.stages import PRIORS, STARTS, RefinementSettings, SearchSettings
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
-from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
+from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig, Optimizer
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import CalibrationError, SemcalError, check_torch
 from semcal_cli.files.writing import takes_several
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from semcal_cli.result.calibration import Calibration
 
 BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
-OF_PAPER = "{} Only with --method paper."
+of_paper = partial(setting_of, help="{} Only with --method paper.", is_open=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,14 @@ class PaperSettings:
             *(each.option for config in (MineConfig, PyramidConfig) for each in settings_of(config).values())
         ).requires("--method paper"),
     ]
-    mine: dict[str, Any] = settings_group(MineConfig, help=OF_PAPER, is_open=True)
-    max_final_drift: float | None = setting_of(PyramidConfig, "max_final_drift", help=OF_PAPER, is_open=True)
+    steps_per_level: int | None = of_paper(MineConfig, "steps_per_level")
+    warm_up_steps: int | None = of_paper(MineConfig, "warm_up_steps")
+    batch_size: int | None = of_paper(MineConfig, "batch_size")
+    num_hidden: int | None = of_paper(MineConfig, "num_hidden")
+    learning_rate_theta: float | None = of_paper(MineConfig, "learning_rate_theta")
+    learning_rate_pose: float | None = of_paper(MineConfig, "learning_rate_pose")
+    optimizer: Optimizer | None = of_paper(MineConfig, "optimizer")
+    max_final_drift: float | None = of_paper(PyramidConfig, "max_final_drift")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,11 +157,12 @@ class CalibrateSettings(
             raise click.UsageError(f"--cue: found {','.join(self.cues)}, --method paper takes one cue.")
         usual, drift = PaperConfig(), self.max_final_drift
         has_vectors = self.known_cues(self.cues) != LABELS
+        asked = {name: getattr(self, name) for name in settings_of(MineConfig)}
         mine = replace(
             MINE_WITH_VECTORS if has_vectors else usual.mine,
             edge_band_px=0,
             max_baseline_m=self.max_baseline_m,
-            **self.mine,
+            **{name: value for name, value in asked.items() if value is not None},
         )
         pyramid = usual.pyramid if drift is None else replace(usual.pyramid, max_final_drift=drift)
         return PaperConfig(replace(self.initialization, zoom=usual.initialization.zoom), pyramid, mine)

@@ -10,12 +10,12 @@ import click
 from semcal_cli.cli.experiment_options import measures, out_options, print_table, rows_option, seeds_options
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
+    PATH,
     drive_argument,
     max_frames_option,
     max_points_option,
     number_option,
 )
-from semcal_cli.cli.settings import PATH
 from semcal_cli.config import Estimator
 from semcal_cli.errors import check_torch
 from semcal_cli.experiments.parts import PARTS
@@ -205,11 +205,11 @@ def table(
     the reference, and where SOIC, PMI and semcal put them. If the reference is that of RELLIS-3D or KITTI-360, within 1
     degree and 10 cm, what the paper prints of it stands below it, measured on the same frames.
     """
-    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.stages import read_initial_pose
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig
-    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.loading import load
     from semcal_cli.experiments.runner import make_folder
     from semcal_cli.experiments.table import FILES, compare, write_table
@@ -223,7 +223,10 @@ def table(
         initial_pose.check_distance(MAX_BASELINE_M)
     folder = out / f"table_{spec.root.resolve().name}"
     make_folder(folder)
-    check_outputs(files_read(spec, reference, init), *(folder / name for name in FILES))
+    transforms = [drive_file(path) for path in (reference, init) if path is not None]
+    check_outputs(
+        [spec.path, *map(spec.resolve, spec.files()), *transforms], *(folder / name for name in FILES)
+    )
     with progress_line(make_console(quiet=False)) as progress:
         progress("reading frames")
         data = load(spec, CalibrationConfig(max_frames=max_frames))

@@ -9,7 +9,8 @@ from typing import Any, Literal, TypeAlias, TypeVar, get_args
 
 import click
 
-from semcal_cli.cli.settings import PATH, Names, argument, option, output_file, setting_of
+from semcal_cli.cli.settings import PATH as PATH
+from semcal_cli.cli.settings import Names, argument, option, output_file, setting_of
 from semcal_cli.config import AUTO, MAX_FRAMES, MAX_POINTS, CalibrationConfig, CueName, Limits
 from semcal_cli.files.writing import descriptor
 

@@ -7,7 +7,7 @@ options that commands share, and the rules that these have to keep.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import Field, field, fields
 from inspect import get_annotations
 from pathlib import Path
@@ -17,12 +17,12 @@ from typing import Any, Generic, Literal, TypeVar, get_args, get_origin, get_typ
 import click
 
 from semcal_cli.cli.rules import Options
-from semcal_cli.config.setting import settings_of
+from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
 
 Settings = TypeVar("Settings")
 Made = TypeVar("Made")
-PARAMETER, GROUP, IS_ARGUMENT = "parameter", "group", "is_argument"
+PARAMETER, IS_ARGUMENT = "parameter", "is_argument"
 LIMITS = ("least", "most", "above", "below")
 OPTIONS = "Options"
 """Heading of the options in the help that have no other."""
@@ -136,11 +136,6 @@ def setting_of(config: type, name: str, *, help: str = "{}", is_open: bool = Fal
     )
 
 
-def settings_group(config: type, *, help: str = "{}", is_open: bool = False) -> Any:
-    """Make the field of the options for all settings of a configuration: a dictionary of those that have a value."""
-    return field(default_factory=dict, metadata={GROUP: (config, help, is_open)})
-
-
 def made_of(kind: Callable[..., Made], settings: Any, **others: Any) -> Made:
     """Make an object of a class, such as a configuration, of the settings that have the names of its fields.
 
@@ -169,8 +164,12 @@ def _parameters(settings: type) -> list[click.Parameter]:
     ]
     for owner in settings.__mro__:
         section = vars(owner).get("section", OPTIONS)
-        for each in [declared.pop(name) for name in get_annotations(owner) if name in declared]:
-            made += _options(each, hints[each.name], section)
+        for name in get_annotations(owner):
+            each = declared.pop(name, None)
+            if each is not None and KEY in each.metadata:  # inherited from a configuration
+                made.append(_option(name, hints[name], setting_of(owner, name), each.metadata[KEY].section))
+            elif each is not None and "names" in each.metadata.get(PARAMETER, {}):
+                made.append(_option(name, hints[name], each, section))
     return made
 
 
@@ -185,29 +184,21 @@ def _argument(name: str, hint: Any, declared: Field[Any]) -> click.Argument:
     )
 
 
-def _options(declared: Field[Any], hint: Any, section: str) -> Iterator[SettingOption]:
-    if GROUP in declared.metadata:
-        config, help, is_open = declared.metadata[GROUP]
-        for name, known in settings_of(config).items():
-            each = setting_of(config, name, help=help, is_open=is_open)
-            each.name = name
-            yield from _options(each, known.kind, known.section or section)
-    elif "names" in declared.metadata.get(PARAMETER, {}):
-        about, kind = dict(declared.metadata[PARAMETER]), _plain(hint)
-        names = about.pop("names") or (f"--{declared.name.replace('_', '-')}",)
-        found = _type_of(kind, {limit: about.pop(limit, None) for limit in LIMITS})
-        if kind is bool:
-            found, about["is_flag"] = None, True
-        usual: dict[str, Any] = {
-            "type": found,
-            "show_default": declared.default is not None and kind is not bool,
-            "metavar": "N" if kind is int else None,
-        }
-        if declared.default is not None:
-            usual["default"] = declared.default
-        made = SettingOption([*names, declared.name], **usual | about)
-        made.section = section
-        yield made
+def _option(name: str, hint: Any, declared: Field[Any], section: str) -> SettingOption:
+    about, kind = dict(declared.metadata[PARAMETER]), _plain(hint)
+    names = about.pop("names") or (f"--{name.replace('_', '-')}",)
+    usual: dict[str, Any] = {
+        "type": _type_of(kind, {limit: about.pop(limit, None) for limit in LIMITS}),
+        "show_default": declared.default is not None and kind is not bool,
+        "metavar": "N" if kind is int else None,
+    }
+    if kind is bool:
+        usual |= {"type": None, "is_flag": True}
+    if declared.default is not None:
+        usual["default"] = declared.default
+    made = SettingOption([*names, name], **usual | about)
+    made.section = section
+    return made
 
 
 def _type_of(kind: Any, limits: dict[str, Any]) -> click.ParamType[Any] | None:
@@ -255,14 +246,8 @@ class SettingsCommand(click.Command, Generic[Settings]):
 
     def settings_in(self, ctx: click.Context) -> Settings:
         """Make the settings of what was parsed."""
-        values, made = ctx.params, dict[str, Any]()
-        for each in fields(self.settings):  # type: ignore[arg-type]
-            if GROUP in each.metadata:
-                names = settings_of(each.metadata[GROUP][0])
-                made[each.name] = {name: values[name] for name in names if values[name] is not None}
-            elif each.name in values:
-                made[each.name] = values[each.name]
-        return self.settings(**made)
+        names = [each.name for each in fields(self.settings)]  # type: ignore[arg-type]
+        return self.settings(**{name: ctx.params[name] for name in names if name in ctx.params})
 
     def invoke(self, ctx: click.Context) -> Any:
         """Call the command with its settings."""

@@ -11,18 +11,17 @@ from typing import Any
 import click
 
 from semcal_cli.cli.options import ThreadSettings
-from semcal_cli.cli.settings import argument, command, option, setting_of, settings_group
+from semcal_cli.cli.settings import argument, command, made_of, option, setting_of
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class SynthSettings(ThreadSettings):
-    """What the options of `synth` say."""
+class SynthSettings(SynthConfig, ThreadSettings):
+    """What the options of `synth` say, among them all settings of a synthetic drive."""
 
     out: Path = argument()
-    of_drive: dict[str, Any] = settings_group(SynthConfig)
     num_drives: int | None = option(
         "Write N drives of one rig, OUT/000000 and so on, each of a seed of its own.",
         "--drives",
@@ -47,7 +46,7 @@ class SynthSettings(ThreadSettings):
         """
         from semcal_cli.synthetic.motion import check_motion
 
-        config = SynthConfig(**self.of_drive, seed=self.seed)
+        config = made_of(SynthConfig, self)
         if config.fov_down_deg >= config.fov_up_deg:
             needed = f"needed less than --fov-up-deg, {config.fov_up_deg}"
             raise click.UsageError(f"--fov-down-deg: found {config.fov_down_deg}, {needed}")
