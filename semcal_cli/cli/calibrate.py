@@ -18,7 +18,7 @@ from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import command, option, output_file, setting_of
 from semcal_cli.cli.stages import PRIORS, STARTS, RefinementSettings, SearchSettings
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
-from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig, Optimizer
+from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import CalibrationError, SemcalError, check_torch
 from semcal_cli.files.writing import takes_several
@@ -49,7 +49,6 @@ class PaperSettings:
     num_hidden: int | None = of_paper(MineConfig, "num_hidden")
     learning_rate_theta: float | None = of_paper(MineConfig, "learning_rate_theta")
     learning_rate_pose: float | None = of_paper(MineConfig, "learning_rate_pose")
-    optimizer: Optimizer | None = of_paper(MineConfig, "optimizer")
     max_final_drift: float | None = of_paper(PyramidConfig, "max_final_drift")
 
 
