@@ -186,8 +186,8 @@ def test_help_names_only_options_that_the_command_has(path: tuple[str, ...], com
 ORDERS = {
     "calibrate C": "semcal calibrate DRIVE",
     "inspect C": "semcal inspect DRIVE",
-    "refine C --init D": "semcal refine DRIVE --init FILE",
-    "verify C D": "semcal verify DRIVE CALIBRATION",
+    "refine C --init C": "semcal refine DRIVE --init FILE",
+    "verify C C": "semcal verify DRIVE CALIBRATION",
     "report C D -o O.html": "semcal report DRIVE CALIBRATION -o FILE",
     "overlay C D -o O": "semcal overlay DRIVE CALIBRATION -o DIR",
     "export rerun C D -o O.rrd": "semcal export rerun DRIVE [CALIBRATION] -o FILE",

@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import click
 
 from semcal_cli.errors import InputError, SemcalError, os_reason
-from semcal_cli.files.reading import is_same_file, read_start
-from semcal_cli.files.writing import write_text
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check, Verdict
@@ -105,6 +103,8 @@ def errors_reported(command: str, subject: str, junit: Path | None, read: Sequen
     try:
         yield
     except SemcalError as error:
+        from semcal_cli.files.writing import write_text
+
         if junit is not None and _may_replace(junit, read):
             with suppress(InputError):
                 content = _suite(
@@ -116,6 +116,8 @@ def errors_reported(command: str, subject: str, junit: Path | None, read: Sequen
 
 def _may_replace(junit: Path, read: Sequence[Path]) -> bool:
     """Whether a file is none that is read, and is new or holds XML."""
+    from semcal_cli.files.reading import is_same_file, read_start
+
     if any(is_same_file(path, junit) for path in read):
         return False
     return not junit.is_file() or read_start(junit, len(XML_START)) == XML_START
