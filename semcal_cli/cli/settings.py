@@ -193,8 +193,8 @@ def _option(name: str, hint: Any, declared: Field[Any], section: str) -> Setting
         "metavar": "N" if kind is int else None,
     }
     if kind is bool:
-        usual |= {"type": None, "is_flag": True}
-    if declared.default is not None:
+        usual |= {"type": None, "is_flag": True, "default": declared.default}
+    elif declared.default is not None:
         usual["default"] = declared.default
     made = SettingOption([*names, name], **usual | about)
     made.section = section
