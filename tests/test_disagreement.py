@@ -14,7 +14,7 @@ from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import RefinementConfig
-from semcal_cli.drive.alike import alike_frames
+from semcal_cli.drive.alike import alike_frames, ranges_of
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import load_observations
@@ -165,8 +165,8 @@ def test_pictures_of_another_moment_and_mirrored_ones_are_named(
 def test_frames_of_one_scene_are_told_from_others(long_street: RawDrive, rng: np.random.Generator) -> None:
     a, b, c = (frame.points for frame in long_street.frames[:3])
     noisy = (a + 0.005 * rng.standard_normal(a.shape)).astype(np.float32)
-    assert alike_frames([a, b, noisy, c, b]) == [0, 1, 0, 3, 1]
-    assert alike_frames([frame.points for frame in long_street.frames]) == list(range(8))
+    assert alike_frames(ranges_of([a, b, noisy, c, b])) == [0, 1, 0, 3, 1]
+    assert alike_frames(ranges_of([frame.points for frame in long_street.frames])) == list(range(8))
 
 
 @pytest.mark.parametrize("noise_m", [None, 0.005])

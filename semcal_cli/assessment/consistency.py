@@ -16,7 +16,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.information import compared_by, information_by_squares, paired_gain
 from semcal_cli.config import ExactConfig, PyramidConfig
-from semcal_cli.drive.alike import shares_alike
+from semcal_cli.drive.alike import ranges_of, shares_alike
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import delayed, differs, twists_per_s
@@ -124,7 +124,7 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
     # Pictures are compared by their likeliest classes, their own as well: shares alone tell less.
     images, found = [image.without_shares() for image in observations.images], []
     own = _fit(observations.with_images(images), T_camera_lidar).information
-    shares = shares_alike([cloud.points for cloud in observations.clouds])
+    shares = shares_alike(ranges_of([cloud.points for cloud in observations.clouds]))
     for shift in range(1, observations.num_frames):
         others = images[shift:] + images[:shift]
         if np.diag(np.roll(shares, -shift, axis=1)).max() > MAX_SHARED:

@@ -16,7 +16,7 @@ from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.pairing import find_identical_files
 from semcal_cli.assessment.scale import check_scale, judge_scale
 from semcal_cli.config import MAX_FRAMES, InitializationConfig
-from semcal_cli.drive.alike import alike_ranges, nearest_ranges
+from semcal_cli.drive.alike import alike_frames, nearest_ranges
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import KINDS, kinds_of_segments
 from semcal_cli.drive.document import Drive
@@ -120,7 +120,7 @@ def inspect(drive: Drive) -> DriveReport:
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
     few = _loaded(probed)
-    num_scenes = len(set(alike_ranges([ranges[index] for index in readable])))
+    num_scenes = len(set(alike_frames([ranges[index] for index in readable])))
     elevations, azimuths = _field_of_points(points)
     field_of_view = _field_of_view(drive)
     point_names = _names(frame.point_classes for frame in frames)

@@ -23,47 +23,48 @@ MIN_COPIED = 0.999
 """Least share of equal pixels in copies of a label image. A network labels two pictures of one scene less alike."""
 
 
-def alike_frames(clouds: Sequence[npt.NDArray[np.float32]]) -> list[int]:
-    """Group the frames that show one scene.
+def ranges_of(clouds: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
+    """Compute the `nearest_ranges` of the points (N, 3) of each frame, metres, LiDAR frame."""
+    with thread_pool() as pool:
+        return list(pool.map(nearest_ranges, clouds))
 
-    Args:
-        clouds: (N, 3) points of each frame, metres, LiDAR frame.
+
+def alike_frames(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
+    """Group the frames that show one scene, by the `nearest_ranges` of each.
 
     Returns:
         For each frame the index of the first frame that shows the same scene, directly or by way of others.
     """
-    with thread_pool() as pool:
-        return alike_ranges(list(pool.map(nearest_ranges, clouds)))
-
-
-def alike_ranges(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
-    """Group the frames that show one scene, as `alike_frames`, by the `nearest_ranges` of each."""
     first = list(range(len(ranges)))
     if len(ranges) < 2:
         return first
-    for later, earlier in np.argwhere(np.tril(_shares(ranges) >= MIN_ALIKE, -1)).tolist():
+    for later, earlier in np.argwhere(np.tril(shares_alike(ranges) >= MIN_ALIKE, -1)).tolist():
         joined, kept = sorted((first[earlier], first[later]), reverse=True)
         first = [kept if each == joined else each for each in first]
     return first
 
 
-def shares_alike(clouds: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
+def shares_alike(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
     """Share of the directions seen in either of two frames that have the same range in both, (F, F).
 
     Args:
-        clouds: (N, 3) points of each frame, metres, LiDAR frame.
+        nearest: The `nearest_ranges` of each frame.
     """
-    with thread_pool() as pool:
-        return _shares(list(pool.map(nearest_ranges, clouds)))
-
-
-def _shares(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
     ranges, shares = np.array(nearest), np.zeros((len(nearest), len(nearest)))
     # Most directions are seen in no frame: a LiDAR looks neither up nor down.
     ranges = ranges[:, np.isfinite(ranges).any(axis=0)]
+
+    def with_earlier(frame: int) -> npt.NDArray[np.float64]:
+        others, own = ranges[: frame + 1], ranges[frame]
+        nearer = np.minimum(others, own)
+        # The difference of two infinite ranges is no number, and below nothing.
+        with np.errstate(invalid="ignore"):
+            is_same = np.abs(others - own) < SAME_RANGE_M + SAME_RANGE * nearer
+        num_seen = np.count_nonzero(np.isfinite(nearer), axis=1)
+        return np.asarray(np.count_nonzero(is_same, axis=1) / np.maximum(num_seen, 1))
+
     with thread_pool() as pool:
-        rows = pool.map(lambda frame: _shares_alike(ranges[: frame + 1], ranges[frame]), range(len(ranges)))
-        for frame, row in enumerate(rows):
+        for frame, row in enumerate(pool.map(with_earlier, range(len(ranges)))):
             shares[frame, : frame + 1] = shares[: frame + 1, frame] = row
     return shares
 
@@ -96,13 +97,3 @@ def nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     nearest = np.full(rows * columns, np.inf, np.float32)
     np.minimum.at(nearest, row * columns + column, np.hypot(flat, z))
     return nearest
-
-
-def _shares_alike(others: npt.NDArray[np.float32], own: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-    """Share of the directions seen in either of two frames, others (F, C) and one (C,), with the same range in both."""
-    nearer = np.minimum(others, own)
-    # The difference of two infinite ranges is no number, and below nothing.
-    with np.errstate(invalid="ignore"):
-        is_same = np.abs(others - own) < SAME_RANGE_M + SAME_RANGE * nearer
-    num_seen = np.count_nonzero(np.isfinite(nearer), axis=1)
-    return np.asarray(np.count_nonzero(is_same, axis=1) / np.maximum(num_seen, 1))

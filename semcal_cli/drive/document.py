@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.camera import Camera
@@ -16,18 +15,29 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import (
     FileName,
-    StatedTransform,
     StrictModel,
+    Transform,
     Version,
     check_distinct,
     length,
     validate,
 )
-from semcal_cli.geometry.poses import orthonormal
 
 DRIVE_FILE = "drive.yaml"
 RIG_FILE = "rig.yaml"
 """File of a rig of several cameras; see `semcal_cli.rig`."""
+SUFFIXES = (".yaml", ".yml")
+"""Suffixes of a drive's file; any other name is that of its folder."""
+RIG = "semcal_rig"
+"""Version key of a rig."""
+OF_RIG = (
+    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the drive of one of "
+    "its cameras"
+)
+CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
+"""Version keys of files with a transform, which stand where a drive belongs if arguments are the wrong way round."""
+FILES = ("points", "point_labels", "image_labels", "image", "point_features", "image_features")
+"""Keys of a frame's files."""
 
 Id = Annotated[int, Field(ge=0, le=0xFFFF)]
 Ids = Annotated[tuple[Id, ...], length(0)]
@@ -44,10 +54,6 @@ DEFAULT_CLOCK_SIGMA_S = 0.02
 MAX_OFFSET_S = 1.0
 TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 """Offset of two clocks, in seconds. Sweeps and pictures that are farther apart are no pairs."""
-
-
-def _orthonormal(T: StatedTransform) -> StatedTransform:
-    return tuple(tuple(row) for row in orthonormal(np.array(T)).tolist())
 
 
 class Lidar(StrictModel):
@@ -176,7 +182,7 @@ class Drive(StrictModel):
     time_offset_sigma_s: Annotated[float, Field(ge=0.0, le=MAX_OFFSET_S)] = DEFAULT_CLOCK_SIGMA_S
     """Standard deviation of `time_offset_s`, in seconds, by what is known before; 0 where the camera is triggered.
     Where the rig moves by what is stated, it is part of the interval, as far as the frames do not tell it."""
-    T_camera_lidar: Annotated[StatedTransform, AfterValidator(_orthonormal)] | None = None
+    T_camera_lidar: Transform | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
@@ -206,10 +212,7 @@ class Drive(StrictModel):
     def files(self) -> Iterator[str]:
         """List the names of all files of the drive."""
         for frame in self.frames:
-            labels = frame.point_labels, frame.image_labels
-            yield from filter(
-                None, (frame.points, *labels, frame.image, frame.point_features, frame.image_features)
-            )
+            yield from filter(None, (getattr(frame, key) for key in FILES))
         if self.motion and self.motion.poses:
             yield self.motion.poses
 
@@ -238,43 +241,20 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
 
     Raises:
         InputError: the drive is wrong; the message names the file, the key, what was found and what was needed.
+        MisplacedError: the file holds a transform.
     """
     path = Path(path)
     file = drive_file(path)
     if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
         raise InputError(f"{path / RIG_FILE}: {OF_RIG}")
     document = read_document(file)
-    check_is_drive(document, file)
+    if RIG in document:
+        raise InputError(f"{file}: {OF_RIG}")
+    if CALIBRATIONS & document.keys():
+        raise MisplacedError(f"{file}: found a calibration where the drive belongs")
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
     return drive
-
-
-RIG = "semcal_rig"
-"""Version key of a rig of several cameras; see `semcal_cli.rig`."""
-CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
-"""Version keys of files with a transform."""
-OF_RIG = (
-    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the drive of one of "
-    "its cameras"
-)
-
-
-def check_is_drive(document: Mapping[str, Any], path: Path) -> None:
-    """Check that a document is no other one of semcal's; whether it is a drive is checked by its validation.
-
-    Raises:
-        MisplacedError: it holds a transform.
-        InputError: it is a rig.
-    """
-    if RIG in document:
-        raise InputError(f"{path}: {OF_RIG}")
-    if CALIBRATIONS & document.keys():
-        raise MisplacedError(f"{path}: found a calibration where the drive belongs")
-
-
-SUFFIXES = (".yaml", ".yml")
-"""Suffixes of a drive's file; any other name is that of its folder."""
 
 
 def output_drive_file(output: Path) -> Path:

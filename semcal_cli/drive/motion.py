@@ -1,4 +1,7 @@
-"""Motion compensation (de-skew): sweeps as the LiDAR would have seen them at the time of their image."""
+"""Motion compensation: sweeps as the LiDAR would have seen them at the time of their image.
+
+The time is that of the middle line; a rolling shutter (`unrolled`) and a late clock (`delayed`) move points on from it.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, Observations
+from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion
@@ -24,6 +27,10 @@ MIN_SWEEP_S = 0.005
 """Shortest time of a sweep; times that span less have another unit, for no LiDAR turns that fast."""
 MAX_POSES = 1_000_000
 """Most poses of a file. Their reading takes some ten seconds."""
+LEAST_DIFFERENCE = 1e-3
+"""Difference of two velocities that counts, m/s or rad/s: 50 ms of it are a twentieth of a millimetre."""
+MEAN_SHARE = 0.25
+"""Mean time between a line and the middle one, as a share of the readout."""
 MIN_RANGE_M = 0.1
 MEAN_SINE = math.pi / 4.0
 """Mean sine of the angle between a motion of unknown direction and a line of sight."""
@@ -54,11 +61,13 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compen
     if motion is None or motion.speed_m_s is not None:
         return [Compensated(cloud.points, None) for cloud in clouds]
     trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
+    twist = motion.twist
+    steady = () if twist is None else (*twist.linear_m_s, *twist.angular_rad_s)
     moved = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
         times = _times(drive, motion, frame, cloud)
         moment = _moment(drive, frame)
-        along = trajectory or _steady(motion, moment)
+        along = trajectory or _core.Trajectory.constant(steady, moment)
         try:
             points = along.compensate(cloud.points, times, moment)
             twist_per_s = along.twist_at(moment)
@@ -135,11 +144,6 @@ def _moment(drive: Drive, frame: Frame) -> float:
     return frame.image_stamp + drive.time_offset_s + 0.5 * drive.camera.readout_s
 
 
-def _steady(motion: Motion, moment: float) -> _core.Trajectory:
-    assert motion.twist is not None
-    return _core.Trajectory.constant((*motion.twist.linear_m_s, *motion.twist.angular_rad_s), moment)
-
-
 def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
     path = drive.resolve(name)
     stamps, poses = [], []
@@ -173,31 +177,30 @@ def _parse_pose(line: str) -> tuple[float, Pose]:
     return values[0], pose_from_quaternion(values[4:], values[1:4])
 
 
-MEAN_SHARE = 0.25
-"""Mean time between a line and the middle one, as a share of the readout."""
-
-
 def can_be_unrolled(observations: Observations) -> bool:
     """Whether points can be moved line by line: the shutter rolls, and the motion in each frame is known."""
-    is_known = all(observed.twist_per_s is not None for observed in observations.frame_observations)
-    return observations.camera.readout_s > 0.0 and is_known
+    return observations.camera.readout_s > 0.0 and twists_per_s(observations) is not None
 
 
 def unrolled(observations: Observations, T_camera_lidar: Pose) -> Observations:
     """Move each point to where the LiDAR would have seen it when the line was exposed on which it lies at a pose.
 
-    Points may have been moved at another pose before: they go on from there, see `LabelledCloud.exposed_s`.
+    A pose that is a few pixels off tells the time of a line to some microseconds, so points need not be moved again
+    while a pose is optimised. Points that were moved before go on from there, see `LabelledCloud.exposed_s`.
 
     Args:
         observations: Points and pictures; they stay as they are with a global shutter, or without a motion.
         T_camera_lidar: (4, 4), metres.
     """
-    if not can_be_unrolled(observations):
+    twists, camera = twists_per_s(observations), observations.camera
+    if camera.readout_s == 0.0 or twists is None:
         return observations
-    camera = observations.camera
-    return observations.with_clouds(
-        _unrolled_cloud(observed, camera, T_camera_lidar) for observed in observations.frame_observations
-    )
+    lens, shutter = core_camera(camera), (camera.readout_s, camera.direction)
+    clouds = []
+    for cloud, twist in zip(observations.clouds, twists, strict=True):
+        points, exposed_s = _core.unroll(lens, shutter, cloud.points, _seen_s(cloud), twist, T_camera_lidar)
+        clouds.append(replace(cloud, points=points, exposed_s=exposed_s))
+    return observations.with_clouds(clouds)
 
 
 def points_at(observations: Observations, frame: int, T_camera_lidar: Pose) -> npt.NDArray[np.float32]:
@@ -210,11 +213,15 @@ def exposed_as(observations: Observations, others: Observations) -> Observations
     """Move each point to the moment at which it is seen in other observations of the same clouds.
 
     Args:
-        observations: Points and pictures.
+        observations: Points and pictures, with a twist in each frame.
         others: The same ones with times of lines, as another camera or another offset of the clock tells them.
     """
-    pairs = zip(observations.frame_observations, others.clouds, strict=True)
-    return observations.with_clouds(_exposed_at(observed, other.exposed_s) for observed, other in pairs)
+    clouds = []
+    for cloud, other, along in zip(observations.clouds, others.clouds, _at_twists(observations), strict=True):
+        assert other.exposed_s is not None
+        points = along.compensate(cloud.points, _seen_s(cloud) - other.exposed_s, 0.0)
+        clouds.append(replace(cloud, points=points, exposed_s=other.exposed_s))
+    return observations.with_clouds(clouds)
 
 
 def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) -> float | None:
@@ -236,35 +243,6 @@ def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) ->
     return float(np.median(shifts)) * core_camera(drive.camera).pixels_per_radian
 
 
-def _unrolled_cloud(observed: FrameObservation, camera: Camera, T_camera_lidar: Pose) -> LabelledCloud:
-    assert observed.twist_per_s is not None
-    points, exposed_s = _core.unroll(
-        core_camera(camera),
-        (camera.readout_s, camera.direction),
-        observed.cloud.points,
-        _seen_s(observed.cloud),
-        observed.twist_per_s,
-        T_camera_lidar,
-    )
-    return replace(observed.cloud, points=points, exposed_s=exposed_s)
-
-
-def _exposed_at(observed: FrameObservation, exposed_s: npt.NDArray[np.float64] | None) -> LabelledCloud:
-    assert observed.twist_per_s is not None
-    assert exposed_s is not None
-    along = _core.Trajectory.constant(observed.twist_per_s, 0.0)
-    points = along.compensate(observed.cloud.points, _seen_s(observed.cloud) - exposed_s, 0.0)
-    return replace(observed.cloud, points=points, exposed_s=exposed_s)
-
-
-def _seen_s(cloud: LabelledCloud) -> npt.NDArray[np.float64]:
-    return np.zeros(cloud.num_points) if cloud.exposed_s is None else cloud.exposed_s
-
-
-LEAST_DIFFERENCE = 1e-3
-"""Difference of two velocities that counts, m/s or rad/s: 50 ms of it are a twentieth of a millimetre."""
-
-
 def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
     """List the twist of the LiDAR in each of `frame_observations`, (6,); None if a frame has none."""
     twists = [observed.twist_per_s for observed in observations.frame_observations]
@@ -283,12 +261,18 @@ def delayed(observations: Observations, delay_s: float) -> Observations:
         observations: Observations with a twist in each frame.
         delay_s: Time by which pictures are later, seconds.
     """
+    pairs = zip(observations.clouds, _at_twists(observations), strict=True)
+    return observations.with_clouds(
+        cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))
+        for cloud, along in pairs
+    )
+
+
+def _at_twists(observations: Observations) -> list[_core.Trajectory]:
     twists = twists_per_s(observations)
     assert twists is not None
-    clouds = zip(observations.clouds, twists, strict=True)
-    return observations.with_clouds(_at_constant_twist(cloud, twist, delay_s) for cloud, twist in clouds)
+    return [_core.Trajectory.constant(twist, 0.0) for twist in twists]
 
 
-def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay_s: float) -> LabelledCloud:
-    along = _core.Trajectory.constant(twist_per_s, 0.0)
-    return cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))
+def _seen_s(cloud: LabelledCloud) -> npt.NDArray[np.float64]:
+    return np.zeros(cloud.num_points) if cloud.exposed_s is None else cloud.exposed_s

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import StartsConfig
-from semcal_cli.drive.alike import alike_frames
+from semcal_cli.drive.alike import alike_frames, ranges_of
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Lidar
 
@@ -201,6 +201,10 @@ class Observations:
         pairs = zip(self.frame_observations, images, strict=True)
         return self._with(replace(observed, image=image) for observed, image in pairs)
 
+    def weighed(self, weight: float) -> Observations:
+        """Copy whose points all have this weight when a pose is refined."""
+        return self._with(replace(observed, weight=weight) for observed in self.frame_observations)
+
     def _with(self, frame_observations: Iterable[FrameObservation]) -> Observations:
         return replace(self, frame_observations=tuple(frame_observations))
 
@@ -209,7 +213,7 @@ class Observations:
         """For each frame the index of the first one that shows the same scene."""
         if self.known_scenes is not None:
             return [self.known_scenes.index(scene) for scene in self.known_scenes]
-        return alike_frames([cloud.points for cloud in self.of_cue(0).clouds])
+        return alike_frames(ranges_of([cloud.points for cloud in self.of_cue(0).clouds]))
 
     @property
     def with_scenes(self) -> Observations:

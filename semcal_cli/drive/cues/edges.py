@@ -20,7 +20,7 @@ from semcal_cli import _core
 from semcal_cli.config import ExactConfig, StartsConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.cues.cue import Cue
-from semcal_cli.drive.cues.intensity import grey_values, lens_mask
+from semcal_cli.drive.cues.intensity import grey_values, lens_mask, surroundings
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
@@ -37,8 +37,6 @@ NO_EDGE = 0
 """Class of a point beside which nothing changes."""
 LEAST_GRADIENT = 2.0
 """Gradient of grey values, per pixel, that adds to the surroundings': less is noise of the sensor."""
-BLOCKS_A_SIGMA = 8.0
-"""Blocks per standard deviation of the blur with which the surroundings of pixels are summed up."""
 
 
 @dataclass(frozen=True)
@@ -134,8 +132,10 @@ class SweepEdges(NamedTuple):
 
 def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig) -> SweepEdges:
     """Find the edges of sweeps, as they were scanned."""
-    has_intensity = all(cloud.intensity is not None for cloud in clouds)
-    intensities = [_finite(cloud.intensity) if has_intensity else None for cloud in clouds]
+    given = [cloud.intensity for cloud in clouds]
+    found = [np.nan_to_num(each.astype(np.float32)) for each in given if each is not None]
+    has_intensity = len(found) == len(clouds)
+    intensities = found if has_intensity else [None] * len(clouds)
     steps = _core.edge_steps([cloud.points for cloud in clouds], intensities, config.same_surface_m)
     limits: list[float] = []
     if has_intensity:
@@ -148,21 +148,15 @@ def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig) -> 
         *(f"intensity step {level + 1}" for level in range(len(limits))),
         *(f"range step {level + 1}" for level in range(len(config.range_steps_m))),
     ]
-    classes = [_classes(cloud, each, limits, config) for cloud, each in zip(clouds, steps, strict=True)]
-    to_steps_m = [_to_steps(each, found, len(limits)) for each, found in zip(steps, classes, strict=True)]
+    classes, to_steps_m = [], []
+    for cloud, each in zip(clouds, steps, strict=True):
+        of_points = _classes(cloud, each, limits, config)
+        is_edge = (of_points != NO_CLASS) & (of_points != NO_EDGE)
+        steps_in_range = is_edge & (of_points > len(limits))
+        to_steps = np.where(steps_in_range[:, None], each.to_range_step_m, each.to_intensity_step_m)
+        classes.append(of_points)
+        to_steps_m.append(np.asarray(np.where(is_edge[:, None], to_steps, 0.0), np.float32))
     return SweepEdges(classes, to_steps_m, names, float(np.median([each.spacing for each in steps])))
-
-
-def _to_steps(steps: _core.Steps, classes: Classes, num_intensity: int) -> Values:
-    """Choose where the steps lie (N, 3) by the classes (N,) of points: steps in range, in intensity, or none."""
-    is_edge = (classes != NO_CLASS) & (classes != NO_EDGE)
-    of_range = is_edge & (classes > num_intensity)
-    to_steps = np.where(of_range[:, None], steps.to_range_step_m, steps.to_intensity_step_m)
-    return np.asarray(np.where(is_edge[:, None], to_steps, 0.0), np.float32)
-
-
-def _finite(intensity: Values | None) -> Values | None:
-    return None if intensity is None else np.nan_to_num(intensity.astype(np.float32))
 
 
 def _classes(
@@ -175,13 +169,9 @@ def _classes(
     allowed = config.range_share * np.linalg.norm(cloud.points, axis=1)
     for level, step_m in enumerate(config.range_steps_m):
         classes[steps.range_m > step_m + allowed] = len(limits) + level + 1
-    is_edge = classes != NO_EDGE
+    num_plain = max(int(config.plain_per_edge * np.sum(classes != NO_EDGE)), 1)
     classes[np.isnan(steps.range_m)] = NO_CLASS
-    return _thinned(classes, max(int(config.plain_per_edge * is_edge.sum()), 1))
-
-
-def _thinned(classes: Classes, num_plain: int) -> Classes:
-    """Leave at most about `num_plain` of the points beside which nothing changes: they differ little, and are many."""
+    # Points beside which nothing changes differ little, and are many: some of them are enough.
     plain = np.flatnonzero(classes == NO_EDGE)
     is_dropped = np.random.default_rng(0).random(len(plain)) * len(plain) > num_plain
     classes[plain[is_dropped]] = NO_CLASS
@@ -217,7 +207,6 @@ def gradients(
     Returns:
         Strength of the gradient (H, W), and whether (H, W) all pixels that it comes from are reached.
     """
-    around_px = np.radians(config.surroundings_deg) * core_camera(camera).pixels_per_radian
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
     padded = np.pad(
@@ -225,17 +214,8 @@ def gradients(
     )  # The border of the picture is no border of the lens.
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
     strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside
-
-    # The surroundings vary slowly, so a small image is enough.
-    factor = max(1.0, around_px / BLOCKS_A_SIGMA)
-    size = max(1, round(camera.width / factor)), max(1, round(camera.height / factor))
-
-    def mean_around(values: Values) -> Values:
-        small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
-        around = cv2.GaussianBlur(small, (0, 0), around_px / factor)
-        return np.asarray(cv2.resize(around, (camera.width, camera.height)))
-
-    weights = np.maximum(mean_around(is_inside.astype(np.float32)), np.finfo(np.float32).tiny)
+    mean_around = surroundings(camera, config.surroundings_deg)
+    weights = np.maximum(mean_around(is_inside), np.finfo(np.float32).tiny)
     beside = strength / (mean_around(strength) / weights + LEAST_GRADIENT)
     return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px), np.float32), is_inside
 

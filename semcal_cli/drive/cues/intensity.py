@@ -8,9 +8,9 @@ The values are divided into equally frequent levels, which take the place of cla
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.motion import Compensated, compensated
+from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError
@@ -59,13 +59,17 @@ class IntensityConfig:
 INTENSITY = IntensityConfig()
 
 
-def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None) -> Observations:
+def observe_intensity(
+    drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None, *, is_raw: bool = False
+) -> Observations:
     """Load every frame of a drive, with levels of intensity as classes.
 
     Args:
         drive: The drive; each frame needs an image, and each cloud needs intensities.
         config: Settings of the cue.
         sweeps: Sweeps that have already been read.
+        is_raw: Whether intensities and grey values are taken as they are, and not beside their surroundings. They are
+            vectors of one number then, of which each side has unit variance over all frames.
 
     Raises:
         InputError: a file is missing or wrong, a frame has no image, or a cloud has no intensity.
@@ -74,75 +78,43 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
     seen = lens_mask(drive.camera)
+
+    def pixels_of(frame: Frame) -> Values:
+        grey = grey_values(drive, frame)
+        return grey if is_raw else _contrast_of_pixels(drive.camera, grey, seen, config)
+
+    def points_of(frame: Frame, cloud: _core.PointCloud, points: npt.NDArray[np.float32]) -> Values:
+        intensities = _intensity(drive, frame, cloud)
+        return intensities if is_raw else _contrast_of_points(points, intensities, config)
+
     with thread_pool() as pool:
-        grey = list(pool.map(lambda frame: _grey(drive, frame, seen, config), drive.frames))
-        intensities = [
-            _intensity(drive, frame, cloud) for frame, cloud in zip(drive.frames, clouds, strict=True)
-        ]
-        contrasts = list(
-            pool.map(partial(_of_points, config), [sweep.points for sweep in moved], intensities)
-        )
-    labelled = _in_levels(drive, moved, contrasts, config)
-    # Each image has its own exposure; the sensor's intensity has one scale.
+        of_pixels = list(pool.map(pixels_of, drive.frames))
+        of_points = list(pool.map(points_of, drive.frames, clouds, [sweep.points for sweep in moved]))
+    point_limits = _limits(drive, "intensity", np.concatenate(of_points), config)
+    # Each image has its own exposure, unless it is taken as it is; the sensor's intensity has one scale.
+    seen_pixels = [image[seen] for image in of_pixels]
+    compared = [np.concatenate(seen_pixels)] * len(of_pixels) if is_raw else seen_pixels
     images = []
-    for image in grey:
-        levels = np.digitize(image, _limits(drive, "grey", image[seen], config))
+    for image, values in zip(of_pixels, compared, strict=True):
+        levels = np.digitize(image, _limits(drive, "grey", values, config))
         classes = np.where(seen, levels, NO_CLASS).astype(np.uint8)
         # Certain, but as shares: levels have no borders whose pixels are in doubt.
-        images.append(LabelledImage(classes, _core.ClassShares.certain(classes.ravel())))
-    return make_observations(drive, clouds, moved, labelled, images, _names(config))
-
-
-def observe_raw_intensity(
-    drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None
-) -> Observations:
-    """Load every frame of a drive with its intensities and grey values as vectors of one number, as they are.
-
-    Each side is scaled to unit variance over all frames. Equally frequent levels are the classes.
-
-    Args:
-        drive: The drive; each frame needs an image, and each cloud needs intensities.
-        config: Settings of the cue.
-        sweeps: Sweeps that have already been read.
-
-    Raises:
-        InputError: a file is missing or wrong, a frame has no image, or a cloud has no intensity.
-        CalibrationError: the intensities or the grey values are nearly all the same.
-    """
-    clouds = read_clouds(drive, sweeps)
-    moved = compensated(drive, clouds)
-    seen = lens_mask(drive.camera)
-    intensities = [_intensity(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
-    grey = [grey_values(drive, frame) for frame in drive.frames]
+        images.append(LabelledImage(classes, None if is_raw else _core.ClassShares.certain(classes.ravel())))
     labelled = [
-        replace(cloud, vectors=vectors)
-        for cloud, vectors in zip(
-            _in_levels(drive, moved, intensities, config), _standardized(intensities), strict=True
-        )
+        LabelledCloud(sweep.points, np.digitize(each, point_limits).astype(np.uint8))
+        for sweep, each in zip(moved, of_points, strict=True)
     ]
-    limits = _limits(drive, "grey", np.concatenate([image[seen] for image in grey]), config)
-    images = [
-        LabelledImage(np.where(seen, np.digitize(image, limits), NO_CLASS).astype(np.uint8), vectors=vectors)
-        for image, vectors in zip(grey, _standardized(grey), strict=True)
-    ]
-    return make_observations(drive, clouds, moved, labelled, images, _names(config))
-
-
-def _in_levels(
-    drive: Drive, sweeps: Sequence[Compensated], values: Sequence[Values], config: IntensityConfig
-) -> list[LabelledCloud]:
-    """Label the points of all sweeps with equally frequent levels of their values, which have one scale."""
-    limits = _limits(drive, "intensity", np.concatenate(values), config)
-    return [
-        LabelledCloud(sweep.points, np.digitize(each, limits).astype(np.uint8))
-        for sweep, each in zip(sweeps, values, strict=True)
-    ]
-
-
-def _names(config: IntensityConfig) -> tuple[list[str], list[str]]:
-    """Name the levels, which are the classes of either side."""
+    if is_raw:
+        labelled = [
+            replace(each, vectors=vectors)
+            for each, vectors in zip(labelled, _standardized(of_points), strict=True)
+        ]
+        images = [
+            replace(each, vectors=vectors)
+            for each, vectors in zip(images, _standardized(of_pixels), strict=True)
+        ]
     names = [str(level) for level in range(config.num_levels)]
-    return names, names
+    return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
 def _standardized(values: Sequence[Values]) -> list[npt.NDArray[np.float16]]:
@@ -180,27 +152,33 @@ def grey_values(drive: Drive, frame: Frame) -> Values:
     return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float64)
 
 
-def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: IntensityConfig) -> Values:
-    """Compute the contrast of an image's grey values (H, W) with their surroundings."""
-    camera, grey = drive.camera, grey_values(drive, frame)
-    sigma_px = np.radians(config.surroundings_deg) * core_camera(camera).pixels_per_radian
-
+def surroundings(camera: Camera, sigma_deg: float) -> Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]:
+    """Make the function that blurs an image (H, W) over so many degrees, as a standard deviation."""
+    sigma_px = np.radians(sigma_deg) * core_camera(camera).pixels_per_radian
     # The surroundings vary slowly, so a small image is enough.
     factor = max(1.0, sigma_px / BLOCKS_A_SIGMA)
     size = max(1, round(camera.width / factor)), max(1, round(camera.height / factor))
 
-    def blur(values: Values) -> Values:
+    def blur(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
         small = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         smooth = cv2.GaussianBlur(small, (0, 0), sigma_px / factor)
-        around: Values = cv2.resize(smooth, (camera.width, camera.height)).astype(np.float64)
-        return around
+        return np.asarray(cv2.resize(smooth, camera.size), np.float32)
 
-    weights = blur(seen.astype(np.float64))
+    return blur
+
+
+def _contrast_of_pixels(
+    camera: Camera, grey: Values, seen: npt.NDArray[np.bool_], config: IntensityConfig
+) -> Values:
+    """Compute the contrast of grey values (H, W) with their surroundings."""
+    blur = surroundings(camera, config.surroundings_deg)
+    weights = blur(seen).astype(np.float64)
     grey = np.where(seen, grey, 0.0)
-    return _contrast(grey, weights, blur(grey), blur(grey**2), float(grey[seen].std()))
+    sums, squares = blur(grey).astype(np.float64), blur(grey**2).astype(np.float64)
+    return _contrast(grey, weights, sums, squares, float(grey[seen].std()))
 
 
-def _of_points(config: IntensityConfig, points: npt.NDArray[np.float32], values: Values) -> Values:
+def _contrast_of_points(points: npt.NDArray[np.float32], values: Values, config: IntensityConfig) -> Values:
     """Compute the contrast of the intensities (N,) of points (N, 3) with those in nearby directions."""
     from scipy.ndimage import gaussian_filter
 
@@ -240,8 +218,9 @@ def _limits(drive: Drive, side: str, values: Values, config: IntensityConfig) ->
     return limits
 
 
-def _observe(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:
-    return (observe_raw_intensity if is_raw else observe_intensity)(drive, INTENSITY, sweeps)
-
-
-CUE = Cue(observe=_observe, files=("image",), config=INTENSITY, starts=STARTS)
+CUE = Cue(
+    observe=lambda drive, sweeps, is_raw: observe_intensity(drive, INTENSITY, sweeps, is_raw=is_raw),
+    files=("image",),
+    config=INTENSITY,
+    starts=STARTS,
+)

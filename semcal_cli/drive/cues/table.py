@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
-from typing import TypeAlias
+from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from semcal_cli.config import AUTO, LABELS, CueName, StartsConfig
+from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.drive.cues import edges, features, intensity, segments
 from semcal_cli.drive.cues.cue import Cue
-from semcal_cli.drive.cues.segments import SEGMENTS
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
-from semcal_cli.drive.observations import NO_CLASS, FrameObservation, Observations
+from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_clouds, read_observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
+
+Labelled = TypeVar("Labelled", LabelledCloud, LabelledImage)
 
 
 def _observe_labels(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:
@@ -93,9 +93,6 @@ def files_of(cues: Sequence[CueName]) -> list[str]:
     return [*dict.fromkeys(["points", "point_labels", *(name for cue in cues for name in CUES[cue].files)])]
 
 
-Classes: TypeAlias = npt.NDArray[np.uint8]
-
-
 def load_cues(
     drive: Drive, cues: Sequence[CueName], sweeps: Sweeps | None = None, *, is_raw: bool = False
 ) -> Observations:
@@ -110,16 +107,12 @@ def load_cues(
     sweeps = Sweeps() if sweeps is None else sweeps
     found = [CUES[cue].observe(drive, sweeps, is_raw) for cue in cues]
     if "intensity" in cues:
-        found = [
-            _weighed(each, SEGMENTS.weight_by_intensity) if each.has_segments else each for each in found
-        ]
-    return replace(reduce(summed, found), starts=_starts(cues))
-
-
-def _starts(cues: Sequence[CueName]) -> StartsConfig | None:
-    """Give the starts of the cue that asks for the farthest; none where a cue brings the pose near on its own."""
-    starts = [found for cue in cues if (found := CUES[cue].starts) is not None]
-    return max(starts, key=lambda each: each.farthest_deg) if len(starts) == len(cues) else None
+        weight = segments.SEGMENTS.weight_by_intensity
+        found = [each.weighed(weight) if each.has_segments else each for each in found]
+    # From where the cue that asks for the farthest starts; one that brings the pose near on its own needs no others.
+    starts = [start for cue in cues if (start := CUES[cue].starts) is not None]
+    farthest = max(starts, key=lambda each: each.farthest_deg) if len(starts) == len(cues) else None
+    return replace(reduce(summed, found), starts=farthest)
 
 
 def summed(first: Observations, second: Observations) -> Observations:
@@ -135,7 +128,10 @@ def summed(first: Observations, second: Observations) -> Observations:
     num_point, num_image = len(first.point_class_names), len(first.image_class_names)
     if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
         raise CalibrationError(f"found more classes than {NO_CLASS} with those of all cues, needed fewer")
-    shifted = [_shifted(observed, num_point, num_image) for observed in second.frame_observations]
+    shifted = [
+        replace(each, cloud=_shifted(each.cloud, num_point), image=_shifted(each.image, num_image))
+        for each in second.frame_observations
+    ]
     return replace(
         first,
         frame_observations=(*first.frame_observations, *shifted),
@@ -145,26 +141,9 @@ def summed(first: Observations, second: Observations) -> Observations:
     )
 
 
-def _weighed(observations: Observations, weight: float) -> Observations:
-    weighed = tuple(replace(each, weight=weight) for each in observations.frame_observations)
-    return replace(observations, frame_observations=weighed)
-
-
-def _shifted(observed: FrameObservation, by_point: int, by_image: int) -> FrameObservation:
-    """Move the classes of a frame's points and pixels behind those of another cue."""
-    cloud, image = observed.cloud, observed.image
-    of_points, of_pixels = _table(by_point), _table(by_image)
-    shifted_cloud = replace(
-        cloud, classes=of_points[cloud.classes], shares=cloud.shares and cloud.shares.renamed(of_points)
-    )
-    shifted_image = replace(
-        image, classes=of_pixels[image.classes], shares=image.shares and image.shares.renamed(of_pixels)
-    )
-    return replace(observed, cloud=shifted_cloud, image=shifted_image)
-
-
-def _table(by: int) -> Classes:
-    """Make the table (256,) that moves the classes of the second cue behind those of the first."""
+def _shifted(labelled: Labelled, count: int) -> Labelled:
+    """Move the classes of a frame's points or pixels behind `count` classes of another cue."""
     table = np.full(256, NO_CLASS, np.uint8)
-    table[: NO_CLASS - by] = np.arange(by, NO_CLASS)
-    return table
+    table[: NO_CLASS - count] = np.arange(count, NO_CLASS)
+    shares = labelled.shares and labelled.shares.renamed(table)
+    return replace(labelled, classes=table[labelled.classes], shares=shares)
