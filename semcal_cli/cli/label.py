@@ -205,15 +205,12 @@ def _point_sides(settings: LabelSettings) -> list[Side]:
 
 def _preview(drive: Drive, labeller: PictureLabeller, path: Path, terminal: Terminal) -> None:
     """Draw the labels of the middle frame."""
-    from semcal_cli.drive.reading import read_frame_image
-    from semcal_cli.errors import InputError
+    from semcal_cli.drive.reading import read_needed_image
     from semcal_cli.files.images import write_image
     from semcal_cli.report.label_picture import draw_labels
 
     frame = drive.frames[len(drive.frames) // 2]
-    picture = read_frame_image(drive, frame)
-    if picture is None:
-        raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
+    picture = read_needed_image(drive, frame)
     model = labeller.model
     write_image(draw_labels(picture, labeller.ids(picture), model.classes, model.ignore), path)
     terminal.print(f"drew {path}: {frame.image}")

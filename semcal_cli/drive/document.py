@@ -220,6 +220,17 @@ class Drive(StrictModel):
         """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""
         return self.root / relative
 
+    def file_of(self, frame: Frame, key: str, needed: str) -> Path:
+        """Locate a file that a frame needs to have.
+
+        Raises:
+            InputError: the frame has none; `needed` says what was needed.
+        """
+        name: str | None = getattr(frame, key)
+        if name is None:
+            raise InputError(f"{self.path}: {frame.key(key)}: found nothing, needed {needed}")
+        return self.resolve(name)
+
 
 def first_stamp(drive: Drive) -> float | None:
     """Return the stamp of a drive's first frame, in seconds; None without stamps."""

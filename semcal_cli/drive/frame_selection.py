@@ -11,7 +11,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import colors, label_paths
+from semcal_cli.drive.reading import colors, image_label_paths
 
 Item = TypeVar("Item")
 
@@ -47,7 +47,7 @@ def select_frames(drive: Drive, max_frames: int) -> Drive:
         return drive
     camera = drive.camera
     thumbnails = _core.read_label_thumbnails(
-        label_paths(drive, "image_labels"), camera.width, camera.height, *THUMBNAIL, colors(drive)
+        image_label_paths(drive), camera.width, camera.height, *THUMBNAIL, colors(drive)
     )
     chosen = farthest_points(thumbnails.reshape(len(thumbnails), -1), max_frames, num_different)
     return drive.model_copy(update={"frames": tuple(drive.frames[i] for i in chosen)})

@@ -11,7 +11,7 @@ from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, CueNa
 from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.camera import Camera, stating
 from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.motion import unrolled
 from semcal_cli.drive.observations import Observations
@@ -55,18 +55,6 @@ class LoadedDrive:
         """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.motion`."""
         observations = unrolled(self.observations, T_camera_lidar)
         return self if observations is self.observations else replace(self, observations=observations)
-
-    def check_cues(self, cues: tuple[CueName, ...]) -> None:
-        """Check that the drive was loaded by the cues that are asked for.
-
-        Raises:
-            InputError: it was loaded by others.
-        """
-        if cues not in (self.cues, AUTO):
-            found, needed = (" and ".join(names) for names in (self.cues, cues))
-            raise InputError(
-                f"{self.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
-            )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -118,10 +106,9 @@ class LoadedDrive:
 
     def of_cue(self, cue: CueName) -> Observations:
         """Observations of one of the cues by which the drive was loaded."""
-        used = maximised(self.cues)
         if self.guide is not None and cue == "segments":
             return self.guide
-        return self.observations.of_cue(used.index(cue))
+        return self.observations.of_cue(maximised(self.cues).index(cue))
 
 
 def load(
@@ -140,7 +127,11 @@ def load(
     start, config = perf_counter(), CalibrationConfig() if config is None else config
     check_config(config)
     if isinstance(drive, LoadedDrive):
-        drive.check_cues(config.cues)
+        if config.cues not in (drive.cues, AUTO):
+            found, needed = (" and ".join(names) for names in (drive.cues, config.cues))
+            raise InputError(
+                f"{drive.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
+            )
         return drive.with_camera(stating(drive.drive.camera, config.refinement.jointly))
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
     whole = whole.model_copy(update={"camera": stating(whole.camera, config.refinement.jointly)})
@@ -152,27 +143,24 @@ def load(
     refined_by = maximised(cues)
     observations = load_cues(used, refined_by, sweeps, is_raw=config.is_raw).with_scenes
     guide = None if refined_by == cues else load_cues(used, ("segments",), sweeps)
-    data = _without_copies(LoadedDrive(used, observations, cues, guide, config.max_frames))
-    is_chosen = config.cues == AUTO and cues != LABELS
-    note = _describe(data, len(whole.frames)) + ", the best that its files allow" * is_chosen
-    details = _details(data)
+    data = LoadedDrive(used, observations, cues, guide, config.max_frames)
+    # Copies of frames are no new evidence.
+    seen = data.first_cue
+    if copies := set(copied_frames(seen.scenes, [image.classes for image in seen.images])):
+        kept = [index for index in range(seen.num_frames) if index not in copies]
+        data = replace(data.of_frames(kept), num_copies=len(copies))
+    note = _describe(data, len(whole.frames))
+    if config.cues == AUTO and cues != LABELS:
+        note += ", the best that its files allow"
+    speckle = data.observations.speckle
+    details = f"{speckle:.2%} isolated pixels mended" if speckle > 0.0 else ""
     on_event(StageDone("load", perf_counter() - start, note, details=details))
     return data
 
 
-def _without_copies(data: LoadedDrive) -> LoadedDrive:
-    """Leave out frames that are copies of others: they are no new evidence."""
-    found = data.first_cue
-    copies = set(copied_frames(found.scenes, [image.classes for image in found.images]))
-    if not copies:
-        return data
-    kept = [index for index in range(found.num_frames) if index not in copies]
-    return replace(data.of_frames(kept), num_copies=len(copies))
-
-
 def _describe(data: LoadedDrive, num_frames: int) -> str:
     """Describe the loaded drive, of `num_frames` frames, in a line for the terminal."""
-    observations, num_used = data.observations, len(data.drive.frames)
+    observations, num_used, motion = data.observations, len(data.drive.frames), data.drive.motion
     num_points = sum(cloud.num_points for cloud in data.first_cue.clouds)
     chosen = f" of {num_frames:,}" if num_used < num_frames else ""
     frames = "frame" if num_used == num_frames == 1 else "frames"
@@ -184,19 +172,14 @@ def _describe(data: LoadedDrive, num_frames: int) -> str:
         note += f", {data.num_copies} copies left out"
     if data.cues != LABELS:
         note += f", by {' and '.join(data.cues)}"
-    if data.drive.motion is not None:
-        note += f", motion {_compensation(data.drive.motion, observations.motion_error_px)}"
-    return note
-
-
-def _details(data: LoadedDrive) -> str:
-    speckle = data.observations.speckle
-    return f"{speckle:.2%} isolated pixels mended" if speckle > 0.0 else ""
-
-
-def _compensation(motion: Motion, error_px: float | None) -> str:
+    if motion is None:
+        return note
     if motion.speed_m_s is None:
-        return "compensated"
-    if error_px is None:
-        return "not compensated: clouds have no times"
-    return f"not compensated: half of the points are {error_px:.1f} pixels off or more"
+        return f"{note}, motion compensated"
+    error_px = observations.motion_error_px
+    off = (
+        "clouds have no times"
+        if error_px is None
+        else f"half of the points are {error_px:.1f} pixels off or more"
+    )
+    return f"{note}, motion not compensated: {off}"

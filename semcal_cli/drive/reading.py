@@ -26,6 +26,9 @@ from semcal_cli.files.point_clouds import Sweeps
 
 NUM_IDS = 65536
 MAX_CLASSES = NO_CLASS
+Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
+"""Raw ids of pixels or points, or their probabilities, as read."""
+Side: TypeAlias = Literal["points", "image"]
 
 
 @dataclass(frozen=True)
@@ -37,25 +40,29 @@ class ClassTable:
     lookup: npt.NDArray[np.uint8]
     """(65536,) class of each raw id, or `NO_CLASS`."""
 
-    def __call__(self, ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint8]:
-        """Look up the classes of raw ids."""
-        return _core.look_up_classes(np.ascontiguousarray(ids), self.lookup)
+    def __call__(self, labels: Labels) -> tuple[npt.NDArray[np.uint8], _core.ClassShares | None]:
+        """Look up the classes of raw ids, or the likeliest ones with their probabilities."""
+        if isinstance(labels, _core.ClassShares):
+            shares = labels.renamed(self.lookup[:256])
+            return shares.classes, shares
+        return _core.look_up_classes(np.ascontiguousarray(labels), self.lookup), None
 
 
 def class_table(
-    raw: Sequence[npt.NDArray[np.uint16]], named: Mapping[str, Sequence[int]], ignored: Sequence[int]
+    raw: Sequence[Labels], named: Mapping[str, Sequence[int]], ignored: Sequence[int]
 ) -> ClassTable:
     """Number the classes of the points or of the pixels.
 
     Args:
-        raw: Raw ids of every frame.
+        raw: Labels of every frame.
         named: Raw ids of each name; ids not listed carry no information. If empty, every id is a class of its own.
         ignored: Raw ids that carry no information.
 
     Raises:
         ValueError: there are more than 255 classes.
     """
-    seen = _core.seen_ids([np.ascontiguousarray(ids) for ids in raw])
+    ids = (labels.ids if isinstance(labels, _core.ClassShares) else labels for labels in raw)
+    seen = _core.seen_ids([np.ascontiguousarray(each) for each in ids])
     seen[list(ignored)] = False
     groups = named or {str(value): (int(value),) for value in np.flatnonzero(seen)}
     listed = {name: [i for i in ids if seen[i]] for name, ids in groups.items()}
@@ -66,10 +73,6 @@ def class_table(
     for index, group in enumerate(present.values()):
         lookup[group] = index
     return ClassTable(tuple(present), lookup)
-
-
-Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
-"""Raw ids of pixels or points, or their probabilities, as read."""
 
 
 def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
@@ -93,9 +96,9 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
     point_labels = _point_labels(drive, clouds)
-    point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
+    point_table = _class_table(drive, "points", point_labels)
     labelled = [
-        LabelledCloud(sweep.points, *_dense(labels, point_table))
+        LabelledCloud(sweep.points, *point_table(labels))
         for sweep, labels in zip(moved, point_labels, strict=True)
     ]
     return make_observations(drive, clouds, moved, labelled, images, (point_table.names, image_names))
@@ -107,7 +110,7 @@ def check_labelled(drive: Drive, clouds: Sequence[_core.PointCloud]) -> None:
     Raises:
         InputError: a frame has none; the message names it.
     """
-    label_paths(drive, "image_labels")
+    image_label_paths(drive)
     _point_labels(drive, clouds)
 
 
@@ -179,8 +182,9 @@ def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]
         CalibrationError: they carry a single class.
     """
     label_images = read_label_images(drive)
-    table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
-    return [_labelled_image(drive, labels, table) for labels in label_images], table.names
+    table, shape = _class_table(drive, "image", label_images), (drive.camera.height, drive.camera.width)
+    found = [table(labels) for labels in label_images]
+    return [LabelledImage(classes.reshape(shape), shares) for classes, shares in found], table.names
 
 
 def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
@@ -194,7 +198,7 @@ def read_label_images(drive: Drive) -> list[Labels]:
     Raises:
         InputError: a file is missing or is not what its name or the drive says.
     """
-    paths, camera = label_paths(drive, "image_labels"), drive.camera
+    paths, camera = image_label_paths(drive), drive.camera
     soft = [path for path in paths if path.suffix.lower() == ".npz"] if drive.palette is None else []
     hard = [path for path in paths if path not in soft]
     shares: Iterator[Labels] = iter(_core.read_class_shares(soft, (camera.height, camera.width)))
@@ -208,26 +212,12 @@ def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None
     Raises:
         InputError: the image is damaged, or its size is not the camera's.
     """
-    if frame.image is None:
-        return None
-    return read_image(drive.resolve(frame.image), (drive.camera.width, drive.camera.height))
+    return None if frame.image is None else read_needed_image(drive, frame)
 
 
-def _ids(labels: Labels) -> npt.NDArray[np.uint16]:
-    return labels.ids if isinstance(labels, _core.ClassShares) else labels
-
-
-def _dense(labels: Labels, table: ClassTable) -> tuple[npt.NDArray[np.uint8], _core.ClassShares | None]:
-    """Classes of all items, with their probabilities if these were read."""
-    if not isinstance(labels, _core.ClassShares):
-        return table(labels), None
-    shares = labels.renamed(table.lookup[:256])
-    return shares.classes, shares
-
-
-def _labelled_image(drive: Drive, labels: Labels, table: ClassTable) -> LabelledImage:
-    classes, shares = _dense(labels, table)
-    return LabelledImage(classes.reshape(drive.camera.height, drive.camera.width), shares)
+def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
+    """Read the image of a frame as `read_frame_image` does; a frame without one is an `InputError`, too."""
+    return read_image(drive.file_of(frame, "image", "a picture"), drive.camera.size)
 
 
 def mend(observations: Observations) -> Observations:
@@ -269,21 +259,16 @@ def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labe
     return found
 
 
-def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> list[Path]:
-    """List the label files of one side, one for each frame.
+def image_label_paths(drive: Drive) -> list[Path]:
+    """List the label images, one for each frame.
 
     Raises:
-        InputError: a frame has no label file.
+        InputError: a frame has none.
     """
-    for frame in drive.frames:
-        if getattr(frame, key) is None:
-            raise InputError(f"{drive.path}: {frame.key(key)}: found nothing, needed a file of class ids")
-    return [drive.resolve(getattr(frame, key)) for frame in drive.frames]
+    return [drive.file_of(frame, "image_labels", "a file of class ids") for frame in drive.frames]
 
 
-def count_labels(
-    drive: Drive, side: Literal["points", "image"], labels: Labels
-) -> tuple[dict[str, int], int]:
+def count_labels(drive: Drive, side: Side, labels: Labels) -> tuple[dict[str, int], int]:
     """Count labels by class name, and labels without information; probabilities count as their likeliest class."""
     ignored = set(getattr(drive.ignore, side))
     if isinstance(labels, _core.ClassShares):
@@ -301,22 +286,20 @@ def count_labels(
     return found, int(counts.sum()) - sum(found.values())
 
 
-def _named_ids(drive: Drive, side: Literal["points", "image"]) -> Mapping[str, Sequence[int]]:
+def _named_ids(drive: Drive, side: Side) -> Mapping[str, Sequence[int]]:
     """Raw ids of each class name; with a palette, an id is an index into it."""
     if side == "image" and drive.palette is not None:
         return {name: (place,) for place, name in enumerate(drive.palette)}
     return getattr(drive.classes, side) if drive.classes else {}
 
 
-def _class_table(
-    drive: Drive, side: Literal["points", "image"], ids: Sequence[npt.NDArray[np.uint16]]
-) -> ClassTable:
+def _class_table(drive: Drive, side: Side, labels: Sequence[Labels]) -> ClassTable:
     has_ids = drive.ignore.image or (drive.classes and drive.classes.image)
     if side == "image" and drive.palette is not None and has_ids:
         needed = "no ids beside it; colours that are not listed are ignored"
         raise InputError(f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}")
     try:
-        table = class_table(ids, _named_ids(drive, side), getattr(drive.ignore, side))
+        table = class_table(labels, _named_ids(drive, side), getattr(drive.ignore, side))
     except ValueError as error:
         raise InputError(f"{drive.path}: classes.{side}: {error}") from None
     if not table.names:

@@ -12,7 +12,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeAlias
 
-from semcal_cli.drive.document import Drive, Frame, output_drive_file
+from semcal_cli.drive.document import FILES, Drive, Frame, output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
@@ -29,10 +29,8 @@ AT_A_TIME = 2
 """Frames at a time: while the network works on one, another is read, prepared or written."""
 KEY_LENGTH = 16
 """Hexadecimal digits of the name of a folder or a file of the cache."""
-Files: TypeAlias = dict[str, list[Path | InputError]]
+LabelFiles: TypeAlias = dict[str, list[Path | InputError]]
 """Label files of all frames by the key of a frame; an error where there can be none."""
-FILES = ("points", "point_labels", "image_labels", "image", "point_features", "image_features")
-"""Keys of a frame's files."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def label_drive(
     path = output_drive_file(out)
     if os.path.realpath(path) == os.path.realpath(drive.path):
         raise InputError(f"{path}: found the drive that is read, needed another name")
-    files: Files = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}
+    files: LabelFiles = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}
     chosen = range(len(drive.frames)) if indices is None else indices
     jobs = [(side, index) for index in chosen for side in sides]
     waiting = [(side, index) for side, index in jobs if not _is_done(drive, side, files[side.key][index])]
@@ -94,7 +92,7 @@ def label_drive(
 
 
 def _label_all(
-    drive: Drive, jobs: Sequence[tuple[Side, int]], files: Files, on_event: Listener
+    drive: Drive, jobs: Sequence[tuple[Side, int]], files: LabelFiles, on_event: Listener
 ) -> dict[int, str]:
     """Label frames, some at a time, and return the first message about each frame that fails."""
 
@@ -206,7 +204,7 @@ def _is_done(drive: Drive, side: Side, file: Path | InputError) -> bool:
 
 
 def _document(
-    drive: Drive, sides: Sequence[Side], path: Path, kept: Sequence[int], files: Files
+    drive: Drive, sides: Sequence[Side], path: Path, kept: Sequence[int], files: LabelFiles
 ) -> dict[str, Any]:
     """Make the document of the labelled drive, whose files are relative to it."""
 

@@ -62,29 +62,21 @@ def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None
     moved = compensated(drive, clouds)
     of_points = [_of_points(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
     of_images = [_of_image(drive, frame) for frame in drive.frames]
-    coded = {}
-    for name, key, vectors in (
-        ("points", "point_features", of_points),
-        ("pixels", "image_features", of_images),
-    ):
+    for key, vectors in (("point_features", of_points), ("image_features", of_images)):
         for frame, found in zip(drive.frames, vectors, strict=True):
             if found.shape[-1] != vectors[0].shape[-1]:
                 where = drive.resolve(str(getattr(frame, key)))
                 raise InputError(f"{where}: found {found.shape[-1]} channels, needed {vectors[0].shape[-1]}")
-        coded[name] = _coded(name, vectors, config)
-    names = [str(code) for code in range(config.num_codes)]
     labelled = [
-        LabelledCloud(sweep.points, codes, vectors=vectors)
-        for sweep, (vectors, codes) in zip(moved, coded["points"], strict=True)
+        LabelledCloud(sweep.points, codes, vectors=scaled)
+        for sweep, (scaled, codes) in zip(moved, _coded("points", of_points, config), strict=True)
     ]
-    images = [_labelled_image(drive, *pixels) for pixels in coded["pixels"]]
+    images = []
+    for scaled, codes in _coded("pixels", of_images, config):
+        block = drive.camera.width // scaled.shape[1]
+        images.append(LabelledImage(codes.repeat(block, axis=0).repeat(block, axis=1), vectors=scaled))
+    names = [str(code) for code in range(config.num_codes)]
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
-
-
-def _labelled_image(drive: Drive, vectors: Vectors, codes: npt.NDArray[np.uint8]) -> LabelledImage:
-    """Make the label image of an image's vectors (H / s, W / s, C) and their codes (H / s, W / s)."""
-    scale = drive.camera.width // vectors.shape[1]
-    return LabelledImage(codes.repeat(scale, axis=0).repeat(scale, axis=1), vectors=vectors)
 
 
 def _of_points(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Vectors:
@@ -110,10 +102,7 @@ def _of_image(drive: Drive, frame: Frame) -> Vectors:
 
 
 def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
-    name = getattr(frame, key)
-    if name is None:
-        raise InputError(f"{drive.path}: {frame.key(key)}: found nothing, needed a .npy file of features")
-    path = drive.resolve(name)
+    path = drive.file_of(frame, key, "a .npy file of features")
     vectors = map_array(path, max_bytes(drive.max_points), A_POINT)
     if vectors.dtype.kind not in "fiu":
         raise InputError(f"{path}: found {vectors.dtype}, needed an array of numbers")

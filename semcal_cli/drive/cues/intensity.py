@@ -23,7 +23,7 @@ from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
-from semcal_cli.drive.reading import make_observations, read_clouds, read_frame_image
+from semcal_cli.drive.reading import make_observations, read_clouds, read_needed_image
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.threads import thread_pool
@@ -146,10 +146,7 @@ def _intensity(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Values:
 
 def grey_values(drive: Drive, frame: Frame) -> Values:
     """Read the grey values (H, W) of a frame's image, 0 to 255."""
-    image = read_frame_image(drive, frame)
-    if image is None:
-        raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float64)
+    return cv2.cvtColor(read_needed_image(drive, frame), cv2.COLOR_BGR2GRAY).astype(np.float64)
 
 
 def surroundings(camera: Camera, sigma_deg: float) -> Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]:
