@@ -100,13 +100,16 @@ def test_a_folder_that_is_only_read_is_named_before_the_work(
     check_outputs([], tmp_path / "pipe")  # into which the content goes
 
 
-def test_descriptors_are_told_by_their_names(tmp_path: Path) -> None:
-    (tmp_path / "link").symlink_to("/proc/self/fd/7")
-    (tmp_path / "loop").symlink_to("loop")
-    names = {"/dev/stdout": 1, "/dev/stderr": 2, "/dev/fd/12": 12, "link": 7, "loop": None, "-": None}
-    assert {name: descriptor(tmp_path / name) for name in names} == names
-    assert descriptor(Path("/dev/null")) is None
-    assert descriptor(Path(f"/proc/{os.getpid()}/fd/1")) == 1
+def test_descriptors_are_told_by_their_names() -> None:
+    names = {
+        "/dev/stdout": 1,
+        "/dev/stderr": 2,
+        "/dev/fd/12": 12,
+        "/proc/self/fd/7": 7,
+        "/dev/null": None,
+        "-": None,
+    }
+    assert {name: descriptor(Path(name)) for name in names} == names
 
 
 def test_python_s_own_output_comes_first(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import MAX_POINTS
@@ -40,15 +39,8 @@ LASZIP = struct.Struct("<12xI16xH")
 MIN_CHUNK_POINTS = 100
 """Least number of points in a chunk; smaller chunks make more table than data."""
 
-FIELDS = {
-    "x": "x",
-    "y": "y",
-    "z": "z",
-    "intensity": "intensity",
-    "gps_time": "time",
-    "classification": "label",
-}
-"""Fields of a LAS file that are used, with their names in a cloud."""
+FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label"}
+"""Fields of a LAS file that are used beside the place, with their names in a cloud."""
 
 
 def read_point_clouds(
@@ -117,11 +109,15 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
     import laspy
 
     with _refusing(path), open_file(path) as stream:
-        _check_header(path, stream, max_points)
         # The parallel one aborts the process where a damaged file makes two of its threads panic.
         backend = laspy.LazBackend.Lazrs
         with laspy.open(stream, read_evlrs=False, closefd=False, laz_backend=backend) as file:
-            chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
+            known = file.header.point_format.dimension_names
+            fields = {**{axis: axis for axis in "xyz"}, **{a: b for a, b in FIELDS.items() if a in known}}
+            chunks = []
+            for chunk in file.chunk_iterator(CHUNK):
+                columns = [np.asarray(chunk[name]) for name in fields]
+                chunks.append(np.rec.fromarrays(columns, names=[*fields.values()]))
     if not chunks:
         raise InputError(f"{path}: holds no points")
     contents = io.BytesIO()
@@ -144,7 +140,7 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def _check_header(path: Path, file: BinaryIO, max_points: int) -> None:
-    """Refuse counts of points, records and chunks that laspy and lazrs would trust; the file is left at its start."""
+    """Refuse counts of points, records and chunks that laspy and lazrs would trust."""
     import laspy
 
     start, size = file.read(START.size), size_of(file)
@@ -164,7 +160,6 @@ def _check_header(path: Path, file: BinaryIO, max_points: int) -> None:
         raise InputError(f"{path}: promises {count} points of {record_bytes} bytes in {size} bytes")
     if count > max_points:
         raise InputError(f"{path}: found {count:,} points, needed at most {max_points:,}: see --max-points")
-    file.seek(0)
 
 
 def _check_packing(path: Path, file: BinaryIO, header: laspy.LasHeader) -> None:
@@ -184,10 +179,3 @@ def _check_packing(path: Path, file: BinaryIO, header: laspy.LasHeader) -> None:
         raise InputError(
             f"{path}: promises {num_chunks} chunks of {chunk_points} points of {num_items} items in {size} bytes"
         )
-
-
-def _records(chunk: laspy.ScaleAwarePointRecord) -> npt.NDArray[np.void]:
-    names = ["x", "y", "z", *(name for name in FIELDS if name in chunk.point_format.dimension_names)]
-    columns = {FIELDS[name]: np.asarray(chunk[name]) for name in names}
-    dtype = [(name, column.dtype) for name, column in columns.items()]
-    return np.rec.fromarrays(columns.values(), dtype)

@@ -1,4 +1,7 @@
-"""Writing of files as a whole or not at all, so that a crash leaves no incomplete file."""
+"""Writing of files as a whole or not at all, so that a crash leaves no incomplete file.
+
+Outputs that are no regular files, as descriptors, pipes and devices, are written to, not replaced.
+"""
 
 import errno
 import fcntl
@@ -16,6 +19,12 @@ from typing import BinaryIO
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, check_own_file, check_size, read_reason
 
+STANDARD_INPUT, STANDARD_OUTPUT = Path("/dev/stdin"), Path("/dev/stdout")
+PATIENCE_S, RETRY_S = 5.0, 0.05
+"""Time that a named pipe has to find its reader, and between two looks: both may have been started together."""
+_NUMBERED = re.compile(r"/(?:dev|proc/self)/fd/([0-9]{1,9})")
+_NAMED = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
+
 
 def write_text(text: str, path: Path) -> None:
     """Write a UTF-8 file as `write_bytes` does."""
@@ -32,21 +41,22 @@ def write_bytes(content: bytes, path: Path) -> None:
         InputError: the file cannot be written. An existing file stays untouched then.
         BrokenPipeError: nothing reads the descriptor any more.
     """
-    target, number = Path(os.path.realpath(path)), descriptor(path)
     try:
-        if number is not None:
-            write_to_descriptor(content, number)
+        if (number := descriptor(path)) is not None:
+            _write_to_descriptor(content, number)
             return
-        mode = target.stat().st_mode
-        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-            write_to_special(content, path)
-            return
-    except FileNotFoundError:
-        mode = None
+        mode = path.stat().st_mode if path.exists() else None
+        if mode is not None and not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            _write_to_special(content, path)
+        else:
+            _replace(Path(os.path.realpath(path)), content, mode)
     except BrokenPipeError:
         raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
+
+
+def _replace(target: Path, content: bytes, mode: int | None) -> None:
     temporary = target.with_name(f".{os.urandom(8).hex()}.tmp")
     try:
         with temporary.open("xb") as file:
@@ -56,11 +66,95 @@ def write_bytes(content: bytes, path: Path) -> None:
         if mode is not None:
             temporary.chmod(stat.S_IMODE(mode))
         temporary.replace(target)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _write_to_descriptor(content: bytes, number: int) -> None:
+    """Write to a descriptor of this process, after all that Python has written to its standard streams."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    rest = memoryview(content)
+    while rest:
+        try:
+            rest = rest[os.write(number, rest) :]
+        except BlockingIOError:
+            select.select([], [number], [])
+
+
+def _write_to_special(content: bytes, path: Path) -> None:
+    """Write to a pipe or a device, without waiting for ever for the reader of a pipe."""
+    deadline, number = monotonic() + PATIENCE_S, None
+    while number is None:
+        try:
+            number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        except OSError as error:
+            if error.errno != errno.ENXIO or not path.is_fifo():
+                raise
+            if monotonic() > deadline:
+                raise InputError(f"{path}: found a pipe that nothing reads, needed a reader") from None
+            sleep(RETRY_S)
+    os.set_blocking(number, True)
+    with os.fdopen(number, "wb") as file:
+        file.write(content)
+
+
+def descriptor(path: Path) -> int | None:
+    """Find the descriptor of this process that a path names: 1 for /dev/stdout, 3 for /dev/fd/3, or None.
+
+    Its real path does not help: that is the file that the shell opened.
+    """
+    numbered = _NUMBERED.fullmatch(str(path))
+    return int(numbered[1]) if numbered else _NAMED.get(str(path))
+
+
+def check_descriptor(path: Path) -> None:
+    """Check that a path that names a descriptor can be written to; other paths pass.
+
+    Raises:
+        InputError: the descriptor is not open, or only for reading.
+    """
+    number = descriptor(path)
+    if number is None:
+        return
+    try:
+        # Python knows whether it was open at the start; another file may have its number by now.
+        if number == 1 and sys.stdout is None:
+            raise OSError
+        mode = fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE
+    except OSError:
+        raise InputError(f"{path}: found a descriptor that is not open, needed one to write to") from None
+    if mode == os.O_RDONLY:
+        raise InputError(f"{path}: found a descriptor that is only read from, needed one to write to")
+
+
+def takes_several(path: Path) -> bool:
+    """Tell whether several outputs may follow each other in a path: in a descriptor or a device as /dev/null."""
+    return descriptor(path) is not None or path.is_char_device()
+
+
+def is_standard_stream(path: Path) -> bool:
+    """Tell whether a path is the file that the shell opened as standard output or standard error."""
+    for number in (1, 2):
+        with suppress(OSError):
+            if os.path.samestat(path.stat(), os.fstat(number)):
+                return True
+    return False
+
+
+def read_standard_input() -> bytes:
+    """Read standard input to its end, or to the largest size of a document.
+
+    Raises:
+        InputError: it is not open, or larger.
+    """
+    if sys.stdin is None:
+        raise InputError(f"{STANDARD_INPUT}: found a descriptor that is not open, needed one to read from")
+    content = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
+    check_size(STANDARD_INPUT, len(content), MAX_DOCUMENT_BYTES)
+    return content
 
 
 def check_replaceable(path: Path) -> None:
@@ -86,136 +180,6 @@ def make_folder(path: Path) -> None:
         raise InputError(f"{path}: cannot be made: {os_reason(error)}") from None
 
 
-STANDARD_INPUT, STANDARD_OUTPUT = Path("/dev/stdin"), Path("/dev/stdout")
-MAX_LINKS = 40
-PATIENCE_S = 5.0
-"""Time that a named pipe has to find its reader: both sides may have been started together."""
-RETRY_S = 0.05
-_OF_ANY_PROCESS = re.compile(r"/proc/[0-9]+(/task/[0-9]+)?/fd")
-
-
-def descriptor(path: Path) -> int | None:
-    """Find the descriptor of this process that a path names: 1 for /dev/stdout, 3 for /dev/fd/3.
-
-    The path may be a link to such a name. Its real path does not help: that is the file that the shell opened.
-
-    Returns:
-        The number of the descriptor, or None if the path names none.
-
-    Raises:
-        InputError: the path names a descriptor of another process.
-    """
-    ours = {os.path.realpath(name) for name in ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")}
-    place = path
-    for _ in range(MAX_LINKS):
-        folder = os.path.realpath(place.parent)
-        if folder in ours:
-            return int(place.name) if re.fullmatch("[0-9]{1,9}", place.name) else None
-        if _OF_ANY_PROCESS.fullmatch(folder):
-            raise InputError(f"{path}: found a descriptor of another process, needed a file")
-        try:
-            place = Path(folder, place.readlink())
-        except OSError:
-            break
-    return None
-
-
-def check_descriptor(path: Path) -> None:
-    """Check that a path that names a descriptor can be written to; other paths pass.
-
-    Raises:
-        InputError: the descriptor is not open, or only for reading.
-    """
-    number = descriptor(path)
-    if number is None:
-        return
-    try:
-        # Python knows whether it was open at the start; another file may have its number by now.
-        if number == 1 and sys.stdout is None:
-            raise OSError
-        mode = fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE
-    except OSError:
-        raise InputError(f"{path}: found a descriptor that is not open, needed one to write to") from None
-    if mode == os.O_RDONLY:
-        raise InputError(f"{path}: found a descriptor that is only read from, needed one to write to")
-
-
-def takes_several(path: Path) -> bool:
-    """Tell whether several outputs may follow each other in a path: in a descriptor or a device as /dev/null."""
-    try:
-        return descriptor(path) is not None or stat.S_ISCHR(path.stat().st_mode)
-    except OSError:
-        return False
-
-
-def is_standard_stream(path: Path) -> bool:
-    """Tell whether a path is the file that the shell opened as standard output or standard error."""
-    for number in (1, 2):
-        try:
-            if os.path.samestat(path.stat(), os.fstat(number)):
-                return True
-        except OSError:
-            continue
-    return False
-
-
-def read_standard_input() -> bytes:
-    """Read standard input to its end, or to the largest size of a document.
-
-    Raises:
-        InputError: it is not open, or larger.
-    """
-    if sys.stdin is None:
-        raise InputError(f"{STANDARD_INPUT}: found a descriptor that is not open, needed one to read from")
-    content = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
-    check_size(STANDARD_INPUT, len(content), MAX_DOCUMENT_BYTES)
-    return content
-
-
-def write_to_descriptor(content: bytes, number: int) -> None:
-    """Write to a descriptor of this process, after all that Python has written to its standard streams.
-
-    Raises:
-        OSError: the descriptor cannot be written to; a `BrokenPipeError` if nothing reads it any more.
-    """
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
-            stream.flush()
-    rest = memoryview(content)
-    while rest:
-        try:
-            rest = rest[os.write(number, rest) :]
-        except BlockingIOError:
-            select.select([], [number], [])
-
-
-def write_to_special(content: bytes, path: Path) -> None:
-    """Write to a pipe or a device by its path.
-
-    Raises:
-        InputError: nothing reads the pipe.
-        OSError: the path cannot be written to.
-    """
-    number = _open_special(path)
-    os.set_blocking(number, True)
-    with os.fdopen(number, "wb") as file:
-        file.write(content)
-
-
-def _open_special(path: Path) -> int:
-    """Open a pipe or a device without waiting for ever for the reader of a pipe."""
-    deadline = monotonic() + PATIENCE_S
-    while True:
-        try:
-            return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
-        except OSError as error:
-            if error.errno != errno.ENXIO or not stat.S_ISFIFO(path.stat().st_mode):
-                raise
-        if monotonic() > deadline:
-            raise InputError(f"{path}: found a pipe that nothing reads, needed a reader")
-        sleep(RETRY_S)
-
-
 @contextmanager
 def locked(file: Path, run: str) -> Iterator[int]:
     """Lock a file, and with it its folder, for this run; the lock ends with the process that holds it.
@@ -230,10 +194,7 @@ def locked(file: Path, run: str) -> Iterator[int]:
     Raises:
         InputError: another process holds the lock, or the file is none or cannot be written to.
     """
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written: {os_reason(error)}") from None
+    make_folder(file.parent)
     with open_own(file) as opened:
         try:
             fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
