@@ -116,8 +116,9 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
             fields = {**{axis: axis for axis in "xyz"}, **{a: b for a, b in FIELDS.items() if a in known}}
             chunks = []
             for chunk in file.chunk_iterator(CHUNK):
-                columns = [np.asarray(chunk[name]) for name in fields]
-                chunks.append(np.rec.fromarrays(columns, names=[*fields.values()]))
+                columns = {fields[name]: np.asarray(chunk[name]) for name in fields}
+                dtype = [(name, column.dtype) for name, column in columns.items()]
+                chunks.append(np.rec.fromarrays(columns.values(), dtype))
     if not chunks:
         raise InputError(f"{path}: holds no points")
     contents = io.BytesIO()
