@@ -112,7 +112,7 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
         # The parallel one aborts the process where a damaged file makes two of its threads panic.
         backend = laspy.LazBackend.Lazrs
         with laspy.open(stream, read_evlrs=False, closefd=False, laz_backend=backend) as file:
-            known = file.header.point_format.dimension_names
+            known = set(file.header.point_format.dimension_names)
             fields = {**{axis: axis for axis in "xyz"}, **{a: b for a, b in FIELDS.items() if a in known}}
             chunks = []
             for chunk in file.chunk_iterator(CHUNK):
