@@ -24,25 +24,18 @@ from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization import search
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.refinement.polish import split
 from semcal_cli.synthetic.synthesis import synthesize
 
-PAIRS: tuple[tuple[CueName, CueName], ...] = (
-    ("labels", "segments"),
-    ("labels", "intensity"),
-    ("segments", "intensity"),
-)
+PAIRS: tuple[tuple[CueName, CueName], ...] = (("labels", "segments"), ("segments", "intensity"))
 COUNTS = (5, 8)
 """Numbers of frames: too few to hold out whole ones, and enough; no multiple of three."""
 WRONG_FOCAL = 1.08
 NEAR_FOCAL = 0.01
 """Share by which a focal length may be off that was estimated from one that is 8 % too long."""
-NEAR_DEG, NEAR_M = 0.5, 0.05
-"""Errors that all of these calibrations stay within, with few points and small pictures."""
 
 Case = tuple[tuple[CueName, CueName], int]
 CASES: list[Case] = list(product(PAIRS, COUNTS))
@@ -128,18 +121,7 @@ def test_frames_are_compared_once(drives: dict[int, Path], monkeypatch: pytest.M
     assert moved.of_frames([1, 2, 0]).scenes == [0, 1, 1]
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_intrinsics_with_two_cues(drives: dict[int, Path], case: Case) -> None:
-    data, truth = loaded(drives, case), read_transform(drives[case[1]])
-    found = fit_jointly(data.observations, truth, JointlyConfig(("fx", "fy")), PolishConfig())
-    error = compare_poses(found.T_camera_lidar, truth)
-    assert error.rotation_deg <= NEAR_DEG
-    assert error.camera_center_cm <= 100.0 * NEAR_M
-    assert found.camera is not None
-    assert [*found.camera.intrinsics] == ["fx", "fy"]
-
-
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("case", [(pair, 8) for pair in PAIRS], ids=str)
 def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case) -> None:
     data, truth = loaded(drives, case), read_transform(drives[case[1]])
     wrong = replace(data.observations, camera=data.observations.camera.zoomed(WRONG_FOCAL))
@@ -154,7 +136,7 @@ def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case)
 
 def test_a_whole_calibration_of_intrinsics_with_two_cues(drives: dict[int, Path]) -> None:
     """From the truth: what follows the search is looked at."""
-    cues, refinement = PAIRS[1], RefinementConfig(jointly=JointlyConfig(("fx", "fy")))
+    cues, refinement = PAIRS[0], RefinementConfig(jointly=JointlyConfig(("fx", "fy")))
     start = InitialPose(read_transform(drives[8]), "the truth")
     found = calibrate(drives[8], CalibrationConfig(cues=cues, refinement=refinement), initial_pose=start)
     assert found.polish is not None

@@ -57,12 +57,6 @@ def test_reads_folder_or_file(tmp_path: Path, document: dict[str, Any]) -> None:
     assert drive.camera.distortion == ()
     assert drive.lidar is None
 
-
-def test_resolves_relative_and_absolute_names_and_expands_nothing(
-    tmp_path: Path, document: dict[str, Any]
-) -> None:
-    write(tmp_path, yaml.dump(document))
-    drive = read_drive(tmp_path)
     assert drive.resolve("../other/a.bin") == tmp_path / "../other/a.bin"
     assert drive.resolve("/data/a.bin") == Path("/data/a.bin")
     assert drive.resolve("~/$HOME.bin") == tmp_path / "~/$HOME.bin"
@@ -92,13 +86,6 @@ def test_accepts_every_key(tmp_path: Path, document: dict[str, Any]) -> None:
     assert drive.frames[0].points_stamp == 12.0
 
 
-def test_a_drive_without_its_version_is_told_what_it_needs(tmp_path: Path, document: dict[str, Any]) -> None:
-    del document["semcal_drive"]
-    write(tmp_path, yaml.dump(document))
-    with pytest.raises(InputError, match=r"/drive\.yaml: semcal_drive: found nothing, needed 1$"):
-        read_drive(tmp_path)
-
-
 def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str, Any]) -> None:
     document["T_camera_lidar"] = ROUNDED
     write(tmp_path, yaml.dump(document))
@@ -112,31 +99,20 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
     [
         (edit("semcal_drive", to=2), "semcal_drive: found 2, which a newer semcal wrote, needed 1"),
         (edit("semcal_drive", to=0), "semcal_drive: found 0, needed 1"),
-        (edit("semcal_drive", to=True), "semcal_drive: found true, needed 1"),
         (edit("semcal_drive", to="1"), "semcal_drive: found '1', needed 1"),
+        (lambda document: document.pop("semcal_drive"), "semcal_drive: found nothing, needed 1"),
         (edit("frame", to=[]), "unknown key 'frame'; the nearest known key is 'frames'"),
-        (edit(3, to=[]), "unknown key 3; the nearest known key is 'time_offset_sigma_s'"),
         (edit("camera", "widht", to=1), "camera: unknown key 'widht'; the nearest known key is 'width'"),
-        (edit("camera", to=None), "camera: found nothing, needed a mapping"),
         (
             edit("camera", "model", to="mei"),
             "camera.model: found 'mei', needed 'plumb_bob', 'rational_polynomial', 'thin_prism', 'fisheye', "
             "'omnidirectional', 'equirectangular', 'fov' or 'double_sphere'",
         ),
         (
-            edit("camera", "intrinsics_sigma", "f", to=0.5),
-            "camera.intrinsics_sigma: unknown key 'f'; the nearest known key is 'fy'",
-        ),
-        (
             edit("camera", "intrinsics_sigma", "cy", to=-0.5),
             "camera.intrinsics_sigma.cy: found -0.5, needed at least 0.0",
         ),
         (lens("omnidirectional"), "camera.parameters: found none, needed 'xi' for omnidirectional"),
-        (
-            lens("double_sphere", xi=0.1, beta=0.5),
-            "camera.parameters: found 'xi', 'beta', needed 'xi', 'alpha' for double_sphere",
-        ),
-        (lens("fisheye", xi=0.1), "camera.parameters: found 'xi', needed none for fisheye"),
         (
             lens("double_sphere", xi=-1.0, alpha=0.5),
             "camera.parameters: found xi -1.0, needed more than -1 and less than 1",
@@ -145,29 +121,16 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
             lens("double_sphere", xi=0.0, alpha=1.5),
             "camera.parameters: found alpha 1.5, needed at least 0 and at most 1",
         ),
-        (
-            lens("omnidirectional", xi=-0.5),
-            "camera.parameters: found xi -0.5, needed at least 0 and at most 100",
-        ),
-        (lens("omnidirectional", xi="2"), "camera.parameters.xi: found '2', needed a number"),
-        (lens("fov"), "camera.distortion: found 0 coefficients, needed 1 for fov"),
         (lens("fov", 3.5), "camera.distortion: found [0] 3.5, needed more than 0 and less than 3.14159"),
         (lens("fisheye", 0.1, 0.2), "camera.distortion: found 2 coefficients, needed 0 or 4 for fisheye"),
-        (
-            lens("thin_prism", *[0.0] * 8),
-            "camera.distortion: found 8 coefficients, needed 0 or 12 or 14 for thin_prism",
-        ),
         (
             lens("thin_prism", *[0.0] * 13, 1.6),
             "camera.distortion: found [13] 1.6, needed more than -1.5708 and less than 1.5708",
         ),
-        (edit("camera", "width", to="640"), "camera.width: found '640', needed a whole number"),
         (edit("camera", "width", to=True), "camera.width: found true, needed a whole number"),
-        (edit("camera", "width", to=640.0), "camera.width: found 640.0, needed a whole number"),
         (edit("camera", "height", to=0), "camera.height: found 0, needed more than 0"),
         (edit("camera", "K", to=[[1, 0, 0]]), "camera.K: found a list of 1, needed at least 3"),
         (edit("camera", "K", 1, to=[0, 1, 0, 0]), "camera.K[1]: found a list of 4, needed at most 3"),
-        (edit("camera", "K", 1, 1, to="640"), "camera.K[1][1]: found '640', needed a number"),
         (edit("camera", "K", 1, 1, to=float("nan")), "camera.K[1][1]: found nan, needed a finite number"),
         (edit("camera", "K", 0, 1, to=0.5), "camera.K: found skew 0.5, needed 0"),
         (edit("camera", "K", 2, 2, to=2), "camera.K: found last row [0.0, 0.0, 2.0], needed [0, 0, 1]"),
@@ -176,18 +139,9 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
             "camera.K: found focal lengths -1.0 and 640.0, needed both above 0",
         ),
         (
-            edit("camera", "distortion", to=[0, 0, 0]),
-            "camera.distortion: found 3 coefficients, needed 0 or 4 or 5 for plumb_bob",
-        ),
-        (
-            edit("camera", "parameters", to={"xi": 1}),
-            "camera.parameters: found 'xi', needed none for plumb_bob",
-        ),
-        (
             edit("lidar", to={"channels": 64, "columns": 800, "fov_up_deg": -3, "fov_down_deg": 3}),
             "lidar.fov_down_deg: found 3.0, needed less than fov_up_deg, -3.0",
         ),
-        (edit("frames", to=[]), "frames: found a list of 0, needed at least 1"),
         (edit("frames", to={}), "frames: found a mapping, needed a list"),
         (
             edit("frames", 0, "points_stamp", to=1_532_402_927_612_460_000),
@@ -197,9 +151,6 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (edit("frames", 0, to={}), "frames[0].points: found nothing, needed a value"),
         (edit("frames", 0, to="a.bin"), "frames[0]: found 'a.bin', needed a mapping"),
         (edit("frames", 0, "points", to="a\0b"), "frames[0].points: found 'a\\x00b', needed a file name"),
-        (edit("frames", 0, "image", to=""), "frames[0].image: found '', needed a file name"),
-        (edit("frames", 0, "image_stamp", to="1.0"), "frames[0].image_stamp: found '1.0', needed a number"),
-        (edit("ignore", to={"points": [-1]}), "ignore.points[0]: found -1, needed at least 0"),
         (
             edit("classes", to={"image": {"road": [1, 2], "car": [2]}}),
             "classes.image: found id 2 under 'road' and 'car', needed it under one name",
@@ -208,8 +159,6 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
             edit("classes", to={"image": {"a\nroad": ["x" * 99]}}),
             f"classes.image['a\\nroad'][0]: found '{'x' * 56}..., needed a whole number",
         ),
-        (edit("classes", to={"image": {1: [1]}}), "classes.image[1]: found 1, needed text"),
-        (edit("palette", to={"road": [0, 0, 256]}), "palette.road[2]: found 256, needed at most 255"),
         (
             edit("palette", to={"road": [1, 2, 3], "car": [1, 2, 3]}),
             "palette: found color [1, 2, 3] under 'road' and 'car', needed it under one name",
@@ -238,33 +187,17 @@ def test_wrong_value(tmp_path: Path, document: dict[str, Any], change: Edit, com
     assert str(error.value) == f"{path}: {complaint}"
 
 
-@pytest.mark.parametrize("model", ["plumb_bob", "rational_polynomial", "fisheye"])
-def test_distortion_counts(tmp_path: Path, document: dict[str, Any], model: str) -> None:
-    accepted = []
-    for count in range(10):
-        document["camera"] |= {"model": model, "distortion": [0.0] * count}
-        write(tmp_path, yaml.dump(document))
-        try:
-            read_drive(tmp_path)
-            accepted.append(count)
-        except InputError:
-            pass
-    assert accepted == {"plumb_bob": [0, 4, 5], "rational_polynomial": [0, 8], "fisheye": [0, 4]}[model]
-
-
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
         ("", "found nothing, needed a mapping"),
         ("- 1\n- 2\n", "found a list of 2, needed a mapping"),
-        ("semcal_drive 1", "found 'semcal_drive 1', needed a mapping"),
         (
             "a: 1\nb: [1, 2\n",
             "line 3: while parsing a flow sequence, did not find expected ',' or ']'",
         ),
         ("a: 1\nb:\n  c: 1\n  c: 2\n", "line 4: key 'c' is given twice"),
         ("a: 1\nb: &x [1]\n", "line 2: anchors, aliases and tags are not used here"),
-        ("a: 1\nb: *x\n", "line 2: anchors, aliases and tags are not used here"),
         ("a: !!python/object:os.system {}\n", "line 1: anchors, aliases and tags are not used here"),
         ("a: 1\n---\nb: 1\n", "line 2: expected a single document in the stream, but found another document"),
         (b"a: \xff\n", "byte 3 is not UTF-8 text"),
@@ -285,12 +218,3 @@ def test_missing_file(tmp_path: Path, missing: str) -> None:
     with pytest.raises(InputError) as error:
         read_drive(tmp_path / missing)
     assert str(error.value) == f"{expected}: no such file or folder"
-
-
-def test_exponents_without_a_point_are_numbers(tmp_path: Path, document: dict[str, Any]) -> None:
-    """PyYAML on its own takes 1e-3, as many tools write it, for text."""
-    text = yaml.dump(document, sort_keys=False).replace(
-        "width:", "distortion: [1e-3, -2E+1, .5, 0]\n  width:"
-    )
-    write(tmp_path, text)
-    assert read_drive(tmp_path).camera.distortion == (0.001, -20.0, 0.5, 0.0)

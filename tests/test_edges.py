@@ -190,11 +190,6 @@ def test_edges_alone_want_a_start(bare: Path, street_truth: Pose, tmp_path: Path
     assert result.exit_code in (0, 3), result.output
 
 
-def test_a_frame_without_a_picture_is_named(bare: Path) -> None:
-    with pytest.raises(InputError, match=r"drive.yaml: .*image: found nothing, needed a picture"):
-        load(without(bare, "image"), CalibrationConfig(cues=("edges",)))
-
-
 def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth: Pose) -> None:
     guide = load(bare).guide
     assert guide is not None

@@ -88,9 +88,8 @@ def test_range_and_gain_change_no_level(street: Path, seen: Observations, tmp_pa
     assert near(one.clouds[0].classes, found.clouds[0].classes) > UNMOVED
 
 
-@pytest.mark.parametrize("seed", [1, 2])
 def test_a_start_that_is_off_is_mended_without_labels(
-    seed: int, street: Path, street_truth: Pose, tmp_path: Path
+    street: Path, street_truth: Pose, tmp_path: Path
 ) -> None:
     document = yaml.safe_load((street / "drive.yaml").read_text())
     for frame in document["frames"]:
@@ -99,7 +98,7 @@ def test_a_start_that_is_off_is_mended_without_labels(
             frame[key] = str(street / frame[key])
     del document["ignore"], document["classes"], document["T_camera_lidar"]
     (tmp_path / "drive.yaml").write_text(yaml.dump(document))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     turn, shift = rng.normal(size=(2, 3))
     off = make_pose(tuple(0.02 * turn / np.linalg.norm(turn)), tuple(0.05 * shift / np.linalg.norm(shift)))
     write_transform(off @ street_truth, tmp_path / "start.yaml", "semcal")

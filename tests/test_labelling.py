@@ -57,14 +57,16 @@ WAYS: dict[str, tuple[dict[str, Any], dict[str, object]]] = {
             {"size": size, "kind": kind, "channels_last": place == "last"},
             {"layout": f"channels_{place}" if size[0] == "h" else None},
         )
-        for kind in ("logits", "probabilities", "ids")
-        for place in ("first", "last")
-        for size in ((HEIGHT, WIDTH), ("h", "w"))
+        for kind, place, size in (
+            ("logits", "first", ("h", "w")),
+            ("logits", "last", ("h", "w")),
+            ("probabilities", "last", (HEIGHT, WIDTH)),
+            ("ids", "first", (HEIGHT, WIDTH)),
+        )
     },
     "half floats": ({"dtype": "float16"}, {}),
     "bytes": ({"dtype": "uint8", "scale": 1.0}, {"scale": None}),
     "blue first": ({"colors": COLORS[:, ::-1]}, {"color": "bgr"}),
-    "twice as large": ({"size": (2 * HEIGHT, 2 * WIDTH)}, {}),
     "with a border": ({"size": (2 * HEIGHT, 2 * WIDTH + 32)}, {"fit": "letterbox"}),
     "four tiles": ({"size": (48, 64)}, {"fit": "tiles"}),
     "a tile with a border": ({"size": (128, 128)}, {"fit": "tiles"}),
@@ -96,8 +98,8 @@ def test_grey_is_that_of_the_eye(tmp_path: Path) -> None:
         assert set(np.unique(net.ids(image))) == {expected}
 
 
-@pytest.mark.parametrize("stride", [2, 4])
-def test_coarse_scores_are_sampled_as_opencv_samples_them(tmp_path: Path, stride: int) -> None:
+def test_coarse_scores_are_sampled_as_opencv_samples_them(tmp_path: Path) -> None:
+    stride = 4
     color_network(tmp_path / "net.onnx", stride=stride)
     card(tmp_path)
     image, _ = picture(side=5)

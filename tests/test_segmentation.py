@@ -72,16 +72,6 @@ def test_up_is_found_whichever_way_the_lidar_is_mounted(way_up: str) -> None:
     assert set(found.kinds) == {_core.GROUND, _core.OBJECT}
 
 
-def test_one_sweep_is_segmented_as_among_others() -> None:
-    points = [points for points, _ in sweeps(SMALL)]
-    up = [0.0, 0.0, 1.0]
-    alone = _core.segment_sweep(points[1], CONFIG, up)
-    among = _core.segment_sweeps(points, CONFIG, up)[1]
-    assert np.array_equal(alone.ids, among.ids)
-    assert np.array_equal(alone.kinds, among.kinds)
-    assert alone.num_segments == len(alone.kinds) > 0
-
-
 def test_returns_that_are_none_have_no_segment() -> None:
     bad = np.array([[0, 0, 0], [np.nan, 1, 1], [np.inf, 0, 0], [1e38, 1e38, 1e38]], np.float32)
     points = np.concatenate([bad, sweeps(SMALL)[0][0]])
@@ -89,12 +79,3 @@ def test_returns_that_are_none_have_no_segment() -> None:
     empty = _core.segment_sweep(np.zeros((0, 3), np.float32), CONFIG)
     assert empty.num_segments == len(empty.ids) == 0
     assert empty.up is None
-
-
-def test_a_direction_that_is_none_is_refused() -> None:
-    points = np.ones((5, 3), np.float32)
-    for up in ([0.0, 0.0, 0.0], [np.nan, 0.0, 1.0]):
-        with pytest.raises(ValueError, match=r"found up .*, needed a direction"):
-            _core.segment_sweep(points, CONFIG, up)
-    with pytest.raises(ValueError, match=r"points needs shape \(N, 3\)"):
-        _core.segment_sweep(np.ones((5, 2), np.float32), CONFIG)

@@ -44,7 +44,7 @@ ROLLING = SynthConfig(
     motion="mixed",
     readout_ms=1e3 * READOUT_S,
 )
-DIRECTIONS: tuple[ReadoutDirection, ...] = ("down", "up", "right", "left")
+DIRECTIONS: tuple[ReadoutDirection, ...] = ("down", "left")
 OFF = np.array([0.05, -0.04, 0.03, 0.006, -0.004, 0.005])  # metres and radians from which poses are refined
 AS_GOOD = 0.01  # label agreement: drives with other shutters see other parts of the same streets
 ROUNDING_M = 2e-5  # of single precision at 100 m, twice
@@ -157,9 +157,8 @@ def at_middle_line(data: LoadedDrive) -> LoadedDrive:
     return replace(data, observations=replace(data.observations, camera=camera))
 
 
-@pytest.mark.parametrize("lens", ["fisheye", "equirectangular"])
-def test_every_lens_tells_its_lines(lens: str, tmp_path: Path) -> None:
-    changes: dict[str, object] = {"lens": lens, "width": 640, "height": 320, "readout_ms": 100.0}
+def test_a_wide_lens_tells_its_lines(tmp_path: Path) -> None:
+    changes: dict[str, object] = {"lens": "equirectangular", "width": 640, "height": 320, "readout_ms": 100.0}
     data = made(replace(ROLLING, readout_direction="right", **changes), tmp_path)  # type: ignore[arg-type]
     assert agreement(data.unrolled(truth(data))) > agreement(data) + AS_GOOD
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeAlias
+from typing import Any
 
-from semcal_cli.drive.document import FILES, Drive, Frame, output_drive_file
+from semcal_cli.drive.document import FILES, Drive, output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.reading import hash_file
+from semcal_cli.files.reading import hash_file, is_same_file
 from semcal_cli.files.validation import validate
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
 from semcal_cli.labelling.sides import Side
@@ -29,8 +29,6 @@ AT_A_TIME = 2
 """Frames at a time: while the network works on one, another is read, prepared or written."""
 KEY_LENGTH = 16
 """Hexadecimal digits of the name of a folder or a file of the cache."""
-LabelFiles: TypeAlias = dict[str, list[Path | InputError]]
-"""Label files of all frames by the key of a frame; an error where there can be none."""
 
 
 @dataclass(frozen=True)
@@ -75,13 +73,33 @@ def label_drive(
         InputError: no frame can be labelled, or a folder holds labels of other networks or settings.
     """
     path = output_drive_file(out)
-    if os.path.realpath(path) == os.path.realpath(drive.path):
+    if is_same_file(path, drive.path):
         raise InputError(f"{path}: found the drive that is read, needed another name")
-    files: LabelFiles = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}
+    files: dict[str, list[Path]] = {
+        side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides
+    }
     chosen = range(len(drive.frames)) if indices is None else indices
     jobs = [(side, index) for index in chosen for side in sides]
-    waiting = [(side, index) for side, index in jobs if not _is_done(drive, side, files[side.key][index])]
-    failed = _label_all(drive, waiting, files, on_event)
+    waiting = [(side, index) for side, index in jobs if not side.is_whole(drive, files[side.key][index])]
+
+    def label(side: Side, index: int) -> None:
+        write_bytes(side.label(drive, drive.frames[index]), files[side.key][index])
+
+    failed: dict[int, str] = {}
+    start = perf_counter()
+    with ThreadPoolExecutor(AT_A_TIME) as pool:
+        futures = [pool.submit(label, *job) for job in waiting]
+        try:
+            for count, ((_, index), future) in enumerate(zip(waiting, futures, strict=True)):
+                left_s = (perf_counter() - start) / max(count, 1) * (len(waiting) - count)
+                end = f", {left_s:.0f} s left" if count else ""
+                on_event(Progress(f"labelling {count + 1} of {len(waiting)}{end}"))
+                try:
+                    future.result()
+                except InputError as error:
+                    failed.setdefault(index, str(error))
+        finally:
+            pool.shutdown(cancel_futures=True)
     kept = [index for index in chosen if index not in failed]
     if not kept:
         raise InputError(next(iter(failed.values())))
@@ -89,35 +107,6 @@ def label_drive(
     validate(Drive, document, path)
     write_text(document_text(document, "yaml"), path)
     return LabelledDrive(path, len(kept), len(jobs) - len(waiting), tuple(failed.values()))
-
-
-def _label_all(
-    drive: Drive, jobs: Sequence[tuple[Side, int]], files: LabelFiles, on_event: Listener
-) -> dict[int, str]:
-    """Label frames, some at a time, and return the first message about each frame that fails."""
-
-    def label(side: Side, index: int) -> None:
-        file = files[side.key][index]
-        if isinstance(file, InputError):
-            raise file
-        write_bytes(side.label(drive, drive.frames[index]), file)
-
-    failed: dict[int, str] = {}
-    start = perf_counter()
-    with ThreadPoolExecutor(AT_A_TIME) as pool:
-        futures = [pool.submit(label, *job) for job in jobs]
-        try:
-            for count, ((_, index), future) in enumerate(zip(jobs, futures, strict=True)):
-                left = (perf_counter() - start) / max(count, 1) * (len(jobs) - count)
-                end = f", {left:.0f} s left" if count else ""
-                on_event(Progress(f"labelling {count + 1} of {len(jobs)}{end}"))
-                try:
-                    future.result()
-                except InputError as error:
-                    failed.setdefault(index, str(error))
-        finally:
-            pool.shutdown(cancel_futures=True)
-    return failed
 
 
 def label_beside(drive: Drive, side: Side, on_event: Listener = ignore) -> Path:
@@ -146,18 +135,14 @@ def _text(settings: object) -> str:
     return json.dumps(settings, indent=2, sort_keys=True) + "\n"
 
 
-def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: bool) -> list[Path | InputError]:
-    """Make the folder of the labels, check its record, and name the label file of each frame.
-
-    Raises:
-        InputError: the folder cannot be made, or holds labels of other networks, drives or settings.
-    """
+def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: bool) -> list[Path]:
+    """Make the folder of the labels, check its record, and name the label file of each frame."""
     folder = root / side.key
     make_folder(folder)
     record, settings = folder / RECORD, dict(side.settings)
-    sources = [getattr(frame, side.source) for frame in drive.frames]
     if not by_content:
         # The same name may stand for another file in another drive.
+        sources = [getattr(frame, side.source) for frame in drive.frames]
         settings["sources"] = _key([str(drive.resolve(source)) for source in sources if source])
     if not record.exists():
         if any(folder.iterdir()):
@@ -166,45 +151,27 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
         raise InputError(
             f"{folder}: found labels of another model, drive or settings, needed another -o, or --force"
         )
-    files = [
-        name if isinstance(name, InputError) else folder / f"{name}{side.suffix}"
-        for name in _names(drive, sources, by_content)
-    ]
+    files = [folder / f"{name}{side.suffix}" for name in _names(drive, side, by_content)]
     for file in files if force else ():
         # A forced run that is stopped leaves no labels of before.
-        if isinstance(file, Path):
-            file.unlink(missing_ok=True)
+        file.unlink(missing_ok=True)
     write_text(_text(settings), record)
     return files
 
 
-def _names(drive: Drive, sources: Sequence[str | None], by_content: bool) -> list[str | InputError]:
+def _names(drive: Drive, side: Side, by_content: bool) -> list[str]:
     """Name the labels of each frame by the file that is labelled, or by its content."""
     if by_content:
-        return [
-            _content_name(drive, frame, source) for frame, source in zip(drive.frames, sources, strict=True)
-        ]
-    stems = [Path(source or "").name.split(".")[0] for source in sources]
+        files = [drive.file_of(frame, side.source, "a picture") for frame in drive.frames]
+        return [hash_file(file)[:KEY_LENGTH] for file in files]
+    stems = [Path(getattr(frame, side.source) or "").name.split(".")[0] for frame in drive.frames]
     if len(set(stems)) == len(stems) and all(stems):
-        return [*stems]
-    return [f"{index:06d}" for index in range(len(sources))]
-
-
-def _content_name(drive: Drive, frame: Frame, source: str | None) -> str | InputError:
-    if source is None:
-        return InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
-    try:
-        return hash_file(drive.resolve(source))[:KEY_LENGTH]
-    except InputError as error:
-        return error
-
-
-def _is_done(drive: Drive, side: Side, file: Path | InputError) -> bool:
-    return not isinstance(file, InputError) and file.exists() and side.is_whole(drive, file)
+        return stems
+    return [f"{index:06d}" for index in range(len(stems))]
 
 
 def _document(
-    drive: Drive, sides: Sequence[Side], path: Path, kept: Sequence[int], files: LabelFiles
+    drive: Drive, sides: Sequence[Side], path: Path, kept: Sequence[int], files: Mapping[str, Sequence[Path]]
 ) -> dict[str, Any]:
     """Make the document of the labelled drive, whose files are relative to it."""
 

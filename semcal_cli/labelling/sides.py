@@ -60,14 +60,25 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         InputError: the model cannot be read.
     """
     model = labeller.model
+    card = model.card
+    settings = {
+        "model": hash_model(model.network.path),
+        "size": card.size,
+        "fit": card.fit,
+        "color": card.color,
+        "numbers": (card.scale, card.mean, card.std),
+        "outputs": model.outputs,
+        "kind": card.kind,
+        "align_corners": card.align_corners,
+        "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
+        "probabilities": has_probabilities,
+    }
     named = {value for ids in model.classes.values() for value in ids}
     ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
 
     def label(drive: Drive, frame: Frame) -> bytes:
-        if frame.image is None:
-            raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
-        path, camera = drive.resolve(frame.image), drive.camera
-        picture = read_image(path, (camera.width, camera.height))
+        path = drive.file_of(frame, "image", "a picture")
+        picture = read_image(path, drive.camera.size)
         with about(path):
             if has_probabilities:
                 return _archive(labeller.shares(picture))
@@ -94,27 +105,10 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         suffix=".npz" if has_probabilities else ".png",
         classes=model.classes,
         ignore=tuple(value for value in ignored if value not in named),
-        settings=_picture_settings(labeller, has_probabilities=has_probabilities),
+        settings=settings,
         label=label,
         is_whole=is_whole,
     )
-
-
-def _picture_settings(labeller: PictureLabeller, *, has_probabilities: bool) -> dict[str, object]:
-    """Tell what the labels depend on beside the pictures."""
-    model, card = labeller.model, labeller.model.card
-    return {
-        "model": hash_model(model.network.path),
-        "size": card.size,
-        "fit": card.fit,
-        "color": card.color,
-        "numbers": (card.scale, card.mean, card.std),
-        "outputs": model.outputs,
-        "kind": card.kind,
-        "align_corners": card.align_corners,
-        "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
-        "probabilities": has_probabilities,
-    }
 
 
 def sweep_side(labeller: SweepLabeller) -> Side:
@@ -167,8 +161,8 @@ def _point_side(
         return labels.tobytes()
 
     def is_whole(_: Drive, path: Path) -> bool:
-        size = path.stat().st_size  # It is written as a whole or not at all.
-        return size > 0 and size % 4 == 0
+        # It is written as a whole or not at all.
+        return path.exists() and path.stat().st_size > 0 and path.stat().st_size % 4 == 0
 
     return Side("point_labels", "points", ".label", classes, ignore, settings, label, is_whole)
 
