@@ -23,7 +23,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
-from semcal_cli.report.plots import frames_plots
+from semcal_cli.report.figures import frames_plots
 from semcal_cli.result.checks.check import findings_among
 from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic import spoiling

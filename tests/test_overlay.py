@@ -23,17 +23,23 @@ from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.geometry.twists import apply_twist
-from semcal_cli.report.colors import NO_EDGE_NAME, STEP_COLORS, class_colors
-from semcal_cli.report.edges import GREY_STRENGTH, coloring_of, edge_picture, edges_by_strength
+from semcal_cli.report.colors import (
+    NO_EDGE_NAME,
+    STEP_COLORS,
+    class_colors,
+    coloring_of,
+    depth_levels,
+    level_colors,
+)
 from semcal_cli.report.overlay import (
+    GREY_STRENGTH,
     Overlays,
     before_after,
     draw_legend,
-    goes_together,
-    kinds_of,
-    points_in_image,
+    edge_picture,
+    edges_by_strength,
 )
-from semcal_cli.report.palette import depth_levels, level_colors
+from semcal_cli.report.points import View, frame_points, goes_together, points_in_image
 
 CAMERA = Camera(
     model="plumb_bob", width=640, height=360, K=((320.0, 0.0, 319.5), (0.0, 320.0, 179.5), (0.0, 0.0, 1.0))
@@ -98,8 +104,7 @@ def test_colors_are_fixed_and_distinct() -> None:
 
 
 def test_legend_and_panels_have_the_width_they_are_given() -> None:
-    many = [f"class {i}" for i in range(40)]
-    assert draw_legend(many, class_colors(many), 640).shape[1] == 640
+    assert draw_legend({f"class {i}": (i, i, i) for i in range(40)}, 640).shape[1] == 640
     both = {"before": BLACK, "after": BLACK}
     assert before_after(both).shape[1] == 1280
     assert before_after(both, stacked=True).shape[1] == 640
@@ -152,21 +157,13 @@ def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Pa
     assert picture.shape[0] > 360
 
 
-def agreeing(poses: list[np.ndarray], observations: Observations) -> list[float]:
-    """Share of green among green and red dots, for each pose."""
-    found, together = [], goes_together(observations, poses[1])
-    for T in poses:
-        seen = points_in_image(observations.clouds[0].points, T, observations.camera)
-        kinds = kinds_of(observations, 0, seen, together)
-        found.append(float(np.mean(kinds[kinds < 2] == 0)))
-    return found
-
-
 def test_labels_agree_best_at_the_truth(street_observations: Observations, street_truth: np.ndarray) -> None:
     moved = [street_truth.copy() for _ in range(3)]
     for T, by in zip(moved, (-0.3, 0.0, 0.3), strict=True):
         T[0, 3] += by
-    left, middle, right = agreeing(moved, street_observations)
+    views = [View(street_observations, T) for T in moved]
+    together = goes_together(views[1].agreement())
+    left, middle, right = (each.agreement or 0.0 for each in frame_points(views, 0, together).poses)
     assert middle > 0.95
     assert max(left, right) < middle - 0.02
 

@@ -24,19 +24,13 @@ from semcal_cli.formats import find_format
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.geometry.poses import camera_center, pose_from_mounting
 from semcal_cli.report import ReportInput, read_report_input, write_report
-from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import class_colors
-from semcal_cli.report.curves import information_curves
+from semcal_cli.report.figures import class_agreements, information_curves
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.words import (
-    NOT_BELIEVED,
-    Reason,
-    uncertainty_sentences,
-    verdict,
-    verdict_of,
-)
+from semcal_cli.report.template import Reason
+from semcal_cli.report.words import NOT_BELIEVED, uncertainty_sentences, verdict, verdict_of
 from semcal_cli.result.calibration import read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 

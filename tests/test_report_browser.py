@@ -21,8 +21,8 @@ from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, inverse
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.report import read_report_input, write_report
-from semcal_cli.report.overlay import points_in_image
-from semcal_cli.report.palette import depth_levels, level_colors
+from semcal_cli.report.colors import depth_levels, level_colors
+from semcal_cli.report.points import points_in_image
 
 pytestmark = pytest.mark.slow
 

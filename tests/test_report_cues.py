@@ -14,12 +14,10 @@ from semcal_cli.drive.cues.edges import NO_EDGE
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.report import read_report_input
-from semcal_cli.report.palette import color_tables
-from semcal_cli.report.pictures import MAX_POINTS, few_points, make_pictures
+from semcal_cli.report.colors import page_colors
+from semcal_cli.report.pictures import MAX_POINTS, make_pictures
 from semcal_cli.report.points import frame_points
-from semcal_cli.report.words import (
-    polish_sentences,
-)
+from semcal_cli.report.words import polish_sentences
 from semcal_cli.result.calibration import read_calibration, write_calibration
 
 
@@ -70,17 +68,17 @@ def test_points_without_an_edge_have_no_colour_and_make_room_for_the_others(
 ) -> None:
     found = read_report_input(read_drive(street), by_cues(made, tmp_path, "edges"))
     observations = found.observations
-    table = color_tables(observations)["edge"]
+    table = page_colors(observations, np.zeros(0, np.uint8)).tables["edge"]
     assert table[NO_EDGE] is None
     assert all(color is not None for color in table[NO_EDGE + 1 :])
     points = frame_points(list(found.overlays(1).views.values()), 0, np.ones((7, 8), bool))
     num_edges = int(((points.classes != NO_EDGE) & (points.classes != NO_CLASS)).sum())
     assert 100 < num_edges < len(points.classes) < MAX_POINTS
-    few = few_points(observations, points, num_edges + 10)
+    few = points.thinned(num_edges + 10)
     assert len(few.classes) == num_edges + 10
     assert int(((few.classes != NO_EDGE) & (few.classes != NO_CLASS)).sum()) == num_edges
     np.testing.assert_array_equal(few.indices, points.indices[np.isin(points.indices, few.indices)])
-    assert len(few_points(observations, points, 50).classes) == 50
+    assert len(points.thinned(50).classes) == 50
 
 
 def test_what_edges_gained_is_in_nats(made: Path, tmp_path: Path) -> None:

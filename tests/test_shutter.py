@@ -27,7 +27,8 @@ from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate, refine_and_polish, start_at
 from semcal_cli.report.input import make_report_input
-from semcal_cli.report.overlay import Overlays, points_in_image
+from semcal_cli.report.overlay import Overlays
+from semcal_cli.report.points import points_in_image
 from semcal_cli.report.view.session import Session
 from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic.synthesis import synthesize

@@ -24,7 +24,7 @@ from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.report import read_report_input
-from semcal_cli.report.verification import both_overlays
+from semcal_cli.report.page import both_overlays
 from semcal_cli.result.calibration import Calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -207,7 +207,7 @@ def _preview(drive: Drive, labeller: PictureLabeller, path: Path, terminal: Term
     """Draw the labels of the middle frame."""
     from semcal_cli.drive.reading import read_needed_image
     from semcal_cli.files.images import write_image
-    from semcal_cli.report.label_picture import draw_labels
+    from semcal_cli.report.overlay import draw_labels
 
     frame = drive.frames[len(drive.frames) // 2]
     picture = read_needed_image(drive, frame)

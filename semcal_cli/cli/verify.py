@@ -136,7 +136,7 @@ def _illustrate(
 ) -> None:
     """Write the page and the pictures of a verification, where requested."""
     from semcal_cli.drive.events import Progress
-    from semcal_cli.report.verification import both_overlays, write_verification
+    from semcal_cli.report.page import both_overlays, write_verification
 
     if outputs.page is not None:
         terminal.on_event(Progress("drawing points on pictures"))

@@ -237,12 +237,10 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
 def _write_images(found: Comparison, frame: int, folder: Path) -> None:
     """Draw the points of a frame at each pose, as the paper's (a) to (d), one image for each."""
     pictures, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
-    swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
     for file, method in zip(PICTURE_FILES, PICTURES, strict=True):
         path = folder / file
         # An image of an earlier run would be mistaken for one of this run.
         path.unlink(missing_ok=True)
         if method in pictures:
             picture = add_caption(pictures[method], f"({file[0]}) {method}", pictures[method].shape[1])
-            strip = draw_legend(list(legend), swatches, picture.shape[1])
-            write_image(np.vstack([picture, strip]), path)
+            write_image(np.vstack([picture, draw_legend(legend, picture.shape[1])]), path)

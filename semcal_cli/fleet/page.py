@@ -11,8 +11,7 @@ from semcal_cli.fleet.members import Member
 from semcal_cli.fleet.plot import course_plots
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import T_notation, notations
-from semcal_cli.report.template import render_page
-from semcal_cli.report.words import Reason, Verdict
+from semcal_cli.report.template import Reason, Verdict, render_page
 from semcal_cli.result.intervals import intervals, widest
 
 KINDS: dict[Kind, str] = {

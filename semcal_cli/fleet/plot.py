@@ -22,7 +22,7 @@ from semcal_cli.report.drawing import (
     page_svg,
     picture,
 )
-from semcal_cli.report.plots import Plot
+from semcal_cli.report.figures import Plot
 from semcal_cli.result.intervals import AXIS_NAMES
 
 if TYPE_CHECKING:

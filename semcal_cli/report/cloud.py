@@ -13,10 +13,9 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.geometry.poses import Pose, camera_center, inverse
-from semcal_cli.report.colors import Colors, hex_color, palettes
+from semcal_cli.report.colors import Colors, hex_color, painted, palettes
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.overlay import at_pixels, points_in_image
-from semcal_cli.report.points import packed
+from semcal_cli.report.points import at_pixels, packed, points_in_image
 
 Rgb = tuple[int, int, int]
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
@@ -43,15 +42,17 @@ class CameraInView:
     @classmethod
     def placed(cls, name: str, color: Rgb, camera: Camera, T_camera_lidar: Pose) -> CameraInView:
         """Place a camera at its pose (4, 4)."""
-        center, axis = camera_center(T_camera_lidar).tolist(), T_camera_lidar[2, :3].tolist()
         right, bottom = camera.width - 0.5, camera.height - 0.5
         pixels = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-        rays = core_camera(camera).unproject(pixels)
-        if not np.isfinite(rays).all():
-            return cls(name, color, center, axis, [])
-        T_lidar_camera = inverse(T_camera_lidar)
+        rays, T_lidar_camera = core_camera(camera).unproject(pixels), inverse(T_camera_lidar)
         corners = FRUSTUM_M * rays @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
-        return cls(name, color, center, axis, corners.tolist())
+        return cls(
+            name,
+            color,
+            camera_center(T_camera_lidar).tolist(),
+            T_camera_lidar[2, :3].tolist(),
+            corners.tolist() if np.isfinite(rays).all() else [],
+        )
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,6 @@ def make_cloud(
     is_seen: npt.NDArray[np.bool_],
     colored: Mapping[str, tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]],
     cameras: Sequence[CameraInView],
-    legends: Mapping[str, dict[str, str]] | None = None,
 ) -> Cloud:
     """Keep the points of a sweep that have a colour, and some of those that no camera sees.
 
@@ -84,7 +84,6 @@ def make_cloud(
         is_seen: (N,) whether a camera sees a point.
         colored: Indices (M,) of points, and their colours (M, 3), red, green, blue, by the meaning of the colours.
         cameras: Cameras that are drawn.
-        legends: Legends by the meaning of the colours.
     """
     shown = np.unique(np.concatenate([indices for indices, _ in colored.values()]))
     others = thinned(~is_seen & (np.linalg.norm(points, axis=1) < MAX_RANGE_M), MAX_OTHERS)
@@ -95,7 +94,7 @@ def make_cloud(
         of_all[indices] = rgb
         colors[name] = packed(of_all[kept])
     centimetres = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
-    return Cloud(frame, packed(centimetres), colors, list(cameras), dict(legends or {}))
+    return Cloud(frame, packed(centimetres), colors, list(cameras))
 
 
 def frame_cloud(report: ReportInput) -> Cloud:
@@ -111,22 +110,23 @@ def frame_cloud(report: ReportInput) -> Cloud:
     is_seen[seen.indices[~seen.is_hidden]] = True
     visible = thinned(~seen.is_hidden, MAX_SEEN)
     pixels, indices = seen.pixels[visible], seen.indices[visible]
-    of_points, of_pixels = palettes(observations)
+    point_colors, pixel_colors = palettes(observations)
+    pixel_classes = at_pixels(observations.images[number].classes, pixels)
     labels = {
-        "label of the pixel": (
-            at_pixels(observations.images[number].classes, pixels),
-            observations.image_class_names,
-            of_pixels,
-        ),
-        "label of the point": (classes[indices], observations.point_class_names, of_points),
+        "label of the pixel": (pixel_classes, observations.image_class_names, pixel_colors),
+        "label of the point": (classes[indices], observations.point_class_names, point_colors),
     }
-    colored = {name: (indices, _label_colors(found, palette)) for name, (found, _, palette) in labels.items()}
+    colored = {
+        name: (indices, painted(found, palette, (GREY,) * 3)[:, ::-1])
+        for name, (found, _, palette) in labels.items()
+    }
     image = read_frame_image(report.drive, frames[number])
     if image is not None:
         colored["picture"] = indices, at_pixels(image, pixels)[:, ::-1]
     camera = CameraInView.placed("", WHITE, observations.camera, T)
-    legends = {name: _legend(*found) for name, found in labels.items()}
-    return make_cloud(frames[number].points, points, is_seen, colored, [camera], legends)
+    cloud = make_cloud(frames[number].points, points, is_seen, colored, [camera])
+    cloud.legends.update({name: _legend(*found) for name, found in labels.items()})
+    return cloud
 
 
 def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
@@ -134,13 +134,9 @@ def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
     return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
 
 
-def _label_colors(classes: npt.NDArray[np.uint8], palette: Colors) -> npt.NDArray[np.uint8]:
-    """Red, green and blue of each point's class; grey for a point without a class."""
-    table = np.full((NO_CLASS + 1, 3), GREY, np.uint8)
-    table[: len(palette)] = palette[:, ::-1]
-    return table[classes]
-
-
 def _legend(classes: npt.NDArray[np.uint8], names: Sequence[str], palette: Colors) -> dict[str, str]:
-    present = [index for index in np.unique(classes).tolist() if index != NO_CLASS]
-    return {names[index]: hex_color(tuple(palette[index].tolist())) for index in present}
+    return {
+        names[index]: hex_color(palette[index].tolist())
+        for index in np.unique(classes).tolist()
+        if index != NO_CLASS
+    }

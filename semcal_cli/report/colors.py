@@ -1,21 +1,25 @@
-"""Colours of classes and of segments, in every picture and page."""
+"""Colours of points and of pixels, by what they say: class, edge, depth, agreement or segment."""
 
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple, TypeAlias
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.cues.edges import NO_EDGE
+from semcal_cli.drive.observations import NO_CLASS, Observations
 
 Colors: TypeAlias = npt.NDArray[np.uint8]
 """(C, 3) blue, green, red of each class, or of each point."""
 Legend: TypeAlias = dict[str, tuple[int, ...]]
 """Blue, green and red of each named entry."""
+Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
+"""Meaning of the colours of points."""
 
 # Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on an image.
 CARLA_COLORS = {
@@ -78,21 +82,31 @@ QUALITATIVE_COLORS = (
     (220, 220, 220),
     (150, 100, 60),
 )
-
 GOLDEN_RATIO = 0.618034
 SATURATION = 0.65
-
 # Red, green, blue.
 GROUND_COLORS = ((150, 150, 150), (185, 185, 185), (220, 220, 220))
 NO_SEGMENT_COLOR = (70, 70, 70)
+EDGE_LEGEND: Legend = {"edge in the picture": (210, 210, 210)}
+"""What is drawn into the picture beneath edges of sweeps."""
+# Red, green, blue, of Okabe and Ito's.
+AGREEMENT_COLORS = {
+    "agree": (0, 158, 115),
+    "disagree": (213, 94, 0),
+    "hidden from the camera": (120, 120, 120),
+}
+AGREES, DISAGREES, HIDDEN, NO_PAIR = range(4)
+"""Indices in `AGREEMENT_COLORS`, and that of points without a label on either side."""
+DEPTHS_M = (2.0, 100.0)
+"""Depths at which the colours begin and end, on a logarithmic scale; the legend names some between."""
+DEPTH_STEPS_M = (2, 5, 10, 20, 50, 100)
 
 
 def class_colors(names: Sequence[str]) -> Colors:
     """Choose the colour of each class: that of its name, as of CARLA's, else the next of a list, then of the hues."""
     unknown = [name for name in names if name not in KNOWN_COLORS]
-    colors = {name: _rgb(number) for number, name in enumerate(unknown)}
-    rgb = [(KNOWN_COLORS | colors)[name] for name in names]
-    return np.array(rgb, dtype=np.uint8).reshape(-1, 3)[:, ::-1]
+    colors = KNOWN_COLORS | {name: _rgb(number) for number, name in enumerate(unknown)}
+    return np.array([colors[name] for name in names], np.uint8).reshape(-1, 3)[:, ::-1]
 
 
 def _rgb(number: int) -> tuple[int, int, int]:
@@ -111,7 +125,16 @@ def palettes(observations: Observations) -> tuple[Colors, Colors]:
     return colors[[names.index(name) for name in points]], colors[[names.index(name) for name in image]]
 
 
-def hex_color(blue_green_red: tuple[int, ...]) -> str:
+def painted(
+    classes: npt.NDArray[np.uint8], palette: Colors, empty: tuple[int, int, int] = (0, 0, 0)
+) -> npt.NDArray[np.uint8]:
+    """Colour classes (...) by a palette: (..., 3); those without a class have the colour `empty`."""
+    table = np.full((NO_CLASS + 1, 3), empty, np.uint8)
+    table[: len(palette)] = palette
+    return table[classes]
+
+
+def hex_color(blue_green_red: Sequence[int]) -> str:
     """Write a colour as #rrggbb."""
     return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
 
@@ -128,4 +151,80 @@ def segment_colors(segmented: _core.SegmentedSweep) -> tuple[Colors, Legend]:
     palette = np.array([*rgb, NO_SEGMENT_COLOR], np.uint8)[:, ::-1]
     legend = {"ground": GROUND_COLORS[1], "objects, a colour each": _rgb(0), "no segment": NO_SEGMENT_COLOR}
     colors = palette[np.minimum(segmented.ids, segmented.num_segments)]
-    return colors, {name: (blue, green, red) for name, (red, green, blue) in legend.items()}
+    return colors, {name: color[::-1] for name, color in legend.items()}
+
+
+def coloring_of(observations: Observations) -> Literal["class", "edge"]:
+    """Choose what colours say of points with classes: steps, as the cue edges finds them, or any other classes."""
+    names = set(observations.point_class_names)
+    return "edge" if names and names <= {NO_EDGE_NAME, *STEP_COLORS} else "class"
+
+
+def is_edge(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    """Mask (N,) of the points beside which range or intensity steps, by their classes (N,)."""
+    return np.asarray((classes != NO_EDGE) & (classes != NO_CLASS))
+
+
+class Palette(NamedTuple):
+    """Colours of points by their numbers."""
+
+    colors: Colors
+    """(C, 3) blue, green, red of each number."""
+    numbers: Mapping[str, int]
+    """Numbers with a name."""
+    others: Legend
+    """Colours of what else is drawn."""
+
+    def legend(self, present: npt.NDArray[np.integer] | None = None) -> Legend:
+        """Colours of the named numbers, of those that occur (N,) if they are given, and of what else is drawn."""
+        shown = self.numbers.values() if present is None else set(np.unique(present).tolist())
+        named = {name: number for name, number in self.numbers.items() if number in shown}
+        return {name: tuple(self.colors[number].tolist()) for name, number in named.items()} | self.others
+
+
+def palette_of(observations: Observations, by: Coloring) -> Palette:
+    """Choose the colours of points by what they say; segments have none of their own."""
+    if by == "depth":
+        levels = depth_levels(np.array(DEPTH_STEPS_M, np.float64)).tolist()
+        numbers = {f"{step} m": level for step, level in zip(DEPTH_STEPS_M, levels, strict=True)}
+        return Palette(level_colors(np.arange(256, dtype=np.uint8)), numbers, {})
+    names, (colors, _) = list(observations.point_class_names), palettes(observations)
+    if by == "agreement":
+        names, colors = list(AGREEMENT_COLORS), np.array([*AGREEMENT_COLORS.values()], np.uint8)[:, ::-1]
+    return Palette(colors, {name: i for i, name in enumerate(names)}, EDGE_LEGEND if by == "edge" else {})
+
+
+class PageColors(NamedTuple):
+    """Colours between which a page can choose, by what they say: class or edge, depth, and agreement."""
+
+    tables: dict[str, list[list[int] | None]]
+    """Red, green and blue by number; None for what is not drawn."""
+    legends: dict[str, dict[str, str]]
+    """Colour of each name, #rrggbb."""
+
+
+def page_colors(observations: Observations, classes: npt.NDArray[np.uint8]) -> PageColors:
+    """List the colours for a page, with legends of the classes or edges that occur (N,)."""
+    coloring, found = coloring_of(observations), PageColors({}, {})
+    present = classes[classes != NO_EDGE] if coloring == "edge" else classes
+    choices: tuple[Coloring, ...] = (coloring, "depth", "agreement")
+    for by in choices:
+        palette = palette_of(observations, by)
+        legend = palette.legend(present if by == coloring else None)
+        found.tables[by] = palette.colors[:, ::-1].tolist()
+        found.legends[by] = {name: hex_color(color) for name, color in legend.items()}
+    if coloring == "edge":
+        found.tables["edge"][NO_EDGE] = None
+    return found
+
+
+def depth_levels(ranges_m: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
+    """Level (N,) of each distance from the camera, on a logarithmic scale: 255 near by, 0 far away."""
+    near, far = np.log(DEPTHS_M)
+    share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
+    return np.asarray(np.rint(255.0 * (1.0 - share)), np.uint8)
+
+
+def level_colors(levels: npt.NDArray[np.uint8]) -> Colors:
+    """Colours (N, 3) of levels (N,): blue, green, red; red near by, blue far away."""
+    return np.asarray(cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)

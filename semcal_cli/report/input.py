@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import AUTO, MAX_FRAMES, CueName
+from semcal_cli.config import AUTO, MAX_FRAMES
 from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised, recorded
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -19,7 +18,7 @@ from semcal_cli.errors import listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.report.edges import coloring_of
+from semcal_cli.report.colors import coloring_of
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, seen_as
 from semcal_cli.result.calibration import Calibration
@@ -36,11 +35,6 @@ class Before(NamedTuple):
     """The drive with the camera and the clock that the transform belongs to."""
     changes: tuple[tuple[str, str], ...] = ()
     """Where these and the drive's own differ: `camera` or `clock`, and what is used instead of what."""
-
-    @property
-    def notices(self) -> list[str]:
-        """The differences as sentences."""
-        return [f"In pictures of {self.caption}, the {label} is {line}." for label, line in self.changes]
 
 
 @dataclass(frozen=True)
@@ -132,16 +126,24 @@ def make_report_input(
     """
     begun = as_begun(record, drive)
     if before is None and record is not None:
-        before = _first_stage(record, begun)
-    others = () if before is None else before.changes
+        stage = next(iter(record.stages.values()), None)
+        if stage is not None and stage.T_camera_lidar != record.T_camera_lidar:
+            before = Before("the first stage", np.array(stage.T_camera_lidar), begun)
     drive, changes = apply_result(record, drive, name)
     used, notices = (None, []) if record is None else _used(drive, record)
     staying = apply_result(record, drive, name).sentences
     is_of_record = used is not None and not staying
     notices += staying
-    notices += [] if before is None else before.notices
+    if before is not None:
+        notices += [
+            f"In pictures of {before.caption}, the {label} is {line}." for label, line in before.changes
+        ]
+        changes = (*before.changes, *changes)
+    # Frames are read with the first cue by which the pose was refined, and no other: pixels of one cue share no
+    # information with points of another.
     sweeps = Sweeps()
-    cues = _cues(record, drive, sweeps)
+    cues = chosen(AUTO, drive, sweeps) if record is None else recorded(record.settings.options.get("cues"))
+    cues = maximised(cues)[:1]
     used = used or choose_frames(drive, cues, MAX_FRAMES)
     return ReportInput(
         name=name,
@@ -150,18 +152,11 @@ def make_report_input(
         before=before,
         drive=used,
         begun=begun,
-        changes=(*others, *changes),
+        changes=changes,
         observations=unrolled(load_cues(used, cues, sweeps), T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),
     )
-
-
-def _first_stage(record: Calibration, begun: Drive) -> Before | None:
-    stage = next(iter(record.stages.values()), None)
-    if stage is None or stage.T_camera_lidar == record.T_camera_lidar:
-        return None
-    return Before("the first stage", np.array(stage.T_camera_lidar), begun)
 
 
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
@@ -173,10 +168,8 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
 
     names = {files(frame) for frame in record.input.frames}
     named = tuple(frame for frame in drive.frames if files(frame) in names)
-    num_found = len({files(frame) for frame in named})
-    used = drive.model_copy(update={"frames": named})
-    known, found = record.input.sha256, describe_input(used, None, Path(), keys).sha256
-    used = drive.model_copy(update={"frames": _distinct(named, found, files)})
+    known = record.input.sha256
+    found = describe_input(drive.model_copy(update={"frames": named}), None, Path(), keys).sha256
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
     if all(changed & set(filter(None, files(frame))) for frame in named):
         notice = (
@@ -185,28 +178,13 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
         )
         return None, [notice]
     notices = []
+    num_found = len({files(frame) for frame in named})
     if num_found != len(names):
         notices.append(f"Of the {len(names)} frames it was computed from, {num_found} are in {drive.path}.")
     if changed:
         notices.append(f"Since it was computed, files were changed: {listed(sorted(changed))}.")
-    return used, notices
-
-
-def _distinct(
-    frames: Sequence[Frame], sha256: Mapping[str, str], files: Callable[[Frame], tuple[str | None, ...]]
-) -> tuple[Frame, ...]:
-    """Take frames with the same files once: a calibration uses none twice, and each takes time and memory."""
+    # A calibration uses no frame twice, and each takes time and memory.
     distinct: dict[tuple[str | None, ...], Frame] = {}
-    for frame in frames:
-        distinct.setdefault(tuple(name and sha256[name] for name in files(frame)), frame)
-    return tuple(distinct.values())
-
-
-def _cues(record: Calibration | None, drive: Drive, sweeps: Sweeps) -> tuple[CueName, ...]:
-    """Cue that the frames are read with: that of the calibration, or the best that the files of the drive allow.
-
-    It is the first one by which the pose was refined, and no other: pixels of one cue share no information with points
-    of another.
-    """
-    used = chosen(AUTO, drive, sweeps) if record is None else recorded(record.settings.options.get("cues"))
-    return maximised(used)[:1]
+    for frame in named:
+        distinct.setdefault(tuple(name and found[name] for name in files(frame)), frame)
+    return drive.model_copy(update={"frames": tuple(distinct.values())}), notices

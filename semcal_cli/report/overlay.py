@@ -1,4 +1,4 @@
-"""Drawings of LiDAR points on camera images, coloured by class, depth, agreement, segment or edge."""
+"""Drawings of LiDAR points and of labels on camera images."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -14,24 +14,33 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.pairing import frame_names
-from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.cues.edges import EDGES, gradients
+from semcal_cli.drive.cues.intensity import grey_values, lens_mask
 from semcal_cli.drive.cues.segments import SegmentationConfig
-from semcal_cli.drive.document import Drive
-from semcal_cli.drive.motion import points_at, unrolled
+from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.report.colors import Colors, Legend, palettes, segment_colors
-from semcal_cli.report.edges import edge_picture, edges_by_strength
-from semcal_cli.report.palette import AGREES, DISAGREES, HIDDEN, NO_PAIR, Coloring, depth_levels, palette_of
+from semcal_cli.report.colors import (
+    NO_PAIR,
+    Coloring,
+    Colors,
+    Legend,
+    class_colors,
+    depth_levels,
+    is_edge,
+    painted,
+    palette_of,
+    palettes,
+    segment_colors,
+)
+from semcal_cli.report.points import Seen, View, frame_points, goes_together, kinds_of
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
-WHOLE_LEGEND = ("depth", "agreement")
-"""Colours whose legend names all of them, whether they occur or not."""
 WIDE = 2.0
 """Ratio of width to height from which images are put above each other."""
 
@@ -39,6 +48,8 @@ BACKGROUND_STRENGTH = 0.6
 BACKGROUND_GRAY = 0.6
 """Share of an image's colour that is taken out, so that only the dots have strong colours."""
 LABEL_STRENGTH = 0.5
+LABEL_SHARE = 0.55
+"""Share of the labels' colours in a picture under its labels."""
 COLUMNS_PER_DOT_RADIUS = 640
 TEXT_COLOR = (235, 235, 235)
 MARGIN_COLOR = (32, 32, 32)
@@ -46,81 +57,47 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_HEIGHT = 22
 """Pixels of the font's capitals at scale 1."""
 
+GREY_STRENGTH = 0.25
+"""Strength of the picture beneath its edges, which is there to find one's way."""
+BLUR_PX = 1.0
+"""Blur of the picture, pixels: an eye wants sharper edges than sparse rays do."""
+EDGE_STRENGTH = 170.0
+"""Grey value that the strongest edges add: bright, but not so bright that dots on them are lost."""
+STRONGEST = 0.99
+"""Quantile of the gradients of a picture from which an edge is drawn at full strength."""
+
 
 def overlay_paths(folder: Path, count: int) -> list[Path]:
     """Name the files of the drawn frames in a folder."""
     return [folder / f"{frame:06d}.png" for frame in range(count)]
 
 
-class Seen(NamedTuple):
-    """Points that project into an image, farthest first."""
+def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
+    """Read the image of a frame, and tell whether it is a photograph: without one, it is the label image in colours.
 
-    indices: npt.NDArray[np.intp]
-    positions: npt.NDArray[np.float64]
-    """(M, 2), (u, v)."""
-    ranges_m: npt.NDArray[np.float64]
-    """(M,) distances from the camera."""
-    is_hidden: npt.NDArray[np.bool_]
-
-    @property
-    def pixels(self) -> npt.NDArray[np.intp]:
-        """(M, 2), (u, v), nearest pixels."""
-        return np.rint(self.positions).astype(np.intp)
-
-
-def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
-    """Find the points (N, 3), metres, LiDAR frame, that project into the image, and mark the hidden ones among them."""
-    projected = _core.project_points(core_camera(camera), points, T_camera_lidar)
-    ranges = projected.ranges
-    seen = np.flatnonzero(np.isfinite(ranges))
-    seen = seen[np.argsort(-ranges[seen], kind="stable")]
-    return Seen(seen, projected.pixels[seen], ranges[seen], projected.is_hidden[seen])
+    Raises:
+        InputError: the frame has neither, or its image is wrong.
+    """
+    image = read_frame_image(drive, drive.frames[frame])
+    if image is not None:
+        return image, True
+    if not observations.image_class_names:
+        key = drive.frames[frame].key("image")
+        raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
+    return painted(observations.images[frame].classes, palettes(observations)[1]), False
 
 
-class View(NamedTuple):
-    """A pose, and the observations as the camera and the clock see them that it belongs to."""
+def edge_picture(drive: Drive, frame: Frame) -> Image:
+    """Draw the edges of a frame's picture in white on the picture, which is dark and grey: (H, W, 3).
 
-    observations: Observations
-    T_camera_lidar: Pose
-
-    def seen_in_frame(self, frame: int) -> Seen:
-        """Find the points of a frame that its picture shows, each on the line that is exposed then."""
-        points = points_at(self.observations, frame, self.T_camera_lidar)
-        return points_in_image(points, self.T_camera_lidar, self.observations.camera)
-
-
-def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Image:
-    """Draw a strip, (h, width, 3), of swatches and names."""
-    scale, line = _text_size(width)
-    spots: list[tuple[int, int]] = []
-    x, y = line // 2, 0
-    for name in names:
-        step = 2 * line + cv2.getTextSize(name, FONT, scale, 1)[0][0]
-        if x + step > width and x > line // 2:
-            x, y = line // 2, y + line
-        spots.append((x, y))
-        x += step
-    strip = _filled(y + line, width)
-    for name, color, (x, y) in zip(names, palette.tolist(), spots, strict=True):
-        cv2.circle(strip, (x + line // 3, y + line // 2), line // 4, color, cv2.FILLED, cv2.LINE_AA)
-        _write(strip, name, (x + line, y), scale, line)
-    return strip
-
-
-def add_caption(image: Image, caption: str, shown_width: int) -> Image:
-    """Put a line of text above an image, sized for the width of all that is shown."""
-    scale, line = _text_size(shown_width)
-    strip = _filled(line, image.shape[1])
-    _write(strip, caption, (line // 2, 0), scale, line)
-    return np.vstack([strip, image])
-
-
-def before_after(images: Mapping[str, Image], *, stacked: bool = False) -> Image:
-    """Put images of one size beside (or above) each other, in order, each under its caption."""
-    widths = [image.shape[1] for image in images.values()]
-    width = max(widths) if stacked else sum(widths)
-    captioned = [add_caption(image, caption, width) for caption, image in images.items()]
-    return np.vstack(captioned) if stacked else np.hstack(captioned)
+    Raises:
+        InputError: the frame has no picture, or it is wrong.
+    """
+    grey = grey_values(drive, frame)
+    strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), BLUR_PX, EDGES)
+    full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
+    drawn = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
+    return np.asarray(np.repeat(drawn.astype(np.uint8)[..., None], 3, axis=2))
 
 
 @dataclass(frozen=True)
@@ -170,8 +147,7 @@ class Overlays:
         images, legend = self.draw(frame)
         images = {self.strip(frame, caption): image for caption, image in images.items()}
         image = before_after(images, stacked=camera.width >= WIDE * camera.height)
-        swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
-        write_image(np.vstack([image, draw_legend(list(legend), swatches, image.shape[1])]), path)
+        write_image(np.vstack([image, draw_legend(legend, image.shape[1])]), path)
 
     @cached_property
     def frame_names(self) -> list[str]:
@@ -180,12 +156,10 @@ class Overlays:
 
     def strip(self, frame: int, caption: str) -> str:
         """Name a frame, how many of its points agree at the pose of a caption, and the pose."""
-        observations, words = self.observations, [self.frame_names[frame]]
-        if observations.point_class_names and observations.image_class_names:
-            seen = self.views[caption].seen_in_frame(frame)
-            kinds = kinds_of(observations, frame, seen, self.together)
-            agreeing, judged = (kinds == AGREES).sum(), (kinds <= DISAGREES).sum()
-            words += [f"{100.0 * agreeing / judged:.1f} % agree"] if judged else []
+        words = [self.frame_names[frame]]
+        if self.observations.point_class_names and self.observations.image_class_names:
+            (points,) = frame_points([self.views[caption]], frame, self.together).poses
+            words += [] if points.agreement is None else [f"{100.0 * points.agreement:.1f} % agree"]
         return "   ".join([*words, caption])
 
     def draw(self, frame: int) -> tuple[dict[str, Image], Legend]:
@@ -203,40 +177,40 @@ class Overlays:
         images: dict[str, Image] = {}
         legend: Legend = {}
         for caption, view in self.views.items():
-            seen = view.seen_in_frame(frame)
-            pixels, colors, named = self._colored(frame, seen)
+            pixels, colors, named = self._colored(frame, view.seen_in_frame(frame))
             images[caption] = _draw_dots(background, pixels, colors)
             legend |= named
         return images, legend
-
-    def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
-        """Pixels (M, 2) and colours (M, 3) of the dots, with their legend."""
-        if self.by == "segment":
-            shown = ~seen.is_hidden
-            colors, legend = segment_colors(self._segmented[frame])
-            return seen.pixels[shown], colors[seen.indices[shown]], legend
-        numbers, drawn = self._numbers(frame, seen)
-        palette = palette_of(self.observations, self.by)
-        pixels, numbers = seen.pixels[drawn], numbers[drawn]
-        return pixels, palette.colors[numbers], palette.legend(None if self.by in WHOLE_LEGEND else numbers)
-
-    def _numbers(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.integer], npt.NDArray[np.intp]]:
-        """Number (M,) of each point in the palette, and the points (K,) that are drawn, in their order."""
-        if self.by == "depth":
-            return depth_levels(seen.ranges_m), np.flatnonzero(~seen.is_hidden)
-        if self.by == "agreement":
-            kinds = kinds_of(self.observations, frame, seen, self.together)
-            return kinds, np.flatnonzero(kinds != NO_PAIR)
-        classes = self.observations.clouds[frame].classes[seen.indices]
-        drawn = np.flatnonzero(~seen.is_hidden & (classes != NO_CLASS))
-        return classes, drawn[edges_by_strength(classes[drawn])] if self.by == "edge" else drawn
 
     def _background(self, frame: int) -> Image:
         """The image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
         if self.by == "edge":
             return edge_picture(self.drive, self.drive.frames[frame])
         image, is_photograph = picture_of(self.drive, self.observations, frame)
-        return _dim(image) if is_photograph else (LABEL_STRENGTH * image).astype(np.uint8)
+        if not is_photograph:
+            return (LABEL_STRENGTH * image).astype(np.uint8)
+        mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
+        dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
+        return dimmed
+
+    def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
+        """Pixels (M, 2) and colours (M, 3) of the dots in the order in which they are drawn, with their legend."""
+        shown = np.flatnonzero(~seen.is_hidden)
+        if self.by == "segment":
+            colors, legend = segment_colors(self._segmented[frame])
+            return seen.pixels[shown], colors[seen.indices[shown]], legend
+        palette = palette_of(self.observations, self.by)
+        if self.by == "depth":
+            return seen.pixels[shown], palette.colors[depth_levels(seen.ranges_m)[shown]], palette.legend()
+        if self.by == "agreement":
+            kinds = kinds_of(self.observations, frame, seen, self.together)
+            judged = kinds != NO_PAIR
+            return seen.pixels[judged], palette.colors[kinds[judged]], palette.legend()
+        classes = self.observations.clouds[frame].classes[seen.indices]
+        shown = shown[classes[shown] != NO_CLASS]
+        if self.by == "edge":
+            shown = shown[edges_by_strength(classes[shown])]
+        return seen.pixels[shown], palette.colors[classes[shown]], palette.legend(classes[shown])
 
     @cached_property
     def _segmented(self) -> list[_core.SegmentedSweep]:
@@ -246,41 +220,16 @@ class Overlays:
     @cached_property
     def together(self) -> npt.NDArray[np.bool_]:
         """Classes of points and of pixels that go together at the last pose."""
-        return goes_together(*list(self.views.values())[-1])
+        return goes_together(list(self.views.values())[-1].agreement())
 
 
-def kinds_of(
-    observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.intp]:
-    """Index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label."""
-    point = observations.clouds[frame].classes[seen.indices]
-    pixel = at_pixels(observations.images[frame].classes, seen.pixels)
-    labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
-    kinds = np.full(len(point), NO_PAIR, np.intp)
-    kinds[labelled] = np.where(seen.is_hidden[labelled], HIDDEN, ~together[point[labelled], pixel[labelled]])
-    return kinds
-
-
-def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
-    """Mask of the classes of points (rows) and of pixels found together more often than by chance over all frames."""
-    agreement = _core.agreement(unrolled(observations, T_camera_lidar).core, T_camera_lidar)
-    return over_chance(agreement.joint) > 1.0
-
-
-def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Ratio of each pair's frequency to its frequency by chance, p(x, y) / (p(x) p(y)); 0 for a pair never seen."""
-    by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
-    return np.asarray(joint / np.where(by_chance > 0.0, by_chance, 1.0))
-
-
-def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
-    """Values of an image at the pixels (M, 2), (u, v), or at the nearest ones inside."""
-    u, v = pixels.T
-    return np.asarray(image[v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)])
+def edges_by_strength(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:
+    """Indices of the points with an edge: steps in intensity, then steps in range, the strongest of either last."""
+    found = np.flatnonzero(is_edge(classes))
+    return found[np.argsort(classes[found], kind="stable")]
 
 
 def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) -> Image:
-    """Draw dots in order; where they overlap, the last is seen."""
     canvas = background.copy()
     height, width = canvas.shape[:2]
     radius = max(1, round(width / COLUMNS_PER_DOT_RADIUS))
@@ -294,30 +243,74 @@ def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) 
     return canvas
 
 
-def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
-    """Read the image of a frame, and tell whether it is a photograph: without one, it is the label image in colours.
+def draw_labels(
+    picture: Image,
+    ids: npt.NDArray[np.uint16],
+    classes: Mapping[str, Sequence[int]],
+    ignored: Sequence[int],
+) -> Image:
+    """Draw a picture beside itself under the colours of its labels, with a legend of the classes that it shows.
 
-    Raises:
-        InputError: the frame has neither, or its image is wrong.
+    Args:
+        picture: (H, W, 3) blue, green, red.
+        ids: (H, W) ids of the pixels.
+        classes: Ids of each name; empty without names.
+        ignored: Ids that carry no information, which get no colour.
+
+    Returns:
+        (H', W', 3) blue, green, red.
     """
-    image = read_frame_image(drive, drive.frames[frame])
-    if image is not None:
-        return image, True
-    if not observations.image_class_names:
-        key = drive.frames[frame].key("image")
-        raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
-    _, colors = palettes(observations)
-    table = np.zeros((256, 3), dtype=np.uint8)
-    table[: len(colors)] = colors
-    return table[observations.images[frame].classes], False
+    found, counts = np.unique(ids, return_counts=True)
+    num_pixels = dict(zip(found.tolist(), counts.tolist(), strict=True))
+    names = {value: name for name, values in classes.items() for value in values}
+    shown = [value for value in num_pixels if value not in ignored and (value in names or not names)]
+    # Colours of all classes, so that they do not depend on what a picture shows.
+    every = list(classes) or [str(value) for value in shown]
+    colors = dict(zip(every, class_colors(every), strict=True))
+    drawn = picture.copy()
+    for value in shown:
+        here = ids == value
+        mixed = (1.0 - LABEL_SHARE) * picture[here] + LABEL_SHARE * colors[names.get(value, str(value))]
+        drawn[here] = mixed.round().astype(np.uint8)
+    named = [names.get(value, str(value)) for value in sorted(shown, key=lambda value: -num_pixels[value])]
+    is_wide = picture.shape[1] > WIDE * picture.shape[0]
+    both = before_after({"picture": picture, "labels": drawn}, stacked=is_wide)
+    legend = {name: tuple(colors[name].tolist()) for name in named}
+    return np.vstack([both, draw_legend(legend, both.shape[1])])
 
 
-def _dim(image: Image) -> Image:
-    """Darken an image and take colour out of it."""
-    gray = image.mean(axis=2, keepdims=True)
-    mixed = BACKGROUND_GRAY * gray + (1.0 - BACKGROUND_GRAY) * image
-    dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
-    return dimmed
+def before_after(images: Mapping[str, Image], *, stacked: bool = False) -> Image:
+    """Put images of one size beside (or above) each other, in order, each under its caption."""
+    widths = [image.shape[1] for image in images.values()]
+    width = max(widths) if stacked else sum(widths)
+    captioned = [add_caption(image, caption, width) for caption, image in images.items()]
+    return np.vstack(captioned) if stacked else np.hstack(captioned)
+
+
+def add_caption(image: Image, caption: str, shown_width: int) -> Image:
+    """Put a line of text above an image, sized for the width of all that is shown."""
+    scale, line = _text_size(shown_width)
+    strip = _filled(line, image.shape[1])
+    _write(strip, caption, (line // 2, 0), scale, line)
+    return np.vstack([strip, image])
+
+
+def draw_legend(legend: Legend, width: int) -> Image:
+    """Draw a strip, (h, width, 3), of swatches and names."""
+    scale, line = _text_size(width)
+    spots: list[tuple[int, int]] = []
+    x, y = line // 2, 0
+    for name in legend:
+        step = 2 * line + cv2.getTextSize(name, FONT, scale, 1)[0][0]
+        if x + step > width and x > line // 2:
+            x, y = line // 2, y + line
+        spots.append((x, y))
+        x += step
+    strip = _filled(y + line, width)
+    for (name, color), (x, y) in zip(legend.items(), spots, strict=True):
+        cv2.circle(strip, (x + line // 3, y + line // 2), line // 4, color, cv2.FILLED, cv2.LINE_AA)
+        _write(strip, name, (x + line, y), scale, line)
+    return strip
 
 
 def _text_size(width: int) -> tuple[float, int]:

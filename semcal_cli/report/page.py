@@ -1,4 +1,4 @@
-"""The report page: the template filled with all figures, images, style and script."""
+"""The pages about a calibration and about a verification."""
 
 from __future__ import annotations
 
@@ -7,42 +7,56 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
+from semcal_cli.assessment.limits import offsets_in_all
 from semcal_cli.assessment.pairing import frame_names
 from semcal_cli.config import LABELS
 from semcal_cli.drive.cues.table import files_of
-from semcal_cli.drive.motion import unrolled
+from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report import words
-from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
-from semcal_cli.report.curves import information_curves
+from semcal_cli.report.colors import Coloring, coloring_of
+from semcal_cli.report.figures import class_agreements, curve_plots, frames_plots, information_curves
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.notations import files, notations
+from semcal_cli.report.notations import T_notation, files, notations
+from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_BYTES, MAX_FRAMES, data_uri, make_pictures
-from semcal_cli.report.plots import curve_plots, frames_plots
+from semcal_cli.report.points import View
 from semcal_cli.report.registration import RegistrationPictures
-from semcal_cli.report.template import render_page
+from semcal_cli.report.template import Verdict, linked, render_page
+from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import intrinsic_texts
+from semcal_cli.result.intervals import CHECK_NAMES
 from semcal_cli.result.provenance import describe_input, versions
 from semcal_cli.result.sections import DrivePart
 
+if TYPE_CHECKING:
+    from semcal_cli.drive.loading import LoadedDrive
+    from semcal_cli.initialization.initial_pose import InitialPose
+    from semcal_cli.pipeline.verification import Verification
+
 SCRIPTS = tuple(f"report/{name}.js" for name in ("picture", "pictures", "cloud", "page"))
+TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
+FOUND = "found on this drive"
+"""Caption of the pose that a verification found."""
+BEYOND, FARTHEST = 1.25, 6.0
+"""Multiple of the farthest offset that bars reach to either side, and largest multiple of what is allowed."""
 
 
 def write_report(
     report: ReportInput, path: Path, progress: Callable[[str], None] = lambda doing: None
 ) -> None:
-    """Write the page.
+    """Write the page about a calibration.
 
     Args:
         report: Transform and frames that the page shows.
@@ -52,18 +66,11 @@ def write_report(
     Raises:
         InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
     """
-    write_text(report_html(report, progress), path)
-
-
-def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
-    """Gather everything and fill the template."""
     observations, T, record = report.observations, report.T_camera_lidar, report.record
     agreement, before = _core.agreement(observations.core, T), None
     if report.before is not None:
-        # At another pose a rolling shutter sees points on other lines.
-        T_before = report.before.T_camera_lidar
-        seen = unrolled(report.seen_as(report.before.drive), T_before)
-        before = _core.agreement(seen.core, T_before)
+        before = View(report.seen_as(report.before.drive), report.before.T_camera_lidar).agreement()
+    parts = _parts(report)
     # What is mostly Python takes the time in which something else is in the core or in an encoder.
     with ThreadPoolExecutor(1) as pool:
         pool.submit(import_module, "matplotlib.figure")
@@ -75,12 +82,21 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         registration = pool.submit(_registration, report)
         cloud = pool.submit(frame_cloud, report)
         progress("calibrating each frame on its own")
-        of_frames = _of_frames(report)
+        of_frames: FrameOffsets | None = None
+        if observations.num_frames > 1 and not observations.has_vectors:
+            of_frames = frame_offsets(observations, T, parts)
         progress("drawing the registration")
     progress("writing the page")
-    return render_page(
+    made_by, options, hashes = versions(), "", {}
+    if record is None:
+        hashes = describe_input(report.drive, None, Path(), files_of(LABELS)).sha256
+    else:
+        made_by, hashes = record.settings.versions, record.input.sha256
+        options = document_text(record.settings.options, "yaml")
+    page = render_page(
         "report/page.html",
         SCRIPTS,
+        version=made_by.get("semcal", ""),
         words=words,
         report=report,
         record=record,
@@ -98,24 +114,16 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         of_frames=of_frames,
         frame_names=frame_names([frame.points for frame in report.drive.frames]),
         frames_plots=frames_plots,
-        num_parts=len(_parts(report)),
+        num_parts=len(parts),
         intrinsics=intrinsic_texts(record.camera) if record and record.camera else [],
         error_of=lambda stage: compare_poses(np.array(stage.T_camera_lidar), T),
-        reach=_reach(record) if record else None,
+        reach=_reach_of_hypotheses(record) if record else None,
         cloud=asdict(cloud.result()),
-        **_made_from(report),
+        options=options,
+        versions=made_by,
+        hashes=hashes,
     )
-
-
-def _made_from(report: ReportInput) -> dict[str, Any]:
-    """What the figures were made from: the calibration's own record, or else this version and these files."""
-    record = report.record
-    if record is None:
-        hashes = describe_input(report.drive, None, Path(), files_of(LABELS)).sha256
-        return {"options": "", "versions": versions(), "hashes": hashes}
-    made_by, options = record.settings.versions, document_text(record.settings.options, "yaml")
-    version = made_by.get("semcal", "")
-    return {"options": options, "version": version, "versions": made_by, "hashes": record.input.sha256}
+    write_text(page, path)
 
 
 def _registration(report: ReportInput) -> str | None:
@@ -126,14 +134,6 @@ def _registration(report: ReportInput) -> str | None:
     return None if found is None else data_uri(found.draw(0), MAX_BYTES)
 
 
-def _of_frames(report: ReportInput) -> FrameOffsets | None:
-    """Calibrate each frame on its own; None with features, or of one frame."""
-    observations, parts = report.observations, _parts(report)
-    if observations.has_vectors or observations.num_frames < 2:
-        return None
-    return frame_offsets(observations, report.T_camera_lidar, parts)
-
-
 def _parts(report: ReportInput) -> tuple[DrivePart, ...]:
     """Parts of the drive that fit a pose each, if the calibration was computed from the frames that are shown."""
     parts = () if report.record is None or not report.is_of_record else report.record.parts
@@ -141,7 +141,7 @@ def _parts(report: ReportInput) -> tuple[DrivePart, ...]:
     return parts if is_whole else ()
 
 
-def _reach(record: Calibration) -> tuple[float, float]:
+def _reach_of_hypotheses(record: Calibration) -> tuple[float, float]:
     """Range of the information of mountings less its bias, with one standard error to either side."""
     found = [
         (each.mutual_information_nats - each.bias_nats, each.sigma_nats or 0.0) for each in record.hypotheses
@@ -149,3 +149,54 @@ def _reach(record: Calibration) -> tuple[float, float]:
     low = min((nats - sigma for nats, sigma in found), default=0.0)
     high = max((nats + sigma for nats, sigma in found), default=1.0)
     return low, high
+
+
+def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
+    """Put the transform that was verified and the one that was found beside each other, on evenly spaced frames."""
+    few = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
+    poses = {initial_pose.name: initial_pose.T_camera_lidar, FOUND: found.T_camera_lidar}
+    of_estimate = few.drive.model_copy(update={"time_offset_s": found.time_offset_s})
+    others = {FOUND: seen_as(few.first_cue, few.drive, of_estimate)}
+    by: Coloring = "edge" if coloring_of(few.first_cue) == "edge" else "agreement"
+    return Overlays(few.drive, few.first_cue, poses, by, others)
+
+
+def write_verification(found: Verification, data: LoadedDrive, initial_pose: InitialPose, path: Path) -> None:
+    """Write the page about a verification: the verdict axis by axis, and both transforms on the pictures.
+
+    Args:
+        found: Verdict, checks, and the pose that was found.
+        data: The drive that it was found on.
+        initial_pose: The transform that was verified.
+        path: HTML file to write.
+
+    Raises:
+        InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
+    """
+    name, record = initial_pose.name, initial_pose.record
+    staying = apply_result(record, data.drive, name)
+    camera = []
+    if record is not None and record.has_found_camera and "camera" not in dict(staying.changes):
+        camera = [f"The camera is that of {name}, estimated together with the transform."]
+    farthest = max((abs(check.offset) + (check.half_width or 0.0)) / check.allowed for check in found.checks)
+    page = render_page(
+        "report/verification.html",
+        ("report/picture.js", "report/pictures.js"),
+        verdict=Verdict(
+            found.verdict,
+            TITLES[found.verdict],
+            found.sentence,
+            "; ".join(offsets_in_all(found.checks)),
+            linked(found.reasons, found.topics),
+        ),
+        notices=(*camera, *staying.sentences, *found.notes),
+        name=name,
+        drive=data.drive,
+        checks=found.checks,
+        check_names=CHECK_NAMES,
+        reach=min(BEYOND * max(1.0, farthest), FARTHEST),
+        pictures=make_pictures(both_overlays(found, data, initial_pose)),
+        verified=T_notation(initial_pose.T_camera_lidar),
+        found=T_notation(found.T_camera_lidar),
+    )
+    write_text(page, path)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Literal
 
 import cv2
@@ -14,15 +15,8 @@ import numpy as np
 import PIL.Image
 import PIL.WebPImagePlugin
 
-from semcal_cli.drive.observations import Observations
-from semcal_cli.report.edges import coloring_of, edge_picture, is_edge
-from semcal_cli.report.overlay import Image, Overlays, picture_of
-from semcal_cli.report.palette import (
-    DISAGREES,
-    Coloring,
-    color_tables,
-    legends,
-)
+from semcal_cli.report.colors import DISAGREES, Coloring, PageColors, coloring_of, page_colors
+from semcal_cli.report.overlay import Image, Overlays, edge_picture, picture_of
 from semcal_cli.report.points import FramePoints, frame_points
 from semcal_cli.threads import thread_pool
 
@@ -49,16 +43,6 @@ MIN_DISAGREEING = 8
 
 
 @dataclass(frozen=True)
-class Crop:
-    """The part of a picture in which most points disagree."""
-
-    window: tuple[float, float, float, float]
-    """Left and upper end, width and height, as shares of the picture."""
-    num_disagreeing: int
-    num_judged: int
-
-
-@dataclass(frozen=True)
 class Picture:
     """The picture of one frame, with its points for the page's script."""
 
@@ -78,6 +62,17 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Crop:
+    """The part of a picture in which most points disagree."""
+
+    picture: Picture
+    window: tuple[float, float, float, float]
+    """Left and upper end, width and height, as shares of the picture."""
+    num_disagreeing: int
+    num_judged: int
+
+
+@dataclass(frozen=True)
 class Pictures:
     """Pictures of evenly spaced frames, at the poses under their captions."""
 
@@ -89,14 +84,11 @@ class Pictures:
     """What colours say at first."""
     others: tuple[Picture, ...]
     """All others, in the order of the drive."""
-    worst: tuple[Picture, Crop] | None
+    worst: Crop | None
     """The part of all pictures in which most points disagree; None of edges, of which many have no partner anywhere."""
     moved_px: tuple[float, float] | None
     """Median and 95 % quantile of the pixels by which points move between the poses; None for one pose."""
-    palette: dict[str, list[list[int] | None]]
-    """Red, green and blue by class or edge, by level of depth, and by agreement; None for what is not drawn."""
-    legends: dict[str, dict[str, str]]
-    """Colour of each name, #rrggbb, by what colours say."""
+    colors: PageColors
 
     @property
     def is_moved(self) -> bool:
@@ -119,31 +111,31 @@ def make_pictures(overlays: Overlays) -> Pictures:
         InputError: an image is missing or wrong.
     """
     observations, views = overlays.observations, list(overlays.views.values())
-    together = overlays.together
-    numbers = range(observations.num_frames)
+    together, frames = overlays.together, range(observations.num_frames)
     with thread_pool() as pool:
-        projected = list(pool.map(lambda number: frame_points(views, number, together), numbers))
-        moved_px = _moved_px(projected) if len(views) > 1 else None
+        found = list(pool.map(lambda frame: frame_points(views, frame, together), frames))
+        moved_px = _moved_px(found) if len(views) > 1 else None
         if moved_px is not None and moved_px[1] < SEEN_PX:
-            projected = [replace(points, poses=points.poses[-1:]) for points in projected]
-        best = _best(projected)
-        made = list(pool.map(_packer(overlays, projected, best), numbers))
-    shown = [points.classes[points.poses[-1].is_visible] for points in projected]
+            found = [replace(points, poses=points.poses[-1:]) for points in found]
+        best = _best(found)
+        num_shares = len(found) + BEST_SHARES - 1
+        shares = [Fraction(BEST_SHARES if frame == best else 1, num_shares) for frame in frames]
+        made = list(pool.map(lambda frame: _pack(overlays, frame, found[frame], shares[frame]), frames))
+    shown = np.concatenate([points.classes[points.poses[-1].is_visible] for points in found])
     return Pictures(
         captions=tuple(overlays.poses),
         best=made[best],
         by=overlays.by,
-        others=tuple(picture for number, picture in enumerate(made) if number != best),
-        worst=_worst(projected, made) if coloring_of(observations) == "class" else None,
+        others=tuple(picture for frame, picture in enumerate(made) if frame != best),
+        worst=_worst(found, made) if coloring_of(observations) == "class" else None,
         moved_px=moved_px,
-        palette=color_tables(observations),
-        legends=legends(observations, np.concatenate(shown)),
+        colors=page_colors(observations, shown),
     )
 
 
-def _best(projected: Sequence[FramePoints]) -> int:
+def _best(found: Sequence[FramePoints]) -> int:
     """Find the frame on which most points agree, of those that do not show much less than others."""
-    shown = [points.poses[-1] for points in projected]
+    shown = [points.poses[-1] for points in found]
     enough = 0.5 * float(np.median([points.num_judged for points in shown]))
     return max(
         range(len(shown)),
@@ -151,48 +143,34 @@ def _best(projected: Sequence[FramePoints]) -> int:
     )
 
 
-def _packer(overlays: Overlays, projected: Sequence[FramePoints], best: int) -> Callable[[int], Picture]:
-    num_shares = len(projected) + BEST_SHARES - 1
-    bytes_per_point = 1 + 6 * len(projected[0].poses)
-
-    def pack(number: int) -> Picture:
-        share = BEST_SHARES if number == best else 1
-        points = projected[number]
-        most = min(MAX_POINTS, share * MAX_POINT_BYTES // (num_shares * bytes_per_point))
-        few = few_points(overlays.observations, points, most)
-        image, ground = _ground(overlays, number)
-        height, width = image.shape[:2]
-        return Picture(
-            name=overlays.frame_names[number],
-            number=number,
-            width=width,
-            height=height,
-            ground=ground,
-            uri=data_uri(image, min(MAX_BYTES, share * MAX_PICTURE_BYTES // num_shares)),
-            agreements=tuple(pose.agreement for pose in points.poses),
-            points=few.packed(width, height),
-        )
-
-    return pack
-
-
-def _ground(overlays: Overlays, number: int) -> tuple[Image, Literal["photograph", "labels", "edges"]]:
-    """Draw what lies beneath the points of a frame."""
-    if coloring_of(overlays.observations) == "edge":
-        return edge_picture(overlays.drive, overlays.drive.frames[number]), "edges"
-    image, is_photograph = picture_of(overlays.drive, overlays.observations, number)
-    return image, "photograph" if is_photograph else "labels"
+def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) -> Picture:
+    """Make the picture of a frame, which may take a share of the bytes of all."""
+    drive, observations = overlays.drive, overlays.observations
+    ground: Literal["photograph", "labels", "edges"] = "edges"
+    if coloring_of(observations) == "edge":
+        image = edge_picture(drive, drive.frames[frame])
+    else:
+        image, is_photograph = picture_of(drive, observations, frame)
+        ground = "photograph" if is_photograph else "labels"
+    height, width = image.shape[:2]
+    bytes_per_point = 1 + 6 * len(points.poses)
+    most = min(MAX_POINTS, int(share * MAX_POINT_BYTES / bytes_per_point))
+    return Picture(
+        name=overlays.frame_names[frame],
+        number=frame,
+        width=width,
+        height=height,
+        ground=ground,
+        uri=data_uri(image, min(MAX_BYTES, int(share * MAX_PICTURE_BYTES))),
+        agreements=tuple(pose.agreement for pose in points.poses),
+        points=points.thinned(most).packed(width, height),
+    )
 
 
-def few_points(observations: Observations, points: FramePoints, most: int) -> FramePoints:
-    """Keep at most this number of points of a frame, those with an edge before all others."""
-    return points.thinned(most, is_edge(points.classes) if coloring_of(observations) == "edge" else None)
-
-
-def _worst(projected: Sequence[FramePoints], made: Sequence[Picture]) -> tuple[Picture, Crop] | None:
-    crops = [_crop(points, picture) for points, picture in zip(projected, made, strict=True)]
-    worst = max(range(len(made)), key=lambda frame: (crops[frame].num_disagreeing, -frame))
-    return (made[worst], crops[worst]) if crops[worst].num_disagreeing >= MIN_DISAGREEING else None
+def _worst(found: Sequence[FramePoints], made: Sequence[Picture]) -> Crop | None:
+    crops = map(_crop, found, made)
+    worst = max(crops, key=lambda crop: (crop.num_disagreeing, -crop.picture.number))
+    return worst if worst.num_disagreeing >= MIN_DISAGREEING else None
 
 
 def _crop(points: FramePoints, picture: Picture) -> Crop:
@@ -211,11 +189,11 @@ def _crop(points: FramePoints, picture: Picture) -> Crop:
     height = min(WINDOW[0] * size_px / picture.height, 1.0)
     top = min(row * size_px / picture.height, 1.0 - height)
     window = float(column / CELLS), float(top), WINDOW[1] / CELLS, float(height)
-    return Crop(window, int(sums[0, row, column]), int(sums[1, row, column]))
+    return Crop(picture, window, int(sums[0, row, column]), int(sums[1, row, column]))
 
 
-def _moved_px(projected: Sequence[FramePoints]) -> tuple[float, float]:
-    moved = np.concatenate([points.moved_px() for points in projected])
+def _moved_px(found: Sequence[FramePoints]) -> tuple[float, float]:
+    moved = np.concatenate([points.moved_px() for points in found])
     if len(moved) == 0:
         return math.inf, math.inf
     return float(np.median(moved)), float(np.quantile(moved, 0.95))

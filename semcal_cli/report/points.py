@@ -1,22 +1,104 @@
-"""The points of a frame at one or more poses: where they land, whether they agree, and how far away they are."""
+"""Points of a frame on its picture: where they land, which are hidden, and whether their classes agree."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli import _core
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.report.overlay import View, kinds_of
-from semcal_cli.report.palette import AGREES, DISAGREES, HIDDEN, depth_levels
+from semcal_cli.drive.motion import points_at, unrolled
+from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.report.colors import (
+    AGREES,
+    DISAGREES,
+    HIDDEN,
+    NO_PAIR,
+    coloring_of,
+    depth_levels,
+    is_edge,
+)
 
 NOT_SEEN = 255
 """Kind of a point outside the picture."""
 TOP = 65_535
 """Largest number of the packed positions: that of the picture's longer side."""
+
+
+class Seen(NamedTuple):
+    """Points that project into an image, farthest first."""
+
+    indices: npt.NDArray[np.intp]
+    positions: npt.NDArray[np.float64]
+    """(M, 2), (u, v)."""
+    ranges_m: npt.NDArray[np.float64]
+    """(M,) distances from the camera."""
+    is_hidden: npt.NDArray[np.bool_]
+
+    @property
+    def pixels(self) -> npt.NDArray[np.intp]:
+        """(M, 2), (u, v), nearest pixels."""
+        return np.rint(self.positions).astype(np.intp)
+
+
+def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
+    """Find the points (N, 3), metres, LiDAR frame, that project into the image, and mark the hidden ones among them."""
+    projected = _core.project_points(core_camera(camera), points, T_camera_lidar)
+    seen = np.flatnonzero(np.isfinite(projected.ranges))
+    seen = seen[np.argsort(-projected.ranges[seen], kind="stable")]
+    return Seen(seen, projected.pixels[seen], projected.ranges[seen], projected.is_hidden[seen])
+
+
+class View(NamedTuple):
+    """A pose, and the observations as the camera and the clock see them that it belongs to."""
+
+    observations: Observations
+    T_camera_lidar: Pose
+
+    def seen_in_frame(self, frame: int) -> Seen:
+        """Find the points of a frame that its picture shows, each on the line that is exposed then."""
+        points = points_at(self.observations, frame, self.T_camera_lidar)
+        return points_in_image(points, self.T_camera_lidar, self.observations.camera)
+
+    def agreement(self) -> _core.Agreement:
+        """Count the pairs of classes of visible points and of their pixels in all frames."""
+        return _core.agreement(unrolled(self.observations, self.T_camera_lidar).core, self.T_camera_lidar)
+
+
+def goes_together(agreement: _core.Agreement) -> npt.NDArray[np.bool_]:
+    """Mask of the classes of points (rows) and of pixels that are found together more often than by chance."""
+    return over_chance(agreement.joint) > 1.0
+
+
+def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Ratio of each pair's frequency to its frequency by chance, p(x, y) / (p(x) p(y)); 0 for a pair never seen."""
+    by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
+    return np.asarray(joint / np.where(by_chance > 0.0, by_chance, 1.0))
+
+
+def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+    """Values of an image at the pixels (M, 2), (u, v), or at the nearest ones inside."""
+    u, v = pixels.T
+    return np.asarray(image[v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)])
+
+
+def kinds_of(
+    observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.intp]:
+    """Index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label."""
+    point = observations.clouds[frame].classes[seen.indices]
+    pixel = at_pixels(observations.images[frame].classes, seen.pixels)
+    labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
+    kinds = np.full(len(point), NO_PAIR, np.intp)
+    kinds[labelled] = np.where(seen.is_hidden[labelled], HIDDEN, ~together[point[labelled], pixel[labelled]])
+    return kinds
 
 
 @dataclass(frozen=True)
@@ -36,19 +118,14 @@ class PosePoints:
         return np.asarray((self.kinds != NOT_SEEN) & (self.kinds != HIDDEN))
 
     @property
-    def num_agreeing(self) -> int:
-        """Number of visible points whose class and that of their pixel go together."""
-        return int((self.kinds == AGREES).sum())
-
-    @property
     def num_judged(self) -> int:
         """Number of visible points with a label on both sides."""
-        return self.num_agreeing + int((self.kinds == DISAGREES).sum())
+        return int((self.kinds <= DISAGREES).sum())
 
     @property
     def agreement(self) -> float | None:
         """Share of the visible points that agree; None if none has labels on both sides."""
-        return self.num_agreeing / self.num_judged if self.num_judged else None
+        return int((self.kinds == AGREES).sum()) / self.num_judged if self.num_judged else None
 
 
 @dataclass(frozen=True)
@@ -60,15 +137,17 @@ class FramePoints:
     classes: npt.NDArray[np.uint8]
     """(N,) class of each point."""
     poses: tuple[PosePoints, ...]
+    by_edge: bool = False
+    """Whether classes are steps beside the points."""
 
-    def thinned(self, count: int, is_first: npt.NDArray[np.bool_] | None = None) -> FramePoints:
-        """Keep at most this number of points, evenly spaced in their order: those of a mask (N,) before all others."""
-        first = np.zeros(len(self.classes), bool) if is_first is None else is_first
+    def thinned(self, count: int) -> FramePoints:
+        """Keep at most this number of points, evenly spaced in their order; those with an edge before all others."""
+        first = is_edge(self.classes) if self.by_edge else np.zeros(len(self.classes), bool)
         chosen = evenly_spaced(np.flatnonzero(first).tolist(), count)
         others = evenly_spaced(np.flatnonzero(~first).tolist(), count - len(chosen))
         kept = np.sort(np.array([*chosen, *others], np.intp))
         poses = (PosePoints(p.positions[kept], p.kinds[kept], p.levels[kept]) for p in self.poses)
-        return FramePoints(self.indices[kept], self.classes[kept], tuple(poses))
+        return FramePoints(self.indices[kept], self.classes[kept], tuple(poses), self.by_edge)
 
     def moved_px(self) -> npt.NDArray[np.float64]:
         """Distances, in pixels, between the first and the last pose, of points that both show."""
@@ -79,18 +158,16 @@ class FramePoints:
     def packed(self, width: int, height: int) -> dict[str, object]:
         """Write the arrays as base64 for a page's script; positions as uint16 from the picture's corner."""
         scale = TOP / max(width, height)
-        return {
-            "scale": scale,
-            "classes": packed(self.classes),
-            "poses": [
-                {
-                    "positions": packed(_packable(pose.positions, scale)),
-                    "kinds": packed(pose.kinds),
-                    "levels": packed(pose.levels),
-                }
-                for pose in self.poses
-            ],
-        }
+
+        def of_pose(pose: PosePoints) -> dict[str, str]:
+            positions = np.clip(np.rint((pose.positions + 0.5) * scale), 0, TOP).astype("<u2")
+            return {
+                "positions": packed(positions),
+                "kinds": packed(pose.kinds),
+                "levels": packed(pose.levels),
+            }
+
+        return {"scale": scale, "classes": packed(self.classes), "poses": [*map(of_pose, self.poses)]}
 
 
 def frame_points(views: Sequence[View], frame: int, together: npt.NDArray[np.bool_]) -> FramePoints:
@@ -117,11 +194,7 @@ def frame_points(views: Sequence[View], frame: int, together: npt.NDArray[np.boo
         kinds[each.indices] = np.where(each.is_hidden, HIDDEN, kinds_of(observations, frame, each, together))
         levels[each.indices] = depth_levels(each.ranges_m)
         found.append(PosePoints(positions[order], kinds[order], levels[order]))
-    return FramePoints(order, cloud.classes[order], tuple(found))
-
-
-def _packable(positions: npt.NDArray[np.float64], scale: float) -> npt.NDArray[np.uint16]:
-    return np.clip(np.rint((positions + 0.5) * scale), 0, TOP).astype("<u2")
+    return FramePoints(order, cloud.classes[order], tuple(found), coloring_of(observations) == "edge")
 
 
 def packed(array: npt.NDArray[np.generic]) -> str:

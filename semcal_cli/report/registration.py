@@ -13,7 +13,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig, Zoom
@@ -24,7 +23,7 @@ from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.registration import Registration, place
-from semcal_cli.report.colors import Colors, palettes
+from semcal_cli.report.colors import painted, palettes
 from semcal_cli.report.overlay import Image, add_caption, overlay_paths
 from semcal_cli.result.calibration import Calibration
 
@@ -37,6 +36,7 @@ NUM_LINES = 60
 MIN_STRIP_ROWS = 120
 """Rows of a spherical image in a picture, at least; few channels would hardly be seen."""
 EMPTY_COLOR = (24, 24, 24)
+"""Blue, green and red of pixels without a class."""
 LINE_COLOR = (235, 235, 235)
 CAPTIONS = (
     "sweep: labels by azimuth and elevation",
@@ -51,7 +51,7 @@ class RegistrationPictures:
 
     observations: Observations
     registration: Registration
-    config: InitializationConfig
+    zoom: Zoom
     middle: float
     """Azimuth of the optical axis in the LiDAR frame, in radians: the middle of the strips."""
 
@@ -69,7 +69,7 @@ class RegistrationPictures:
         T = np.eye(4)
         T[:3, :3] = T_camera_lidar[:3, :3]
         placed = place(observations, config, (T, math.radians(AROUND_DEG)))
-        return cls(observations, placed, config, math.atan2(T[2, 1], T[2, 0]))
+        return cls(observations, placed, config.zoom, math.atan2(T[2, 1], T[2, 0]))
 
     @classmethod
     def of_record(cls, observations: Observations, record: Calibration) -> RegistrationPictures | None:
@@ -99,70 +99,50 @@ class RegistrationPictures:
 
     def draw(self, frame: int) -> Image:
         """Draw a frame, numbered from 0."""
-        placement, images = self.registration.placements[0], self.registration.images
-        of_points, of_pixels = palettes(self.observations)
-        sweep = images.classes(frame)
-        zoomed = placement.zoomed(self.observations.core, images, self.config.zoom, frame)
-        strips = [self._strip(_colored(sweep, of_points)), self._strip(_colored(zoomed, of_pixels))]
-        labels = _colored(self.observations.images[frame].classes, of_pixels)
+        images, (point_colors, pixel_colors) = self.registration.images, palettes(self.observations)
+        zoomed = self.registration.placements[0].zoomed(self.observations.core, images, self.zoom, frame)
+        labels = painted(self.observations.images[frame].classes, pixel_colors, EMPTY_COLOR)
+        strips = [
+            self._strip(painted(images.classes(frame), point_colors, EMPTY_COLOR)),
+            self._strip(painted(zoomed, pixel_colors, EMPTY_COLOR)),
+        ]
         scale = WIDTH / labels.shape[1]
-        size = WIDTH, max(1, round(labels.shape[0] * scale))
-        picture = _resized(labels, size)
+        picture = _resized(labels, max(1, round(labels.shape[0] * scale)))
         parts = [
             add_caption(part, text, WIDTH) for part, text in zip((*strips, picture), CAPTIONS, strict=True)
         ]
         canvas: Image = np.vstack(parts)
-        top = canvas.shape[0] - picture.shape[0]
-        caption = parts[0].shape[0] - strips[0].shape[0]
-        for start, end in self._lines(frame, strips[0].shape[0], scale):
-            cv2.line(
-                canvas,
-                (start[0], start[1] + caption),
-                (end[0], end[1] + top),
-                LINE_COLOR,
-                1,
-                cv2.LINE_AA,
-            )
+        strip_rows = strips[0].shape[0]
+        caption, top = parts[0].shape[0] - strip_rows, canvas.shape[0] - picture.shape[0]
+        points, pixels = self._correspondences(frame)
+        columns, rows = self._on_strip(points, strip_rows)
+        starts = np.column_stack([columns, rows]).astype(int)
+        ends = (scale * (pixels + 0.5)).astype(int)
+        for (x, y), (u, v) in zip(starts.tolist(), ends.tolist(), strict=True):
+            cv2.line(canvas, (x, y + caption), (u, v + top), LINE_COLOR, 1, cv2.LINE_AA)
         return canvas
 
     def _strip(self, image: Image) -> Image:
         """Turn a spherical image so that the optical axis is in its middle, and scale it to the picture's width."""
         columns = image.shape[1]
         turned = np.roll(image, round(self.middle / (2.0 * math.pi) * columns), axis=1)
-        rows = max(MIN_STRIP_ROWS, round(image.shape[0] * WIDTH / columns))
-        return _resized(turned, (WIDTH, rows))
+        return _resized(turned, max(MIN_STRIP_ROWS, round(image.shape[0] * WIDTH / columns)))
 
-    def _lines(
-        self, frame: int, strip_rows: int, scale: float
-    ) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-        """Give the ends of correspondences: on the strip of the sweep, and on the scaled picture."""
-        one = self.observations.of_frames([frame])
-        grid = self.registration.images.grid
-        (pairs,) = _core.sample_correspondences(
-            one.core,
-            _core.SphericalImages(one.core, grid),
-            self.config.zoom,
-            [self.registration.placements[0]],
-            NUM_LINES,
-            0,
-        )
-        x, y, z = pairs.points.T
-        right = self.middle - np.arctan2(y, x)
-        columns = (right / (2.0 * math.pi) + 0.5) % 1.0 * WIDTH
+    def _correspondences(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points (N, 3), metres, LiDAR frame, and pixels (N, 2) of some correspondences of a frame."""
+        core = self.observations.of_frames([frame]).core
+        images = _core.SphericalImages(core, self.registration.images.grid)
+        placement = self.registration.placements[0]
+        (pairs,) = _core.sample_correspondences(core, images, self.zoom, [placement], NUM_LINES, 0)
+        return pairs.points, pairs.pixels
+
+    def _on_strip(self, points: np.ndarray, strip_rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """Columns and rows (N,) of points on the strip of the sweep."""
+        (x, y, z), grid = points.T, self.registration.images.grid
+        columns = ((self.middle - np.arctan2(y, x)) / (2.0 * math.pi) + 0.5) % 1.0 * WIDTH
         rows = (grid.top - np.arctan2(z, np.hypot(x, y))) / (grid.rows * grid.cell_height) * strip_rows
-        pixels = (pairs.pixels + 0.5) * scale
-        starts = np.column_stack([columns, rows]).astype(int).tolist()
-        for start, end in zip(starts, pixels.astype(int).tolist(), strict=True):
-            yield (start[0], start[1]), (end[0], end[1])
+        return columns, rows
 
 
-def _colored(classes: npt.NDArray[np.uint8], palette: Colors) -> Image:
-    """Colour a label image; pixels without a class are dark."""
-    table = np.full((256, 3), EMPTY_COLOR, np.uint8)
-    table[: len(palette)] = palette
-    return table[classes]
-
-
-def _resized(image: Image, size: tuple[int, int]) -> Image:
-    resized: Image = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST).astype(np.uint8, copy=False)
-    return resized
+def _resized(image: Image, rows: int) -> Image:
+    return np.asarray(cv2.resize(image, (WIDTH, rows), interpolation=cv2.INTER_NEAREST), np.uint8)

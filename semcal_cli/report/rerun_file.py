@@ -16,7 +16,7 @@ import rerun as rr
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import unrolled
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.drive.reading import load_points, read_frame_image, read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import read_size
@@ -27,8 +27,8 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import palettes
 from semcal_cli.result.applied import as_begun
 
-LIDAR = "lidar"
-"""Entity of the LiDAR's frame, under which all others stand."""
+LIDAR, CAMERAS = "lidar", "lidar/cameras"
+"""Entities of the LiDAR's frame, under which all others stand, and of the cameras in it."""
 FRAME, TIME = "frame", "time"
 """Timelines: the index of the frame, and the stamp of its sweep where there is one."""
 FRUSTUM_M = 1.0
@@ -90,7 +90,7 @@ def write_rerun(
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
     for name, T in poses.items():
         _log_camera(stream, name, T, (cameras or {}).get(name, drive.camera))
-    entity = _entity(list(poses)[-1]) if poses else "camera"  # without a pose, pictures lie in no space
+    entity = f"{CAMERAS}/{list(poses)[-1]}" if poses else "camera"  # without a pose, pictures lie in no space
     point_colors, pixel_colors = palettes(observations)
     _log_classes(stream, f"{LIDAR}/points", observations.point_class_names, point_colors)
     if observations.image_class_names:
@@ -100,8 +100,14 @@ def write_rerun(
         stream.set_time(FRAME, sequence=index)
         if frame.points_stamp is not None:
             stream.set_time(TIME, timestamp=frame.points_stamp)
-        _log_points(stream, observations, index)
-        _log_picture(stream, drive, frame, entity)
+        cloud, ids, colors = observations.clouds[index], None, None
+        if observations.point_class_names:
+            ids = cloud.classes
+        else:
+            colors = _height_colors(cloud.points)
+        points = rr.Points3D(cloud.points, class_ids=ids, colors=colors, radii=-POINT_RADIUS_PX)
+        stream.log(f"{LIDAR}/points", points)
+        stream.log(f"{entity}/picture", _picture(drive, frame))
         if observations.image_class_names:
             labels = rr.SegmentationImage(observations.images[index].classes, opacity=0.5)
             stream.log(f"{entity}/labels", labels)
@@ -109,51 +115,20 @@ def write_rerun(
     write_bytes(memory.drain_as_bytes(), path)
 
 
-def _entity(name: str) -> str:
-    return f"{LIDAR}/cameras/{name}"
-
-
 def _log_camera(stream: rr.RecordingStream, name: str, T_camera_lidar: Pose, camera: Camera) -> None:
-    relation = rr.TransformRelation.ChildFromParent
     transform = rr.Transform3D(
-        translation=T_camera_lidar[:3, 3], mat3x3=T_camera_lidar[:3, :3], relation=relation
+        translation=T_camera_lidar[:3, 3],
+        mat3x3=T_camera_lidar[:3, :3],
+        relation=rr.TransformRelation.ChildFromParent,
     )
-    stream.log(_entity(name), transform, static=True)
-    K = np.array(camera.K)
     pinhole = rr.Pinhole(
-        image_from_camera=K,
+        image_from_camera=np.array(camera.K),
         resolution=[camera.width, camera.height],
         camera_xyz=rr.ViewCoordinates.RDF,
         image_plane_distance=FRUSTUM_M,
     )
-    stream.log(_entity(name), pinhole, static=True)
-
-
-def _log_picture(stream: rr.RecordingStream, drive: Drive, frame: Frame, entity: str) -> None:
-    """Log the picture of a frame, in the bytes of its file where the viewer reads them."""
-    if frame.image is None:
-        stream.log(f"{entity}/picture", rr.Clear(recursive=False))  # else the one before would stay
-        return
-    file = drive.resolve(frame.image)
-    media_type = MEDIA_TYPES.get(file.suffix.lower())
-    if media_type is not None:
-        read_size(file)
-        content = read_bytes(file, limit=MAX_TABLE_BYTES)
-        stream.log(f"{entity}/picture", rr.EncodedImage(contents=content, media_type=media_type))
-        return
-    pixels = read_frame_image(drive, frame)
-    assert pixels is not None
-    stream.log(f"{entity}/picture", rr.Image(pixels, color_model="BGR"))
-
-
-def _log_points(stream: rr.RecordingStream, observations: Observations, index: int) -> None:
-    """Log the sweep of a frame."""
-    cloud = observations.clouds[index]
-    if observations.point_class_names:
-        points = rr.Points3D(cloud.points, class_ids=cloud.classes, radii=-POINT_RADIUS_PX)
-    else:
-        points = rr.Points3D(cloud.points, colors=_height_colors(cloud.points), radii=-POINT_RADIUS_PX)
-    stream.log(f"{LIDAR}/points", points)
+    stream.log(f"{CAMERAS}/{name}", transform, static=True)
+    stream.log(f"{CAMERAS}/{name}", pinhole, static=True)
 
 
 def _log_classes(stream: rr.RecordingStream, entity: str, names: Sequence[str], bgr: np.ndarray) -> None:
@@ -161,6 +136,20 @@ def _log_classes(stream: rr.RecordingStream, entity: str, names: Sequence[str], 
     table = [(index, name, tuple(bgr[index][::-1].tolist())) for index, name in enumerate(names)]
     table.append((NO_CLASS, "no class", UNKNOWN_COLOR))
     stream.log(entity, rr.AnnotationContext(table), static=True)
+
+
+def _picture(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
+    """The picture of a frame, in the bytes of its file where the viewer reads them."""
+    if frame.image is None:
+        return rr.Clear(recursive=False)  # else the one before would stay
+    file = drive.resolve(frame.image)
+    media_type = MEDIA_TYPES.get(file.suffix.lower())
+    if media_type is not None:
+        read_size(file)
+        return rr.EncodedImage(contents=read_bytes(file, limit=MAX_TABLE_BYTES), media_type=media_type)
+    pixels = read_frame_image(drive, frame)
+    assert pixels is not None
+    return rr.Image(pixels, color_model="BGR")
 
 
 def _height_colors(points: np.ndarray) -> np.ndarray:

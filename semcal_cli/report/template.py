@@ -1,13 +1,16 @@
-"""Templates of pages, and the files put into them unchanged, so that each page is one file."""
+"""What all pages have in common: the verdict at their head, and their templates, styles and scripts in one file."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from semcal_cli.documentation import entry_address
 from semcal_cli.result.provenance import versions
 
 PACKAGE = Path(__file__).parents[1]
@@ -21,6 +24,36 @@ ENVIRONMENT = Environment(
 )
 """Templates by their place in the package."""
 ENVIRONMENT.filters |= {"signed": lambda text: text.replace("+-", "\u00b1"), "counted": "{:,}".format}
+
+
+class Reason(NamedTuple):
+    """A reason of a verdict, as a page shows it."""
+
+    sentence: str
+    """What was found, and what to do about it."""
+    address: str | None = None
+    """Where the documentation explains it; None if it has no entry."""
+
+
+def linked(reasons: Sequence[str], topics: Sequence[str]) -> tuple[Reason, ...]:
+    """Link reasons to their entries in the documentation; without topics, as in older files, none is linked."""
+    addresses = map(entry_address, topics) if topics else repeat(None, len(reasons))
+    return tuple(Reason(*each) for each in zip(reasons, addresses, strict=True))
+
+
+class Verdict(NamedTuple):
+    """The verdict at the head of a page."""
+
+    status: str
+    """A status of a calibration or a verdict of a verification, as the page is coloured."""
+    title: str
+    """The status in words."""
+    sentence: str
+    """What it means."""
+    figures: str = ""
+    """How good the transform is: intervals, and pixels some way ahead."""
+    reasons: tuple[Reason, ...] = ()
+    """What speaks against the transform."""
 
 
 def render_page(

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import repeat
-from typing import NamedTuple
 
 import numpy as np
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets
-from semcal_cli.documentation import entry_address
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.cues.table import maximised, recorded
 from semcal_cli.errors import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.input import ReportInput
+from semcal_cli.report.template import Verdict, linked
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import clock_sentence, kept_sentence
 from semcal_cli.result.intervals import figure, image_radius_px, stated_error
@@ -24,42 +21,8 @@ from semcal_cli.result.uncertainty import Uncertainty
 
 DEPTHS_M = 10.0, 50.0
 """Depths at which the error of a point's place in the image is stated."""
-
 TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
-
-
-class Reason(NamedTuple):
-    """A reason of a verdict, as a page shows it."""
-
-    sentence: str
-    """What was found, and what to do about it."""
-    address: str | None = None
-    """Where the documentation explains it; None if it has no entry."""
-
-
 NOT_BELIEVED = "No interval is stated of a transform that is not trusted: it may be off by far more."
-
-
-def linked(reasons: Sequence[str], topics: Sequence[str]) -> tuple[Reason, ...]:
-    """Link reasons to their entries in the documentation; without topics, as in older files, none is linked."""
-    addresses = map(entry_address, topics) if topics else repeat(None, len(reasons))
-    return tuple(Reason(*each) for each in zip(reasons, addresses, strict=True))
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """The verdict on a calibration, as the report's heading states it."""
-
-    status: str
-    """`trusted`, `not_trusted` or `not_assessed`, as the page is coloured."""
-    title: str
-    """The status in words."""
-    sentence: str
-    """What it means."""
-    figures: str = ""
-    """How good the transform is: intervals, and pixels some way ahead."""
-    reasons: tuple[Reason, ...] = ()
-    """What speaks against the transform."""
 
 
 def verdict(report: ReportInput) -> Verdict:
@@ -126,11 +89,10 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         )
     if found.intrinsics_cost is not None:
         moved_m, turned_deg = found.intrinsics_cost.together
-        includes = _what_intervals_include(record)
         sentences.append(
             f"If cx and cy were off by 1 pixel and fx and fy by 0.1 %, the camera would come out "
             f"{figure(100.0 * moved_m)} cm and {figure(turned_deg)} degrees elsewhere. All frames share K, so "
-            f"more frames do not cure that: {includes}."
+            f"more frames do not cure that: {_what_intervals_include(record)}."
         )
     return [*sentences, *_of_seeds(record)]
 
@@ -140,12 +102,9 @@ def _of_seeds(record: Calibration) -> list[str]:
     repeated = record.repeatability
     if repeated is None:
         return []
-    far_cm, far_deg = 100.0 * repeated.farthest_camera_center_m, repeated.farthest_rotation_deg
+    far = f"{figure(100.0 * repeated.farthest_camera_center_m)} cm and {figure(repeated.farthest_rotation_deg)} degrees"
     failed = f"; {repeated.num_failed} gave no answer" if repeated.num_failed else ""
-    return [
-        f"{repeated.num_seeds} seeds lead to poses up to {figure(far_cm)} cm and {figure(far_deg)} degrees apart "
-        f"from it{failed}."
-    ]
+    return [f"{repeated.num_seeds} seeds lead to poses up to {far} apart from it{failed}."]
 
 
 def _what_intervals_include(record: Calibration) -> str:

@@ -24,7 +24,7 @@ from semcal_cli.report.cloud import (
     thinned,
 )
 from semcal_cli.report.colors import QUALITATIVE_COLORS
-from semcal_cli.report.overlay import at_pixels, points_in_image
+from semcal_cli.report.points import at_pixels, points_in_image
 
 BY_CAMERA, BY_PICTURE = "camera that sees them", "pictures"
 

@@ -11,8 +11,8 @@ from semcal_cli.report.colors import Legend, hex_color
 from semcal_cli.report.notations import Notation, T_notation, matrix_text
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_BYTES, MAX_PICTURE_BYTES, data_uri
-from semcal_cli.report.template import render_page
-from semcal_cli.report.words import NOT_BELIEVED, Reason, Verdict, linked
+from semcal_cli.report.template import Reason, Verdict, linked, render_page
+from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.intervals import intervals, widest
 from semcal_cli.rig.calibration import WORST_FIRST, RigCalibration

@@ -18,7 +18,6 @@ from semcal_cli.assessment.pairing import frame_names
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.motion import unrolled
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, output_format
@@ -28,14 +27,11 @@ from semcal_cli.geometry.poses import Pose, pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
-from semcal_cli.report.edges import coloring_of, edge_picture
+from semcal_cli.report.colors import coloring_of, page_colors
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import View, over_chance, picture_of
-from semcal_cli.report.palette import color_tables, legends
-from semcal_cli.report.pictures import few_points
-from semcal_cli.report.points import frame_points, packed
+from semcal_cli.report.overlay import edge_picture, picture_of
+from semcal_cli.report.points import View, frame_points, goes_together, packed
 from semcal_cli.report.words import verdict_of
-from semcal_cli.result.calibration import Calibration
 
 MAX_POINTS = 40_000
 """Largest number of points of a picture."""
@@ -123,31 +119,23 @@ class Session:
         """Observations that are shown and scored: of one cue, by classes that all frames share."""
         return self.data.for_checks.of_classes
 
-    @property
-    def has_labels(self) -> bool:
-        """Whether points and pixels can agree."""
-        return not self.unlabelled
-
-    @property
-    def has_intensities(self) -> bool:
-        """Whether each sweep has intensities."""
-        return all(levels is not None for levels in self._intensities)
-
     @cached_property
     def page(self) -> dict[str, Any]:
         """What the page is made of that does not change with the pose."""
         observations, camera = self.observations, self.data.drive.camera
-        choices = [coloring_of(observations)] * self.has_labels + ["depth"]
-        choices += ["intensity"] * self.has_intensities + ["agreement"] * self.has_labels
-        classes = np.unique(np.concatenate([cloud.classes for cloud in observations.clouds]))
+        has_labels, has_intensities = not self.unlabelled, all(each is not None for each in self._intensities)
+        choices = [coloring_of(observations)] * has_labels + ["depth"]
+        choices += ["intensity"] * has_intensities + ["agreement"] * has_labels
+        classes = np.concatenate([cloud.classes for cloud in observations.clouds])
+        tables, legends = page_colors(observations, classes)
         return {
             "frames": frame_names([frame.points for frame in self.data.drive.frames]),
             "width": camera.width,
             "height": camera.height,
             "degrees_per_pixel": float(np.degrees(1.0 / core_camera(camera).pixels_per_radian)),
             "choices": choices,
-            "palette": color_tables(observations),
-            "legends": legends(observations, classes),
+            "palette": tables,
+            "legends": legends,
             "is_photograph": [frame.image is not None for frame in self.data.drive.frames],
             "unlabelled": self.unlabelled,
             "saves_to": None if self.output is None else str(self.output),
@@ -184,19 +172,13 @@ class Session:
         placed, frame = Placed.read(asked), asked.get("frame")
         self._check_frame(frame)
         assert isinstance(frame, int)
-        T, observations = placed.T_camera_lidar, self.observations
-        scores: dict[str, Any] = {"mutual_information": None, "agreement": None}
-        together = np.zeros((0, 0), bool)
-        if self.has_labels:
-            agreement = _core.agreement(unrolled(observations, T).core, T)
-            together = over_chance(agreement.joint) > 1.0
-            scores = {
-                "mutual_information": agreement.mutual_information,
-                "agreement": agreement.label_agreement,
-            }
-        found = frame_points([View(observations, T)], frame, together)
-        few = few_points(observations, found, MAX_POINTS)
-        shown = few.packed(observations.camera.width, observations.camera.height)
+        T, camera = placed.T_camera_lidar, self.data.drive.camera
+        view = View(self.observations, T)
+        agreement = None if self.unlabelled else view.agreement()
+        together = np.zeros((0, 0), bool) if agreement is None else goes_together(agreement)
+        found = frame_points([view], frame, together)
+        few = found.thinned(MAX_POINTS)
+        shown = few.packed(camera.width, camera.height)
         levels = self._intensities[frame]
         if levels is not None:
             shown["intensities"] = packed(levels[few.indices])
@@ -206,7 +188,8 @@ class Session:
             "points": shown,
             "agreement_of_frame": found.poses[0].agreement,
             "num_visible": int(found.poses[0].is_visible.sum()),
-            **scores,
+            "mutual_information": None if agreement is None else agreement.mutual_information,
+            "agreement": None if agreement is None else agreement.label_agreement,
         }
 
     def refine(self, asked: dict[str, Any]) -> dict[str, Any]:
@@ -216,7 +199,8 @@ class Session:
             InputError: there is no such pose, the drive has no labels, or another calibration is going on.
             CalibrationError: the data give no answer.
         """
-        self._check_labels()
+        if self.unlabelled:
+            raise InputError(self.unlabelled)
         start = InitialPose(Placed.read(asked).T_camera_lidar, name="the pose of the page")
         if not self._refining.acquire(blocking=False):
             raise InputError("view: found a calibration that is going on, needed its end")
@@ -224,7 +208,14 @@ class Session:
             calibration = calibrate(self.data, self.config, initial_pose=start)
         finally:
             self._refining.release()
-        return _answer(calibration)
+        verdict = verdict_of(calibration)
+        return {
+            "T": calibration.pose.tolist(),
+            "status": verdict.status,
+            "title": verdict.title,
+            "figures": verdict.figures,
+            "reasons": [reason.sentence for reason in verdict.reasons],
+        }
 
     def save(self, asked: dict[str, Any]) -> dict[str, Any]:
         """Write a pose to the file that was asked for; give its text if the browser is to save it.
@@ -244,21 +235,6 @@ class Session:
         num_frames = len(self.data.drive.frames)
         if not isinstance(frame, int) or isinstance(frame, bool) or not 0 <= frame < num_frames:
             raise InputError(f"view: frame: found {frame!r}, needed one of 0 to {num_frames - 1}")
-
-    def _check_labels(self) -> None:
-        if self.unlabelled:
-            raise InputError(self.unlabelled)
-
-
-def _answer(calibration: Calibration) -> dict[str, Any]:
-    verdict = verdict_of(calibration)
-    return {
-        "T": calibration.pose.tolist(),
-        "status": verdict.status,
-        "title": verdict.title,
-        "figures": verdict.figures,
-        "reasons": [reason.sentence for reason in verdict.reasons],
-    }
 
 
 def _levels(cloud: _core.PointCloud) -> npt.NDArray[np.uint8] | None:

@@ -1,0 +1,238 @@
+"""Figures of a report: agreement of classes, information around the pose, and the offsets of single frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup
+
+from semcal_cli import _core
+from semcal_cli.assessment.frame_offsets import FrameOffsets
+from semcal_cli.assessment.priors import EXACT
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.report.drawing import (
+    ACCENT,
+    AXIS_COLORS,
+    BAD,
+    SOFT,
+    draw_intervals,
+    name_places,
+    page_svg,
+    short_names,
+)
+from semcal_cli.report.points import over_chance
+from semcal_cli.result.intervals import AXIS_NAMES
+from semcal_cli.result.uncertainty import Uncertainty
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+NUM_PIXEL_CLASSES = 3
+"""Number of pixel classes that are named for each class of points."""
+
+SPANS = (0.1,) * 3 + (0.5,) * 3
+"""Least distances that curves reach to either side of the pose, metres and degrees."""
+SPAN_SIGMAS = 4.0
+"""Standard errors that a curve reaches at least to either side of the pose."""
+NUM_SAMPLES = 13
+"""Number of samples over the whole curve."""
+NUM_NEAR, NEAR_SIGMAS = 5, 2.0
+"""Number of samples near the pose, and the standard errors that they span to either side of it."""
+
+SIZE, FRAMES_SIZE = (320.0, 200.0), (640.0, 220.0)
+HEADROOM = 0.08
+MIN_BAND = 0.003
+"""Least half width of the drawn interval, as a share of the curve's reach; a narrower one could not be seen."""
+MAX_SPANS = 50.0, 5.0
+"""Largest offset that is drawn, centimetres and degrees; farther ones stand at the edge."""
+LEAST_SPAN = 1e-3
+APART = 0.22, 0.01
+"""Largest distance between the bars of two axes, as a share of the width of a frame, and of that of all."""
+
+
+@dataclass(frozen=True)
+class ClassAgreement:
+    """The visible points of one class, and how well they agree with the pixels that they project onto."""
+
+    name: str
+    share: float
+    """Share of the class in all pairs of a visible point and a pixel that it projects onto."""
+    agreeing: float
+    """Share of the class's pairs that are found more often than by chance: positive pointwise mutual information."""
+    agreeing_before: float | None
+    """The same share at the other pose, measured by the pairs there; None without another pose."""
+    nats: float
+    """Contribution of the class to the mutual information, in nats."""
+    lands_on: list[tuple[str, float]]
+    """Classes of pixels, with their shares in the class's pairs, largest first."""
+
+
+def class_agreements(
+    observations: Observations, agreement: _core.Agreement, before: _core.Agreement | None
+) -> list[ClassAgreement]:
+    """Describe each class of points that the camera sees, the most frequent first."""
+    joint = agreement.joint
+    total = max(joint.sum(), 1.0)
+    shares, agreeing = joint.sum(axis=1) / total, _agreeing(joint)
+    agreeing_before = None if before is None else _agreeing(before.joint)
+    # A pair that was never seen adds nothing.
+    nats = (joint * np.log(np.where(joint > 0.0, over_chance(joint), 1.0))).sum(axis=1) / total
+    found = []
+    for index in np.argsort(-shares, kind="stable").tolist():
+        if shares[index] == 0.0:
+            continue
+        row = joint[index] / joint[index].sum()
+        largest = np.argsort(-row, kind="stable")[:NUM_PIXEL_CLASSES].tolist()
+        found.append(
+            ClassAgreement(
+                name=observations.point_class_names[index],
+                share=float(shares[index]),
+                agreeing=float(agreeing[index]),
+                agreeing_before=None if agreeing_before is None else float(agreeing_before[index]),
+                nats=float(nats[index]),
+                lands_on=[(observations.image_class_names[i], float(row[i])) for i in largest if row[i] > 0],
+            )
+        )
+    return found
+
+
+def _agreeing(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    totals = joint.sum(axis=1)
+    above = np.where(over_chance(joint) > 1.0, joint, 0.0).sum(axis=1)
+    return np.asarray(above / np.where(totals > 0.0, totals, 1.0))
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A drawing under its name."""
+
+    name: str
+    svg: Markup
+    note: str = ""
+    """What is read off it, in words."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Mutual information along one axis of the camera while the other axes stay."""
+
+    name: str
+    unit: str
+    offsets: npt.NDArray[np.float64]
+    """(n,) offsets from the pose, in centimetres or degrees."""
+    nats: npt.NDArray[np.float64]
+    """(n,) mutual information at the offsets, in nats."""
+    sigma: float | None
+    """Standard error of the pose along the axis, in the unit of the offsets; None if it is not known."""
+
+    @property
+    def optimum(self) -> float:
+        """Offset at which the mutual information is largest."""
+        return float(self.offsets[self.nats.argmax()])
+
+
+def information_curves(
+    observations: Observations, T_camera_lidar: Pose, uncertainty: Uncertainty | None
+) -> list[Curve]:
+    """Compute the mutual information of the points visible at a pose along the six axes of the camera.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4), the pose in the middle of the curves.
+        uncertainty: Uncertainty of the pose, if it is known.
+    """
+    sigmas: list[float | None] = [None] * 6
+    if uncertainty is not None:
+        sigmas = [*uncertainty.sigma_camera_center_m, *uncertainty.sigma_rotation_deg]
+    offsets = [_offsets(span, sigma) for span, sigma in zip(SPANS, sigmas, strict=True)]
+    # The camera's centre moves by a metre against the translation of a twist, or the camera turns by a degree.
+    twists = np.diag([-1.0] * 3 + [math.radians(1.0)] * 3).tolist()
+    ways = [(twist, each.tolist()) for twist, each in zip(twists, offsets, strict=True)]
+    nats = _core.information_along(observations.of_classes.core, T_camera_lidar, ways)
+    curves = []
+    for axis, (name, sigma) in enumerate(zip(AXIS_NAMES, sigmas, strict=True)):
+        scale, unit = (100.0, "cm") if axis < 3 else (1.0, "deg")
+        scaled = None if sigma is None else scale * sigma
+        curves.append(Curve(name, unit, scale * offsets[axis], np.array(nats[axis]), scaled))
+    return curves
+
+
+def _offsets(least_span: float, sigma: float | None) -> npt.NDArray[np.float64]:
+    """Offsets (n,) of the samples along an axis, in metres or degrees: evenly spaced, and denser near the pose."""
+    span = max(least_span, SPAN_SIGMAS * (sigma or 0.0))
+    # An axis that is as good as exactly known has no scale of its own.
+    near = NEAR_SIGMAS * (sigma if sigma is not None and sigma > EXACT else 0.02 * span)
+    wide = np.linspace(-span, span, NUM_SAMPLES)
+    return np.sort(np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)]))
+
+
+def curve_plots(curves: Sequence[Curve]) -> list[Plot]:
+    """Draw curves with one scale of information, so that sharp and flat ones compare."""
+    low = min(float(curve.nats.min()) for curve in curves)
+    high = max(float(curve.nats.max()) for curve in curves)
+    margin = HEADROOM * (high - low) or 1.0
+    return [_curve_plot(curve, low - margin, high + margin) for curve in curves]
+
+
+def _curve_plot(curve: Curve, low: float, high: float) -> Plot:
+    def draw(axes: Axes) -> None:
+        span = float(curve.offsets[-1])
+        axes.set(xlim=(-span, span), ylim=(low, high), xlabel=curve.unit)
+        axes.locator_params(nbins=4)
+        if curve.sigma is not None:
+            half = max(2.0 * curve.sigma, MIN_BAND * span)
+            axes.axvspan(-half, half, color=ACCENT, alpha=0.3, linewidth=0.0, gid="band")
+        axes.axvline(0.0, color=SOFT, linestyle=":", linewidth=1.0)
+        axes.axvline(curve.optimum, color=BAD, linestyle="--", linewidth=1.0)
+        axes.plot(curve.offsets, curve.nats, color=ACCENT, linewidth=2.0)
+
+    # The optimum gets as many digits as the spacing of the samples near the pose has.
+    digits = max(0, -math.floor(math.log10(float(np.diff(curve.offsets).min()))))
+    note = f"highest near {curve.optimum:+.{digits}f} {curve.unit}"
+    if curve.sigma is not None:
+        note += f", two standard errors are {2.0 * curve.sigma:.2g} {curve.unit}"
+    return Plot(curve.name, page_svg(curve.name, SIZE, draw), note)
+
+
+def frames_plots(found: FrameOffsets, names: Sequence[str]) -> list[Plot]:
+    """Draw the offsets of frames, whose names are given: of the camera's position, and of its rotation."""
+    return [
+        _frames_plot("camera centre, cm", slice(0, 3), 100.0, MAX_SPANS[0], found, names),
+        _frames_plot("rotation, degrees", slice(3, 6), 1.0, MAX_SPANS[1], found, names),
+    ]
+
+
+def _frames_plot(
+    name: str, axis: slice, scale: float, max_span: float, found: FrameOffsets, names: Sequence[str]
+) -> Plot:
+    """Draw the scaled offsets along or about three axes."""
+    offsets, half_widths, of_parts = (
+        scale * each[:, axis] for each in (found.offsets, found.half_widths_95, found.of_parts)
+    )
+    reach = np.nanmax(np.abs(np.vstack([offsets, of_parts])), initial=0.0)
+    wide = np.nanmax(np.abs(offsets) + half_widths, initial=0.0)
+    # An interval that is much wider than all offsets does not flatten them.
+    span = min(max(min(wide, 4.0 * reach), reach, LEAST_SPAN), max_span)
+    frames = np.arange(len(names), dtype=np.float64)
+
+    def draw(axes: Axes) -> None:
+        axes.set(xlim=(-0.5, len(names) - 0.5), ylim=(-1.05 * span, 1.05 * span), xlabel="frame")
+        axes.locator_params(axis="y", nbins=5)
+        axes.grid(visible=False, axis="x")
+        axes.axhline(0.0, color=SOFT, linestyle=":", linewidth=1.0)
+        for i, color in enumerate(AXIS_COLORS):
+            if of_parts.any():
+                edges = np.append(frames, len(names)) - 0.5
+                axes.stairs(of_parts[:, i], edges, baseline=None, color=color, linestyle="--", gid="step")
+            shown = np.isfinite(offsets[:, i])
+            at = frames[shown] + min(APART[0], APART[1] * len(names)) * (i - 1)
+            draw_intervals(axes, at, offsets[shown, i].clip(-span, span), half_widths[shown, i], color)
+        name_places(axes, frames, short_names(names))
+
+    return Plot(name, page_svg(f"{name}, frame by frame", FRAMES_SIZE, draw))
