@@ -22,8 +22,8 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.poses import Pose, inverse
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.result.calibration import Calibration, read_calibration
+from semcal_cli.rig.calibration import Reference, make_pair
 from semcal_cli.rig.document import find_rig, read_rig
-from semcal_cli.rig.pairs import Reference, make_pair
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 

@@ -36,7 +36,7 @@ from semcal_cli.threads import set_num_threads
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate import CalibrateSettings
     from semcal_cli.drive.document import Drive
-    from semcal_cli.rig.pairs import Pair
+    from semcal_cli.rig.calibration import Pair
 
 OF_ONE_CAMERA = (
     *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),

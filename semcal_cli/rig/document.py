@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Iterable, Mapping
+from hashlib import sha256
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
@@ -15,14 +17,17 @@ from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import InputError, describe, mismatch, one_of
 from semcal_cli.files.documents import read_document
-from semcal_cli.files.reading import is_folder, read_bytes
+from semcal_cli.files.reading import is_folder, open_file, read_bytes, size_of
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
-from semcal_cli.rig.clouds import connected_cameras
 
 RESULT = "rig_calibration"
 """Name of the result of the whole rig, beside the results of its cameras."""
-NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+SAMPLE_BYTES = 65_536
+"""Bytes in the middle of a file by which copies are recognised, with the file's size. No two sweeps agree in them."""
+Group: TypeAlias = tuple[list[str], set[Hashable]]
+"""Names of cameras, and what identifies their clouds."""
 
 
 class Rig(StrictModel):
@@ -43,7 +48,7 @@ class Rig(StrictModel):
     def _check_names(cls, cameras: dict[str, str]) -> dict[str, str]:
         for name in cameras:
             # The results are files with these names.
-            if not NAME.fullmatch(name) or len(name) > 100:
+            if not NAME.fullmatch(name):
                 raise mismatch(describe(name), "a name of letters, digits, _, - and . for a camera")
             if name.lower() == RESULT:
                 raise mismatch(describe(name), "a name other than that of the rig's own result")
@@ -102,18 +107,14 @@ class Rig(StrictModel):
                     f"{self._path}: cameras: found another lidar in the drive of {name!r} than in that of {first!r}, "
                     "needed one LiDAR"
                 )
-        self._check_clouds(drives)
-        return drives
-
-    def _check_clouds(self, drives: Mapping[str, Drive]) -> None:
-        """Check that all cameras are connected by clouds."""
-        first, *others = connected_cameras(drives) or [[]]
+        group, *others = connected_cameras(drives) or [[]]
         if others:
-            apart, rest = (" and ".join(map(repr, names)) for names in (chain.from_iterable(others), first))
+            apart, rest = (" and ".join(map(repr, names)) for names in (chain.from_iterable(others), group))
             raise InputError(
                 f"{self._path}: cameras: found no cloud of {apart} among those of {rest}, "
                 "needed drives that name the same clouds, since the cameras of a rig belong to one LiDAR"
             )
+        return drives
 
     def reference(self, to: str, other: str) -> Pose | None:
         """Return the reference T_to_other (4, 4) of two cameras, whichever way the file states it; None without one."""
@@ -152,3 +153,59 @@ def read_rig(path: Path) -> Rig:
     rig = validate(Rig, read_document(path), path)
     rig._path = path
     return rig
+
+
+def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
+    """Group the cameras that share clouds, directly or through other cameras.
+
+    A cloud is shared if two drives name one file, or copies of one file. Files are opened only where cameras share none
+    by name. A group with clouds that cannot be read is left out then, since nothing can be said of it.
+
+    Args:
+        drives: Drive of each camera.
+
+    Returns:
+        Names of the cameras of each group, in the order of the drives.
+    """
+    files = {
+        name: {cloud_path(drive, frame.points) for frame in drive.frames} for name, drive in drives.items()
+    }
+    groups = _joined(([name], set[Hashable](files[name])) for name in drives)
+    if len(groups) > 1:
+        clouds = [(names, set().union(*(files[name] for name in names))) for names, _ in groups]
+        groups = _joined(
+            (names, {_content(path) for path in paths})
+            for names, paths in clouds
+            if all(os.access(path, os.R_OK) and path.is_file() for path in paths)
+        )
+    order = list(drives)
+    return sorted(
+        (sorted(names, key=order.index) for names, _ in groups), key=lambda names: order.index(names[0])
+    )
+
+
+def cloud_path(drive: Drive, name: str) -> Path:
+    """Resolve the name of a cloud in a drive, links too."""
+    return Path(os.path.realpath(drive.resolve(name)))
+
+
+def _content(path: Path) -> tuple[int, bytes]:
+    """Identify the content of a cloud: the size of its file, and the hash of the bytes in its middle."""
+    with open_file(path) as file:
+        size = size_of(file)
+        file.seek(max((size - SAMPLE_BYTES) // 2, 0))
+        return size, sha256(file.read(SAMPLE_BYTES)).digest()
+
+
+def _joined(groups: Iterable[Group]) -> list[Group]:
+    """Join the groups whose clouds overlap."""
+    joined: list[Group] = []
+    for names, clouds in groups:
+        apart = []
+        for other, of_other in joined:
+            if clouds.isdisjoint(of_other):
+                apart.append((other, of_other))
+            else:
+                names, clouds = other + names, clouds | of_other
+        joined = [*apart, (names, clouds)]
+    return joined

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
 
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.motion import unrolled
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_points, read_frame_image
 from semcal_cli.errors import listed
-from semcal_cli.report.colors import Legend, hex_color
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.report.cloud import MAX_SEEN, CameraInView, Cloud, Rgb, make_cloud, thinned
+from semcal_cli.report.colors import QUALITATIVE_COLORS, Legend, hex_color
 from semcal_cli.report.notations import Notation, T_notation, matrix_text
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_BYTES, MAX_PICTURE_BYTES, data_uri
+from semcal_cli.report.points import at_pixels, points_in_image
 from semcal_cli.report.template import Reason, Verdict, linked, render_page
 from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.intervals import intervals, widest
-from semcal_cli.rig.calibration import WORST_FIRST, RigCalibration
-from semcal_cli.rig.cloud import CameraView, camera_views, rig_cloud
-from semcal_cli.rig.pairs import Pair
+from semcal_cli.rig.calibration import WORST_FIRST, Pair, RigCalibration
+from semcal_cli.rig.document import cloud_path
 from semcal_cli.threads import thread_pool
 
 STATUSES = {
@@ -29,6 +37,8 @@ STATUSES = {
 """Status of a camera in words, the worst first."""
 MAX_PAIRS = 300
 """Largest number of pairs that the page shows; the result file has all."""
+BY_CAMERA, BY_PICTURE = "camera that sees them", "pictures"
+"""Meanings of the colours of points in the 3-D view."""
 
 
 def rig_page_html(
@@ -49,11 +59,11 @@ def rig_page_html(
         InputError: a sweep or a picture is missing or wrong.
     """
     progress("reading a frame of each camera")
-    views = camera_views(drives, {name: each.pose for name, each in found.cameras.items()})
+    views = _camera_views(drives, {name: each.pose for name, each in found.cameras.items()})
     progress("drawing points on pictures")
     pictures, legend = _pictures(views)
     progress("writing the page")
-    cloud = rig_cloud(views)
+    cloud = _rig_cloud(views)
     return render_page(
         "rig/page.html",
         ("report/cloud.js", "rig/page.js"),
@@ -65,7 +75,7 @@ def rig_page_html(
         of_cameras=_statuses(found),
         statuses=STATUSES,
         linked=linked,
-        how_sure=how_sure,
+        how_sure=_how_sure,
         placed={camera.name: camera for camera in cloud.cameras},
         frames={view.name: view.drive.frames[0].points for view in views},
         pictures=pictures,
@@ -92,21 +102,18 @@ def rig_verdict(found: RigCalibration) -> Verdict:
     worst, is_failed = names[found.status], found.status == "failed"
     verb = "" if is_failed else "is " if len(worst) == 1 else "are "
     title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[found.status]}"
-    said: dict[str, Sequence[str]] = {
+    said = {
         "These can be used": names["trusted"],
         "Nothing tells how sure these are": names["not_assessed"],
         "Do not use these, for the reasons below": names["failed"] + names["not_trusted"],
     }
     sentence = " ".join(f"{words}: {listed(named)}." for words, named in said.items() if named)
-    return Verdict("fail" if is_failed else found.status, title, sentence, reasons=_reasons(found))
-
-
-def _reasons(found: RigCalibration) -> tuple[Reason, ...]:
-    """Errors and findings of all cameras, as `RigCalibration.reasons`."""
-    addresses: list[str | None] = [None] * len(found.failures)
-    for each in found.cameras.values():
-        addresses += [reason.address for reason in linked(each.reasons, each.topics)]
-    return tuple(map(Reason, found.reasons, addresses))
+    reasons = [Reason(f"{name}: {error}") for name, error in found.failures.items()]
+    for name, each in found.cameras.items():
+        reasons += [
+            Reason(f"{name}: {reason}", address) for reason, address in linked(each.reasons, each.topics)
+        ]
+    return Verdict("fail" if is_failed else found.status, title, sentence, reasons=tuple(reasons))
 
 
 def _statuses(found: RigCalibration) -> dict[str, str]:
@@ -115,22 +122,7 @@ def _statuses(found: RigCalibration) -> dict[str, str]:
     return dict.fromkeys(found.failures, "failed") | {name: each.status for name, each in calibrated}
 
 
-def _pictures(views: list[CameraView]) -> tuple[dict[str, str], dict[str, str]]:
-    """Draw the points of each camera's frame by their distance: data URIs, and the colours of distances."""
-    max_bytes = min(MAX_BYTES, MAX_PICTURE_BYTES // len(views))
-
-    def draw(view: CameraView) -> tuple[str, Legend]:
-        overlays = Overlays(view.drive, view.observations, {view.name: view.T_camera_lidar}, "depth")
-        images, legend = overlays.draw(0)
-        return data_uri(images[view.name], max_bytes), legend
-
-    with thread_pool() as pool:
-        drawn = list(pool.map(draw, views))
-    legend = {name: hex_color(color) for _, found in drawn for name, color in found.items()}
-    return {view.name: uri for view, (uri, _) in zip(views, drawn, strict=True)}, legend
-
-
-def how_sure(calibration: Calibration) -> str:
+def _how_sure(calibration: Calibration) -> str:
     """Say how sure the transform of a camera is."""
     if calibration.believed_uncertainty is not None:
         return f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
@@ -141,3 +133,80 @@ def _pair_notation(pair: Pair) -> Notation:
     a, b = pair.a, pair.b
     meaning = f"p_{a} = T_{a}_{b} p_{b}: from {b} to {a}, metres"
     return Notation(f"T_{a}_{b}", meaning, matrix_text(pair.T_a_b))
+
+
+@dataclass(frozen=True)
+class _CameraView:
+    """One frame of a camera, with its points."""
+
+    name: str
+    color: Rgb
+    T_camera_lidar: Pose
+    drive: Drive
+    """Drive of the one frame."""
+    observations: Observations
+    """Points of the frame, without labels."""
+    is_of_sweep: bool
+    """Whether the frame is of the sweep that the 3-D view shows."""
+
+
+def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> list[_CameraView]:
+    """Read one frame of each camera that has a pose: that of the sweep that most cameras have, or else its first."""
+    sweeps = {
+        name: [cloud_path(drives[name], frame.points) for frame in drives[name].frames] for name in poses
+    }
+    counts = Counter(sweep for found in sweeps.values() for sweep in dict.fromkeys(found))
+    ((common, _),) = counts.most_common(1)
+    views = []
+    for number, (name, T) in enumerate(poses.items()):
+        is_of_sweep = common in sweeps[name]
+        frame = drives[name].frames[sweeps[name].index(common) if is_of_sweep else 0]
+        drive = drives[name].model_copy(update={"frames": (frame,)})
+        color = QUALITATIVE_COLORS[number % len(QUALITATIVE_COLORS)]
+        views.append(_CameraView(name, color, T, drive, unrolled(load_points(drive), T), is_of_sweep))
+    return views
+
+
+def _pictures(views: list[_CameraView]) -> tuple[dict[str, str], dict[str, str]]:
+    """Draw the points of each camera's frame by their distance: data URIs, and the colours of distances."""
+    max_bytes = min(MAX_BYTES, MAX_PICTURE_BYTES // len(views))
+
+    def draw(view: _CameraView) -> tuple[str, Legend]:
+        overlays = Overlays(view.drive, view.observations, {view.name: view.T_camera_lidar}, "depth")
+        images, legend = overlays.draw(0)
+        return data_uri(images[view.name], max_bytes), legend
+
+    with thread_pool() as pool:
+        drawn = list(pool.map(draw, views))
+    legend = {name: hex_color(color) for _, found in drawn for name, color in found.items()}
+    return {view.name: uri for view, (uri, _) in zip(views, drawn, strict=True)}, legend
+
+
+def _rig_cloud(views: list[_CameraView]) -> Cloud:
+    """Colour the points of the sweep by the camera that sees them, and by the cameras' pictures."""
+    shown = next(view for view in views if view.is_of_sweep)
+    points = shown.observations.clouds[0].points
+    is_seen = np.zeros(len(points), np.bool_)
+    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {BY_CAMERA: [], BY_PICTURE: []}
+    # Where views overlap, the first camera has the points: its colours are put on last.
+    for view in reversed(views):
+        # Each camera sees the sweep at the moment of its own picture.
+        own = view.observations.clouds[0].points if view.is_of_sweep else points
+        seen = points_in_image(own, view.T_camera_lidar, view.observations.camera)
+        is_seen[seen.indices[~seen.is_hidden]] = True
+        chosen = thinned(~seen.is_hidden, MAX_SEEN // len(views))
+        indices = seen.indices[chosen]
+        found[BY_CAMERA].append((indices, np.full((len(indices), 3), view.color, np.uint8)))
+        image = read_frame_image(view.drive, view.drive.frames[0]) if view.is_of_sweep else None
+        if image is not None:
+            found[BY_PICTURE].append((indices, at_pixels(image, seen.pixels[chosen])[:, ::-1]))
+    colored = {
+        name: (np.concatenate([i for i, _ in parts]), np.concatenate([rgb for _, rgb in parts]))
+        for name, parts in found.items()
+        if parts
+    }
+    cameras = [
+        CameraInView.placed(view.name, view.color, view.observations.camera, view.T_camera_lidar)
+        for view in views
+    ]
+    return make_cloud(shown.drive.frames[0].points, points, is_seen, colored, cameras)

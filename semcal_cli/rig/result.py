@@ -82,8 +82,8 @@ def read_rig_files(rig_file: Path, result: Path, max_points: int = MAX_POINTS) -
     for name, record in found.cameras.items():
         drives[name] = apply_result(record, drives[name], name).drive
     read = [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
-    calibrations = [file.with_name(f"{name}.yaml") for name in found.cameras]
-    return RigFiles(found, drives, [*read, rig.path, *calibrations, file])
+    read += [rig.path, *(file.with_name(f"{name}.yaml") for name in found.cameras)]
+    return RigFiles(found, drives, [*read, file])
 
 
 def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibration:
