@@ -11,10 +11,9 @@ from fleets import SIGMAS, TRUTH, series_of
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.course import course_of
+from semcal_cli.fleet.course import SIZE, TOP, course_of, course_plots, plot_fleet
 from semcal_cli.fleet.fleet import Fleet
 from semcal_cli.fleet.members import Member
-from semcal_cli.fleet.plot import SIZE, TOP, course_plots, plot_fleet
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.report.drawing import BOTTOM, VARIABLES
 

@@ -11,13 +11,12 @@ from fleets import SIGMAS, TRUTH, fleet, members, series_of
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
-from semcal_cli.fleet.changes import change_points, drift
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
-from semcal_cli.fleet.fleet import Offset
+from semcal_cli.fleet.fleet import Offset, describe_fleet
+from semcal_cli.fleet.history import change_points, drift
 from semcal_cli.fleet.members import read_members
-from semcal_cli.fleet.record import describe_fleet
-from semcal_cli.fleet.words import SIGNS, motions
+from semcal_cli.fleet.verdict import SIGNS, motions
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.result.calibration import Calibration
@@ -258,14 +257,14 @@ def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
 def test_an_offset_in_words(axis: int, off: float, half_width: float, words: str) -> None:
     offsets, half_widths = np.zeros(6), np.full(6, 1.0)
     offsets[axis], half_widths[axis] = off, half_width
-    assert motions(Offset(offsets[:3], offsets[3:], half_widths)) == words
+    assert motions(Offset(offsets, half_widths)) == words
 
 
 def test_what_chance_may_explain_is_told_only_if_nothing_else_is() -> None:
     half_widths = np.full(6, 0.01)
-    both = Offset(np.array([0.02, 0.0, 0.03]), np.zeros(3), half_widths)
+    both = Offset(np.array([0.02, 0.0, 0.03, 0.0, 0.0, 0.0]), half_widths)
     assert motions(both) == "30 mm forward (+- 10), 20 mm to the right (+- 10)"
-    neither = Offset(np.array([0.002, 0.0, 0.003]), np.zeros(3), half_widths)
+    neither = Offset(np.array([0.002, 0.0, 0.003, 0.0, 0.0, 0.0]), half_widths)
     assert motions(neither) == "3 mm forward (+- 10)"
 
 

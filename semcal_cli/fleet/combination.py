@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +17,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.limits import joint_quantile, together
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
-from semcal_cli.fleet.consensus import (
-    Matrices,
-    Scatter,
-    Vectors,
-    extra_scatter,
-    robust_mean,
-)
+from semcal_cli.fleet.consensus import Matrices, Scatter, Vectors, extra_scatter, robust_mean
 from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset, Order, Part
 from semcal_cli.fleet.history import RigHistory, find_history
 from semcal_cli.fleet.members import Member
@@ -47,22 +42,21 @@ def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose 
     Raises:
         CalibrationError: no drive can be used.
     """
-    usable, left_out = _usable(members)
-    used, times, order = _in_order(usable)
+    used, left_out = _usable(members)
+    used, times, order = _in_order(used)
     series = _make_series(used, times)
     history = find_history(times, series.coordinates, series.covariances, series.degrees_of_freedom)
-    T_now = pose_at(series.T_middle, history.expected[-1])
-    covariance = history.covariances[-1]
+    T_now, covariance = pose_at(series.T_middle, history.expected[-1]), history.covariances[-1]
     drives = _compare_drives(used, series, history, limits)
     parts = _parts(used, series, history)
-    drifted = _total_drift(series, history)
-    known = Offset(np.zeros(3), np.zeros(3), series.half_widths(covariance))
-    off_reference = None
+    drifted, off_reference = None, None
+    if history.drift is not None:
+        span = float(times[-1] - times[0])
+        drifted = series.offset(span * history.drift.per_unit, span**2 * history.drift.covariance)
+    known = Offset(np.zeros(6), series.half_widths(covariance))
     if T_reference is not None:
         (off,) = local_coordinates([T_now], T_reference)
-        off_reference = replace(
-            _offset(off, covariance, series.factors), half_widths=series.half_widths(covariance)
-        )
+        off_reference = Offset(_along_axes(off), known.half_widths)
     checks = judge_fleet(known, off_reference, parts, drifted, limits)
     verdict, reasons = conclude(checks, drives, left_out, parts, drifted)
     return Fleet(
@@ -98,15 +92,32 @@ class _Series:
     of_intrinsics: npt.NDArray[np.float64]
     """(6, 6) mean covariance by errors of K, of the drives that state it. No number of drives reduces it."""
 
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Degrees of freedom of the scatter, for the axis that has the fewest."""
+        return float(self.extra.degrees_of_freedom.min())
+
+    def offset(self, coordinates: npt.NDArray[np.float64], covariance: npt.NDArray[np.float64]) -> Offset:
+        """Express local coordinates (6,) with their covariance (6, 6) as an offset of the camera."""
+        return Offset(_along_axes(coordinates), _half_widths(covariance, self.factors))
+
     def half_widths(self, covariance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Half widths (6,) of a combined pose by the scatter of the drives (6, 6) and by errors of K."""
         of_intrinsics = _half_widths(self.of_intrinsics, np.full(6, NORMAL_95))
         return np.hypot(_half_widths(covariance, self.factors), of_intrinsics)
 
-    @property
-    def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the scatter, for the axis that has the fewest."""
-        return float(self.extra.degrees_of_freedom.min())
+
+def _along_axes(coordinates: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Offsets (..., 6) of the camera, metres and degrees, by local coordinates: rho moves its centre the other way."""
+    return np.concatenate([-coordinates[..., :3], np.degrees(coordinates[..., 3:])], axis=-1)
+
+
+def _half_widths(
+    covariance: npt.NDArray[np.float64], factors: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Half widths (6,): standard errors times factors (6,), metres and degrees."""
+    sigmas = factors * np.sqrt(np.diag(covariance))
+    return np.concatenate([sigmas[:3], np.degrees(sigmas[3:])])
 
 
 def _usable(members: Sequence[Member]) -> tuple[list[Member], tuple[Member, ...]]:
@@ -167,11 +178,10 @@ def _compare_drives(
     squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(series.covariances), off)
     disagrees = squared > joint_quantile(ALPHA / len(used), series.degrees_of_freedom)
     parts = np.searchsorted(history.starts, np.arange(len(used)), side="right") - 1
-    relative = history.expected - history.expected[-1]
-    expected = np.hstack([-relative[:, :3], np.degrees(relative[:, 3:])])
+    expected = _along_axes(history.expected - history.expected[-1])
     drives = []
     for index, member in enumerate(used):
-        offset = _offset(off[index], series.covariances[index], series.factors)
+        offset = series.offset(off[index], series.covariances[index])
         checks = offset.judge(limits)
         drives.append(
             ComparedDrive(
@@ -194,44 +204,17 @@ def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tupl
 
     def change(before: int, after: int) -> Offset:
         covariance = covariances[after] + covariances[before]
-        return _offset(expected[after] - expected[before], covariance, series.factors)
+        return series.offset(expected[after] - expected[before], covariance)
 
-    parts: list[Part] = []
-    for begin, end in zip(history.starts, (*history.starts[1:], len(used)), strict=True):
-        parts.append(
-            Part(
-                used[begin].drive,
-                used[end - 1].drive,
-                end - begin,
-                pose_at(series.T_middle, expected[end - 1]),
-                series.half_widths(covariances[end - 1]),
-                change=change(begin - 1, begin) if begin > 0 else None,
-                change_in_all=change(0, begin) if len(parts) > 1 else None,
-            )
+    return tuple(
+        Part(
+            used[begin].drive,
+            used[end - 1].drive,
+            end - begin,
+            pose_at(series.T_middle, expected[end - 1]),
+            series.half_widths(covariances[end - 1]),
+            change=change(begin - 1, begin) if number > 0 else None,
+            change_in_all=change(0, begin) if number > 1 else None,
         )
-    return tuple(parts)
-
-
-def _total_drift(series: _Series, history: RigHistory) -> Offset | None:
-    """Compute the drift from the first drive to the last, if the rig drifts."""
-    if history.drift is None:
-        return None
-    span = float(series.times[-1] - series.times[0])
-    return _offset(span * history.drift.per_unit, span**2 * history.drift.covariance, series.factors)
-
-
-def _offset(
-    coordinates: npt.NDArray[np.float64],
-    covariance: npt.NDArray[np.float64],
-    factors: npt.NDArray[np.float64],
-) -> Offset:
-    """Express local coordinates as an offset of the camera: rho moves its centre the other way."""
-    return Offset(-coordinates[:3], np.degrees(coordinates[3:]), _half_widths(covariance, factors))
-
-
-def _half_widths(
-    covariance: npt.NDArray[np.float64], factors: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Half widths (6,): standard errors times factors (6,), metres and degrees."""
-    sigmas = factors * np.sqrt(np.diag(covariance))
-    return np.concatenate([sigmas[:3], np.degrees(sigmas[3:])])
+        for number, (begin, end) in enumerate(pairwise((*history.starts, len(used))))
+    )

@@ -1,36 +1,78 @@
-"""The course of a fleet over time along six axes, as the page and the plot draw it."""
+"""The course of a fleet over time, drawn: each axis of the camera on its own for the page, or all as one picture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import partial
 from itertools import pairwise
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset
-from semcal_cli.report.drawing import short_names
+from semcal_cli.fleet.combination import DAY_S
+from semcal_cli.fleet.fleet import ComparedDrive, Fleet
+from semcal_cli.report.drawing import (
+    ACCENT,
+    BAD,
+    INK,
+    LETTER,
+    OPEN,
+    POINTS_PER_INCH,
+    SOFT,
+    draw_intervals,
+    name_places,
+    page_svg,
+    picture,
+    short_names,
+)
+from semcal_cli.report.figures import Plot
+from semcal_cli.result.intervals import AXIS_NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Kind: TypeAlias = Literal["agrees", "disagrees", "beyond"]
 UNITS = np.array([1000.0] * 3 + [1.0] * 3)
 """Factors from metres and degrees to the drawn units, millimetres and degrees."""
+NAMES = tuple(f"{name}, {'mm' if i < 3 else 'degrees'}" for i, name in enumerate(AXIS_NAMES))
 MAX_DRAWN = 1500
 """Largest number of drives that agree and are drawn; all others are drawn."""
-DAY_S = 86_400.0
+STYLES: dict[Kind, tuple[str, str, str]] = {
+    "agrees": (ACCENT, "o", "drives, with 95 % intervals"),
+    "disagrees": (OPEN, "s", "drives that disagree"),
+    "beyond": (BAD, "D", "drives surely beyond what is allowed"),
+}
+"""Colour, marker and meaning of each kind of drive."""
+SIZE, PICTURE_SIZE = (340.0, 220.0), (12.0, 8.0)
+"""Size of a drawing of the page in pixels, and of the picture in inches."""
+TOP = 30.0
+"""Room above the lines of a drawing of the page for two rows of names of changes, pixels."""
+ROW = 13.0
+NUM_ROWS = 2
+BESIDE = 0.03
+"""Room beside the first and the last drive, as a share of the whole time."""
+WIDEST_INTERVAL = 2.0
+"""Largest half width of an interval that is drawn whole, as a multiple of the range of all drives."""
+HEADROOM = 0.06
+LEAST_RANGE = 0.02
+"""Least range of what is drawn, as a share of what is allowed."""
+MANY = 150
+"""Number of drives from which bars overlap."""
 
 
-@dataclass(frozen=True)
-class Change:
-    """A change of the rig: its time, between two drives, its drive, and its size along each axis as text."""
+class Change(NamedTuple):
+    """A change of the rig."""
 
     time: float
+    """Time between the last drive before it and the first after it."""
     name: str
     """Label of the first drive after it."""
-    sizes: tuple[str, ...]
+    sizes: list[str]
     """Size along each axis in its unit; empty where it may be chance."""
 
 
@@ -43,7 +85,7 @@ class Course:
 
     times: npt.NDArray[np.float64]
     """(N,) times: days since the first drive, or numbers of drives."""
-    labels: tuple[str, ...]
+    labels: list[str]
     """(N,) labels of the drives on the axis of time."""
     title: str
     """Meaning of the labels."""
@@ -59,7 +101,7 @@ class Course:
     """(N, 6) pose of the rig at the time of each drive."""
     allowed: npt.NDArray[np.float64]
     """(6,) largest allowed offset from what is expected."""
-    changes: tuple[Change, ...]
+    changes: list[Change]
 
 
 def course_of(fleet: Fleet) -> Course:
@@ -75,11 +117,11 @@ def course_of(fleet: Fleet) -> Course:
     labels, title = _labels(fleet, drives, [names[i] for i in chosen])
     return Course(
         times=np.array([drive.time for drive in drives]),
-        labels=tuple(labels),
+        labels=labels,
         title=title,
         kinds=np.array([kinds[i] for i in chosen]),
         parts=np.array([drive.part for drive in drives], np.intp),
-        found=expected + np.array([_drawn(drive.offset) for drive in drives]),
+        found=expected + UNITS * np.array([drive.offset.values for drive in drives]),
         half_widths=UNITS * np.array([drive.offset.half_widths for drive in drives]),
         expected=expected,
         allowed=UNITS * np.repeat([fleet.limits.translation_m, fleet.limits.rotation_deg], 3),
@@ -92,10 +134,6 @@ def kind_of(drive: ComparedDrive) -> Kind:
     if drive.verdict == "fail":
         return "beyond"
     return "disagrees" if drive.disagrees or drive.is_far else "agrees"
-
-
-def _drawn(offset: Offset) -> npt.NDArray[np.float64]:
-    return np.asarray(UNITS * np.concatenate([offset.center_m, offset.rotation_deg]))
 
 
 def _names(fleet: Fleet) -> list[str]:
@@ -120,17 +158,113 @@ def _labels(fleet: Fleet, drives: Sequence[ComparedDrive], names: list[str]) -> 
     return labels, "date" if form == "%Y-%m-%d" else "month, day and time, UTC"
 
 
-def _changes(fleet: Fleet, names: Sequence[str]) -> tuple[Change, ...]:
+def _changes(fleet: Fleet, names: Sequence[str]) -> list[Change]:
     """Place each change between the two drives that it lies between."""
     found, begin = [], 0
     for before, part in pairwise(fleet.parts):
         begin += before.num_drives
         time = 0.5 * (fleet.drives[begin - 1].time + fleet.drives[begin].time)
         assert part.change is not None
-        sizes = zip(_drawn(part.change).tolist(), UNITS * part.change.half_widths, strict=True)
+        sizes, half_widths = UNITS * part.change.values, UNITS * part.change.half_widths
         texts = [
-            f"{size:+.{0 if i < 3 else 2}f}" if abs(size) > half else ""
-            for i, (size, half) in enumerate(sizes)
+            f"{size:+.{0 if i < 3 else 2}f}" if abs(size) > half_widths[i] else ""
+            for i, size in enumerate(sizes.tolist())
         ]
-        found.append(Change(time, names[begin], tuple(texts)))
-    return tuple(found)
+        found.append(Change(time, names[begin], texts))
+    return found
+
+
+def course_plots(course: Course) -> list[Plot]:
+    """Draw the drives along and about each axis for a page."""
+    return [
+        Plot(name, page_svg(f"{name}: each drive over time", SIZE, partial(_draw, course, i), TOP))
+        for i, name in enumerate(NAMES)
+    ]
+
+
+def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
+    """Draw the drives and the rig's pose at their times, relative to the pose at the last drive; 95 % intervals."""
+    course = course_of(fleet)
+
+    def draw(figure: Figure) -> None:
+        all_axes = figure.subplots(3, 2).T.ravel()
+        for axes, name in zip(all_axes, NAMES, strict=True):
+            axes.set_title(name, loc="left", pad=2.0 + ROW * NUM_ROWS * bool(course.changes))
+        figure.draw_without_rendering()  # names find their places when the axes have theirs
+        for i, axes in enumerate(all_axes):
+            _draw(course, i, axes)
+        handles, labels = all_axes[0].get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5)
+
+    return picture(draw, PICTURE_SIZE, format)
+
+
+def _draw(course: Course, axis: int, axes: Axes) -> None:
+    """Draw one axis of the camera: what held, what is allowed about it, the drives, and the changes."""
+    beside = BESIDE * float(np.ptp(course.times)) or 0.5
+    axes.set_xlim(course.times[0] - beside, course.times[-1] + beside)
+    axes.set(ylim=_range(course, axis), xlabel=course.title)
+    axes.locator_params(axis="y", nbins=6)
+    axes.grid(visible=False, axis="x")
+    for part in range(int(course.parts[-1]) + 1):
+        mine = course.parts == part
+        times, expected = course.times[mine], course.expected[mine, axis]
+        times = np.array([times[0] - beside / 2.0, *times, times[-1] + beside / 2.0])
+        expected = np.array([expected[0], *expected, expected[-1]])
+        low, high = expected - course.allowed[axis], expected + course.allowed[axis]
+        axes.fill_between(times, low, high, color=INK, alpha=0.08, linewidth=0.0, label="allowed")
+        axes.plot(times, expected, color=INK, linewidth=1.5, label="holds then")
+    for kind, (color, marker, label) in STYLES.items():
+        if (chosen := course.kinds == kind).any():
+            where = course.times[chosen], course.found[chosen, axis], course.half_widths[chosen, axis]
+            is_crowded = kind == "agrees" and len(course.times) > MANY
+            draw_intervals(axes, *where, color, marker=marker, label=label, is_crowded=is_crowded)
+    _draw_changes(axes, course, axis)
+    name_places(axes, course.times, course.labels)
+
+
+def _range(course: Course, axis: int) -> tuple[float, float]:
+    """Least and largest value that is drawn: all drives and what held; wide intervals are cut.
+
+    What is allowed may reach farther: it would flatten drives that agree much better than they have to.
+    """
+    found, expected = course.found[:, axis], course.expected[:, axis]
+    span = max(float(np.ptp([*found, *expected])), LEAST_RANGE * float(course.allowed[axis]))
+    half = np.minimum(course.half_widths[:, axis], WIDEST_INTERVAL * span)
+    low = min(float(expected.min()), float((found - half).min()))
+    high = max(float(expected.max()), float((found + half).max()))
+    margin = HEADROOM * max(high - low, span)
+    return low - margin, high + margin
+
+
+def _draw_changes(axes: Axes, course: Course, axis: int) -> None:
+    """Draw each change as a line with the first drive after it, and its size along this axis.
+
+    Names stand above the axes in two rows; where they would overlap, only the line stands.
+    """
+    box = axes.get_window_extent()
+    scale = POINTS_PER_INCH / axes.figure.dpi
+    taken = [box.x0 * scale] * NUM_ROWS
+    for change in course.changes:
+        axes.axvline(change.time, color=SOFT, linestyle="--", linewidth=1.2, gid="change")
+        text = f"{change.name}: {change.sizes[axis]}" if change.sizes[axis] else change.name
+        at, width = axes.transData.transform((change.time, 0.0))[0] * scale, LETTER * len(text) + 6.0
+        is_left = at + width > box.x1 * scale
+        begin = at - width if is_left else at
+        row = next((row for row, end in enumerate(taken) if begin >= end), None)
+        if row is None:
+            continue
+        taken[row] = begin + width
+        axes.annotate(
+            text,
+            (change.time, 1.0),
+            xycoords=axes.get_xaxis_transform(),
+            xytext=(0.0, 3.0 + ROW * row),
+            textcoords="offset points",
+            ha="right" if is_left else "left",
+            color=INK,
+            parse_math=False,
+            annotation_clip=False,
+            gid="name",
+        )

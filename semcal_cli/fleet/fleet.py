@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,8 @@ import numpy.typing as npt
 from semcal_cli.assessment.limits import Check, Verdict, judge
 from semcal_cli.config import Limits
 from semcal_cli.fleet.members import Member
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
+from semcal_cli.result.provenance import versions
 
 Order: TypeAlias = Literal["stamp", "name"]
 
@@ -20,16 +22,28 @@ Order: TypeAlias = Literal["stamp", "name"]
 class Offset:
     """The offset of a transform from another one, along and about the axes of the other one's camera."""
 
-    center_m: npt.NDArray[np.float64]
-    """(3,) offset of the camera's centre, metres."""
-    rotation_deg: npt.NDArray[np.float64]
-    """(3,) offset of the rotation, degrees."""
+    values: npt.NDArray[np.float64]
+    """(6,) offset of the camera's centre, metres, and of its rotation, degrees."""
     half_widths: npt.NDArray[np.float64]
     """(6,) half widths of the 95 % intervals, metres and degrees."""
 
+    @property
+    def distance_m(self) -> float:
+        """Length of the offset of the camera's centre, metres."""
+        return float(np.linalg.norm(self.values[:3]))
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle of the offset of the rotation, degrees."""
+        return float(np.linalg.norm(self.values[3:]))
+
     def judge(self, limits: Limits) -> tuple[Check, ...]:
         """Judge the offset along and about each axis, and in all."""
-        return judge(self.center_m.tolist(), self.rotation_deg.tolist(), self.half_widths.tolist(), limits)
+        return judge(self.values[:3].tolist(), self.values[3:].tolist(), self.half_widths.tolist(), limits)
+
+    def describe(self) -> dict[str, Any]:
+        """Make the entries of the offset in the document of a fleet."""
+        return _by_kind(self.values) | _by_kind(self.half_widths, "half_width_95_")
 
 
 @dataclass(frozen=True)
@@ -55,6 +69,18 @@ class ComparedDrive:
         """Whether the offset is beyond a limit, but not surely."""
         return self.is_far and self.verdict != "fail"
 
+    def describe(self) -> dict[str, Any]:
+        """Make the entry of the drive in the document of a fleet."""
+        return {
+            "drive": self.member.drive,
+            "status": "disagrees" if self.disagrees else "agrees",
+            "verdict": self.verdict,
+            "stamp": self.member.stamp,
+            "time": self.time,
+            "part": self.part,
+            **self.offset.describe(),
+        }
+
 
 @dataclass(frozen=True)
 class Part:
@@ -71,6 +97,18 @@ class Part:
     """Offset from the part before; None for the first part."""
     change_in_all: Offset | None
     """Offset from the first part, unless that is the part before."""
+
+    def describe(self) -> dict[str, Any]:
+        """Make the entry of the stretch in the document of a fleet."""
+        return {
+            "first": self.first,
+            "last": self.last,
+            "num_drives": self.num_drives,
+            "T_camera_lidar": self.T_camera_lidar.tolist(),
+            **_by_kind(self.half_widths, "half_width_95_"),
+            "change": None if self.change is None else self.change.describe(),
+            "change_from_first": None if self.change_in_all is None else self.change_in_all.describe(),
+        }
 
 
 @dataclass(frozen=True)
@@ -99,3 +137,48 @@ class Fleet:
     """Drives in the order of time."""
     left_out: tuple[Member, ...]
     limits: Limits
+
+
+def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None = None) -> dict[str, Any]:
+    """Make the document of a fleet, which is written as YAML or JSON.
+
+    Args:
+        fleet: Combined result of the drives.
+        read: SHA-256 of each file that was read, by its name.
+        reference: SHA-256 of the file of the transform that the rig should have.
+    """
+    T, limits = fleet.T_camera_lidar, fleet.limits
+    return {
+        "semcal_fleet": 1,
+        "status": fleet.verdict,
+        "reasons": list(fleet.reasons),
+        "notes": list(fleet.notes),
+        "T_camera_lidar": T.tolist(),
+        "T_lidar_camera": inverse(T).tolist(),
+        "translation_m": T[:3, 3].tolist(),
+        "quaternion_xyzw": quaternion_xyzw(T).tolist(),
+        "uncertainty": {
+            "covariance": fleet.covariance.tolist(),
+            **_by_kind(fleet.parts[-1].half_widths, "half_width_95_"),
+        },
+        "scatter": _by_kind(fleet.scatter),
+        "checks": [asdict(check) for check in fleet.checks],
+        "parts": [part.describe() for part in fleet.parts],
+        "drift": None if fleet.drift is None else fleet.drift.describe(),
+        "order": fleet.order,
+        "drives": [
+            *(drive.describe() for drive in fleet.drives),
+            *({"drive": m.drive, "status": "left_out", "reason": m.left_out} for m in fleet.left_out),
+        ],
+        "limits": {"rotation_deg": limits.rotation_deg, "translation_m": limits.translation_m},
+        "input": {"reference": reference, "sha256": dict(read)},
+        "versions": {name: versions()[name] for name in ("semcal", "numpy")},
+    }
+
+
+def _by_kind(values: npt.NDArray[np.float64], prefix: str = "") -> dict[str, Any]:
+    """Name figures (6,) of the camera's place and of its rotation."""
+    return {
+        f"{prefix}camera_center_m": values[:3].tolist(),
+        f"{prefix}rotation_deg": values[3:].tolist(),
+    }

@@ -1,19 +1,31 @@
 """The history of a rig: it stays as it is, changes at some times, or drifts.
 
 The Bayesian information criterion chooses the model that explains the drives best.
+
+Change points are found by binary segmentation (Scott and Knott, 1974): a series is split where two means explain it
+best, if they explain it better than chance does, and then each part again. The gain of a split is the statistic of the
+likelihood ratio; the best of n splits of nothing but noise exceeds the quantile of its distribution at 1 - alpha / n no
+more often than alpha (Bonferroni).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.fleet.changes import Drift, change_points, drift, misfit
-from semcal_cli.fleet.consensus import Matrices, Vectors, robust_mean
+from semcal_cli.assessment.limits import joint_quantile
+from semcal_cli.fleet.consensus import STUDENT_DOF, Matrices, Vectors, robust_mean
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 
+ALPHA = 0.01
+MIN_LENGTH = 3
+"""Least number of calibrations between two changes, so that no single calibration is taken for a stretch of time."""
+NUM_ROUNDS = 10
+"""Rounds in which drives are weighted again by their distance from the line."""
+WINDOW = 5
+"""Number of calibrations whose median is the usual place at a time."""
 MIN_DRIFT_DRIVES = 6
 """Least number of drives that tell a line from chance."""
 
@@ -66,3 +78,128 @@ def _in_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -
         expected[begin:end] = local_coordinates([mean.T_camera_lidar], np.eye(4))
         known[begin:end] = mean.covariance
     return RigHistory(expected, known, starts)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A steady change over the whole series, a straight line of (rho, phi) over time."""
+
+    per_unit: npt.NDArray[np.float64]
+    """(6,) change of (rho, phi) per unit of time."""
+    covariance: npt.NDArray[np.float64]
+    """(6, 6) covariance of the change per unit of time."""
+    level: npt.NDArray[np.float64]
+    """(6,) value at the middle of the series, where it is hardly correlated with the slope."""
+    level_covariance: npt.NDArray[np.float64]
+    """(6, 6) covariance of the level."""
+    middle: float
+    is_significant: bool = False
+
+    def at(self, times: npt.NDArray[np.float64]) -> Vectors:
+        """Evaluate the line at some times, (N, 6)."""
+        return self.level + (times - self.middle)[:, None] * self.per_unit
+
+    def covariance_at(self, time: float) -> npt.NDArray[np.float64]:
+        """Covariance (6, 6) of the line at a time."""
+        covariance: npt.NDArray[np.float64] = (
+            self.level_covariance + (time - self.middle) ** 2 * self.covariance
+        )
+        return covariance
+
+
+def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: float) -> list[int]:
+    """Find the indices, ascending, at which a part of a series begins that differs from the part before.
+
+    Args:
+        series: (N, 6) local coordinates, in the order of time.
+        covariances: (N, 6, 6) covariance of each, including the scatter beyond the stated errors.
+        degrees_of_freedom: Degrees of freedom of that scatter.
+    """
+    weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
+    found: list[int] = []
+    parts = [(0, len(series))]
+    while parts:
+        begin, end = parts.pop()
+        threshold = joint_quantile(ALPHA / len(series), degrees_of_freedom)
+        split = _split(series[begin:end], weighted[begin:end], threshold)
+        if split is not None:
+            found.append(begin + split)
+            parts += [(begin, begin + split), (begin + split, end)]
+    return sorted(found)
+
+
+def drift(
+    times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices, degrees_of_freedom: float
+) -> Drift:
+    """Fit a straight line robustly; `times` are in any unit, the other arguments are those of `change_points`."""
+    information = np.linalg.inv(covariances)
+    weights = _weights(series, covariances)
+    for _ in range(NUM_ROUNDS):
+        line = _line(times, series, information * weights[:, None, None])
+        off = series - line.at(times)
+        weights = _student_weights(np.einsum("ni,nij,nj->n", off, information, off))
+    statistic = float(line.per_unit @ np.linalg.pinv(line.covariance, hermitian=True) @ line.per_unit)
+    return replace(line, is_significant=statistic > joint_quantile(ALPHA, degrees_of_freedom))
+
+
+def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -> Drift:
+    total = weighted.sum(0)
+    # Times are counted from their weighted mean, the same for all axes: slope and level are then hardly correlated.
+    middle = float(np.average(times, weights=np.trace(weighted, axis1=1, axis2=2)))
+    centered = times - middle
+    crossed = np.einsum("n,nij->ij", centered, weighted)
+    design = np.block([[total, crossed], [crossed, np.einsum("n,nij->ij", centered**2, weighted)]])
+    right = np.concatenate(
+        [np.einsum("nij,nj->i", weighted, series), np.einsum("n,nij,nj->i", centered, weighted, series)]
+    )
+    inverse = np.linalg.pinv(design, hermitian=True)
+    solution = inverse @ right
+    return Drift(solution[6:], inverse[6:, 6:], solution[:6], inverse[:6, :6], middle)
+
+
+def misfit(series: Vectors, model: Vectors, covariances: Matrices, num_parameters: int) -> float:
+    """Bayesian information criterion (Schwarz, 1978) of a model of a series: the smallest is the best.
+
+    The weights are those of the series, whatever the model is.
+    """
+    weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
+    off = series - model
+    squared = float(np.einsum("ni,nij,nj->", off, weighted, off))
+    return squared + num_parameters * float(np.log(len(series)))
+
+
+def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:
+    """The best place to split the series, if the split explains more than chance does."""
+    count = len(series)
+    if count < 2 * MIN_LENGTH:
+        return None
+    information = np.cumsum(weighted, axis=0)
+    pull = np.cumsum(np.einsum("nij,nj->ni", weighted, series), axis=0)
+    places = np.arange(MIN_LENGTH, count - MIN_LENGTH + 1)
+    left, right = information[places - 1], information[-1] - information[places - 1]
+    of_left, of_right = pull[places - 1], pull[-1] - pull[places - 1]
+    gain = _explained(left, of_left) + _explained(right, of_right)
+    gain -= _explained(information[-1:], pull[-1:])
+    best = int(np.argmax(gain))
+    return int(places[best]) if gain[best] > threshold else None
+
+
+def _explained(information: Matrices, pull: Vectors) -> npt.NDArray[np.float64]:
+    """Part of the squared series that a weighted mean explains: b^T A^-1 b."""
+    explained: npt.NDArray[np.float64] = (pull * np.linalg.solve(information, pull[..., None])[..., 0]).sum(1)
+    return explained
+
+
+def _weights(series: Vectors, covariances: Matrices) -> npt.NDArray[np.float64]:
+    """Weights of Student's distribution about the usual place at each time: a single outlier is then no change."""
+    # At either end the window is that of the nearest drive with a whole window around it.
+    count = len(series)
+    begins = np.clip(np.arange(count) - WINDOW // 2, 0, max(count - WINDOW, 0))
+    usual = np.array([np.median(series[begin : begin + WINDOW], axis=0) for begin in begins])
+    off = series - usual
+    return _student_weights(np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off))
+
+
+def _student_weights(squared: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    weights: npt.NDArray[np.float64] = np.minimum((STUDENT_DOF + 6.0) / (STUDENT_DOF + squared), 1.0)
+    return weights

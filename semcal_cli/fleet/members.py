@@ -13,8 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.batch.records import JSONL
-from semcal_cli.batch.tasks import Outcome
+from semcal_cli.batch.records import JSONL, RecordedOutcome
 from semcal_cli.drive.document import first_stamp, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines
@@ -31,11 +30,9 @@ LEAST_EIGENVALUE = 1e-9
 """Least eigenvalue of a correlation matrix; data cannot determine a direction so much better than each axis."""
 EPOCH_S = 1e9
 """Least stamp that counts as seconds since 1970; smaller stamps begin anywhere and do not compare."""
-SAME = 1e-6
-"""Largest relative difference between two statements of one figure."""
 
 
-class _Line(Outcome):
+class _Line(RecordedOutcome):
     """A line of the summary of a batch of calibrations."""
 
     status: Literal["trusted", "not_trusted", "not_assessed", "failed"]
@@ -74,36 +71,27 @@ def read_members(paths: Sequence[Path]) -> list[Member]:
     Raises:
         InputError: a file is missing or wrong, or a result is there twice.
     """
-    found = [
-        found for path in paths for found in (_read_batch(path) if is_folder(path) else [_read_single(path)])
-    ]
+    found: list[tuple[Path, Member]] = []
+    for path in paths:
+        found += _read_batch(path) if is_folder(path) else [(path, _read_single(path))]
     names = Counter(member.drive for _, member in found)
     members: dict[str, Member] = {}
+    owners: dict[tuple[bytes, bytes], str] = {}
     for result, member in found:
-        key = os.path.realpath(result)
-        if key in members:
+        place = os.path.realpath(result)
+        if place in members:
             raise InputError(f"{result}: found twice among what was given, needed each drive once")
         name = member.drive if names[member.drive] == 1 else str(result)
-        members[key] = replace(member, drive=name)
-    _check_different(list(members.values()))
-    return list(members.values())
-
-
-def _check_different(members: Sequence[Member]) -> None:
-    """Check that no result is a copy of another: calibrations of two drives never agree to the last bit.
-
-    Raises:
-        InputError: two calibrations are equal.
-    """
-    owners: dict[tuple[bytes, bytes], str] = {}
-    for member in members:
-        if member.left_out is None and member.T_camera_lidar is not None and member.covariance is not None:
+        members[place] = replace(member, drive=name)
+        if member.T_camera_lidar is not None and member.covariance is not None:
+            # Calibrations of two drives never agree to the last bit: one is a copy of the other.
             key = member.T_camera_lidar.tobytes(), member.covariance.tobytes()
-            owner = owners.setdefault(key, member.drive)
-            if owner != member.drive:
+            owner = owners.setdefault(key, name)
+            if owner != name:
                 raise InputError(
-                    f"{owner}, {member.drive}: found the same result to the last bit, needed each drive once"
+                    f"{owner}, {name}: found the same result to the last bit, needed each drive once"
                 )
+    return list(members.values())
 
 
 def _read_batch(folder: Path) -> list[tuple[Path, Member]]:
@@ -126,74 +114,60 @@ def _member(line: _Line, where: Path) -> Member:
     T = None if line.T_camera_lidar is None else np.array(line.T_camera_lidar)
     if T is None and line.status != "failed":
         raise InputError(f"{where}: T_camera_lidar: found nothing, needed one where status is {line.status}")
-    of_intrinsics, stated = _entries(line.covariance_of_intrinsics), _entries(line.covariance)
-    left_out = _left_out(line.status, line.reasons, stated)
-    covariance = None if stated is None or left_out else _checked(stated, f"{where}: covariance")
-    topic = _topic(line.status, line.topics)
+    left_out, topic = _left_out(line.status, line.reasons, line.topics, line.covariance)
+    covariance = None if left_out else _checked(line.covariance, f"{where}: covariance")
+    of_intrinsics = _entries(line.covariance_of_intrinsics)
     return Member(line.drive, line.stamp, T, covariance, left_out, line.camera, topic, of_intrinsics)
 
 
-def _read_single(path: Path) -> tuple[Path, Member]:
+def _read_single(path: Path) -> Member:
     found = read_calibration(path)
-    stated = None if found.uncertainty is None else np.array(found.uncertainty.covariance)
-    left_out = _left_out(found.status, found.reasons, stated)
-    covariance, of_intrinsics = None, None
-    if found.uncertainty is not None and stated is not None and not left_out:
-        covariance = _checked(stated, f"{path}: uncertainty.covariance")
-        sigmas = [*found.uncertainty.sigma_camera_center_m, *np.radians(found.uncertainty.sigma_rotation_deg)]
-        if not np.allclose(np.sqrt(np.diag(covariance)), sigmas, rtol=SAME, atol=0.0):
-            raise InputError(
-                f"{path}: uncertainty: found sigmas that are not those of the covariance, needed what semcal wrote"
-            )
-        of_intrinsics = _entries(found.uncertainty.covariance_of_intrinsics)
+    known = found.uncertainty
+    stated = None if known is None else known.covariance
+    left_out, topic = _left_out(found.status, found.reasons, found.topics, stated)
+    covariance = None if left_out else _checked(stated, f"{path}: uncertainty.covariance")
+    of_intrinsics = None if known is None or left_out else _entries(known.covariance_of_intrinsics)
     stamp = None
     with suppress(InputError):  # The drive may be elsewhere by now.
         stamp = first_stamp(read_drive(path.parent / found.input.drive))
     camera = camera_hash(found.used_camera)
-    topic = _topic(found.status, found.topics)
-    return path, Member(str(path), stamp, found.pose, covariance, left_out, camera, topic, of_intrinsics)
+    return Member(str(path), stamp, found.pose, covariance, left_out, camera, topic, of_intrinsics)
+
+
+def _left_out(
+    status: str, reasons: Sequence[str], topics: Sequence[str], covariance: CovarianceEntries | None
+) -> tuple[str | None, str | None]:
+    """Give the reason why a drive cannot be used, if there is one, and its entry in the documentation."""
+    if status in ("failed", "not_trusted"):
+        topic = topics[0] if status == "not_trusted" and topics else None
+        return "; ".join([status.replace("_", " "), *reasons[:1]]), topic
+    return "nothing is known of its error" if covariance is None else None, None
 
 
 def _entries(covariance: CovarianceEntries | None) -> npt.NDArray[np.float64] | None:
     return None if covariance is None else np.array(covariance)
 
 
-def _left_out(status: str, reasons: Sequence[str], covariance: npt.NDArray[np.float64] | None) -> str | None:
-    if status in ("failed", "not_trusted"):
-        return "; ".join([status.replace("_", " "), *reasons[:1]])
-    return "nothing is known of its error" if covariance is None else None
-
-
-def _topic(status: str, topics: Sequence[str]) -> str | None:
-    return topics[0] if status == "not_trusted" and topics else None
-
-
-def _checked(covariance: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:
-    """Check a covariance, and make it exactly symmetric.
+def _checked(stated: CovarianceEntries | None, where: str) -> npt.NDArray[np.float64]:
+    """Make a covariance exactly symmetric, and check that it is plausible, and that it can be inverted.
 
     Raises:
-        InputError: the matrix is not a plausible covariance.
+        InputError: it is not.
     """
-    if (variance := np.diag(covariance).min()) < 0.0:
-        raise InputError(f"{where}: found a variance of {variance:.3g}, needed at least 0")
-    with np.errstate(over="ignore"):  # Numbers that overflow are refused below.
-        symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
+    covariance = np.array(stated)
+    symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
     sigmas = np.sqrt(np.diag(covariance))
-    for kind, found, (least, most) in (
-        ("m", sigmas[:3].tolist(), SIGMAS_M),
-        ("rad", sigmas[3:].tolist(), SIGMAS_RAD),
-    ):
-        if not least <= min(found) <= max(found) <= most:
+    for unit, found, (least, most) in (("m", sigmas[:3], SIGMAS_M), ("rad", sigmas[3:], SIGMAS_RAD)):
+        low, high = found.min(), found.max()
+        if not least <= low <= high <= most:
             raise InputError(
-                f"{where}: found standard errors of {min(found):.3g} to {max(found):.3g} {kind}, needed {least:g} to "
-                f"{most:g}"
+                f"{where}: found standard errors of {low:.3g} to {high:.3g} {unit}, needed {least:g} to {most:g}"
             )
     scale = np.outer(sigmas, sigmas)
-    if not (np.abs(covariance - symmetric) <= SAME * scale).all():
-        raise InputError(f"{where}: found numbers that are not symmetric, needed a covariance")
-    least = float(np.linalg.eigvalsh(symmetric / scale)[0])
-    if least <= LEAST_EIGENVALUE:
+    eigenvalue = float(np.linalg.eigvalsh(symmetric / scale)[0])
+    if eigenvalue <= LEAST_EIGENVALUE:
         raise InputError(
-            f"{where}: found an eigenvalue of {least:.3g} of the correlations, needed one above {LEAST_EIGENVALUE:g}"
+            f"{where}: found an eigenvalue of {eigenvalue:.3g} of the correlations, needed one above "
+            f"{LEAST_EIGENVALUE:g}"
         )
     return symmetric

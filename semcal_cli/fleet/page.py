@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from semcal_cli.assessment.limits import VERDICTS
 from semcal_cli.documentation import entry_address
-from semcal_cli.fleet import words
-from semcal_cli.fleet.course import Kind, course_of, kind_of
+from semcal_cli.fleet import verdict as words
+from semcal_cli.fleet.course import Kind, course_of, course_plots, kind_of
 from semcal_cli.fleet.fleet import Fleet
 from semcal_cli.fleet.members import Member
-from semcal_cli.fleet.plot import course_plots
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import T_notation, notations
 from semcal_cli.report.template import Reason, Verdict, render_page
