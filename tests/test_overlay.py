@@ -1,12 +1,15 @@
+"""Points drawn on pictures: which, where, in which order, and in which colours."""
+
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import Camera
@@ -31,114 +34,144 @@ from semcal_cli.report.colors import (
     depth_levels,
     level_colors,
 )
-from semcal_cli.report.overlay import (
-    GREY_STRENGTH,
-    Overlays,
-    before_after,
-    draw_legend,
-    edge_picture,
-    edges_by_strength,
-)
+from semcal_cli.report.overlay import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_picture
 from semcal_cli.report.points import View, frame_points, goes_together, points_in_image
 
 CAMERA = Camera(
     model="plumb_bob", width=640, height=360, K=((320.0, 0.0, 319.5), (0.0, 320.0, 179.5), (0.0, 0.0, 1.0))
 )
 NAMES = ("car", "17")
-BLACK = np.zeros((360, 640, 3), dtype=np.uint8)
+CAR, OTHER = class_colors(NAMES)
+EDGE_NAMES = (NO_EDGE_NAME, *STEP_COLORS)
+RANGE_3, INTENSITY_1 = EDGE_NAMES.index("range step 3"), EDGE_NAMES.index("intensity step 1")
+STEP_COLUMN, STEP_ROW = 400, 250
+"""Where the picture of `draw_edges` steps: its right part is brighter, and so is its lower part."""
 # The camera looks along the LiDAR's x axis from 0.5 m to its right: with parallax, points can be hidden.
 T_CAMERA_LIDAR = np.array([[0, -1, 0, -0.5], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
+WALL = [(u, v, 2.0) for u in range(0, 300, 3) for v in range(0, 360, 3)]
+BEHIND = [(u, 181, 50.0) for u in (100, 200, 500)]
+"""Points at 50 m of which a wall at 2 m hides two."""
 
 
-def point(u: int, v: int, depth: float) -> list[float]:
-    """The point (LiDAR frame) that lands on a pixel at a depth."""
-    x, y = depth * (u - 319.5) / 320, depth * (v - 179.5) / 320
-    return [depth, -x - 0.5, -y]
+def make(
+    points: Sequence[tuple[int, int, float]],
+    classes: Sequence[int],
+    image: str | None = None,
+    image_classes: np.ndarray | None = None,
+    names: Sequence[str] = NAMES,
+) -> tuple[Drive, Observations]:
+    """A drive of one frame whose points land on the pixels (u, v) at some depths."""
+    uvd = np.array(points, float).T
+    x, y = uvd[2] * (uvd[0] - 319.5) / 320, uvd[2] * (uvd[1] - 179.5) / 320
+    cloud = LabelledCloud(
+        np.column_stack([uvd[2], -x - 0.5, -y]).astype(np.float32), np.array(classes, np.uint8)
+    )
+    pixels = np.full((360, 640), NO_CLASS, np.uint8) if image_classes is None else image_classes
+    frame = FrameObservation(cloud, LabelledImage(pixels))
+    drive = Drive(semcal_drive=1, camera=CAMERA, frames=(Frame(points="p.bin", image=image),))
+    return drive, Observations(CAMERA, None, (frame,), names, NAMES)
 
 
-def observe(cloud: LabelledCloud, image_classes: np.ndarray) -> Observations:
-    frame = FrameObservation(cloud, LabelledImage(image_classes))
-    return Observations(CAMERA, None, (frame,), NAMES, NAMES)
-
-
-def draw(points: list[list[float]], classes: list[int]) -> np.ndarray:
-    """What the dots change of a picture without any."""
-    cloud = LabelledCloud(np.array(points, np.float32), np.array(classes, np.uint8))
-    observations = observe(cloud, np.full((360, 640), NO_CLASS, np.uint8))
-    frame = Frame(points="p.bin", point_labels="p.label", image_labels="p.png")
-    drive = Drive(semcal_drive=1, camera=CAMERA, frames=(frame,))
-    pictures, _ = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}).draw(0)
+def draw(points: Sequence[tuple[int, int, float]], classes: Sequence[int]) -> np.ndarray:
+    """What the dots change of a black picture."""
+    pictures, _ = Overlays(*make(points, classes), {"it": T_CAMERA_LIDAR}).draw(0)
     return pictures["it"]
 
 
-@pytest.mark.parametrize("index", [0, 1])
-def test_a_point_paints_its_pixel_in_the_color_of_its_class(index: int) -> None:
-    picture = draw([point(100, 200, 8.0)], [index])
-    np.testing.assert_array_equal(picture[200, 100], class_colors(NAMES)[index])
-    v, u = np.nonzero(picture.any(axis=2))
+def draw_edges(folder: Path, points: Sequence[tuple[int, int, float]], classes: Sequence[int]) -> np.ndarray:
+    """Draw points by edge on a picture with two steps."""
+    picture = np.full((360, 640, 3), 60, np.uint8)
+    picture[:, STEP_COLUMN:] += 60
+    picture[STEP_ROW:] += 60
+    cv2.imwrite(str(folder / "image.png"), picture)
+    drive, observations = make(points, classes, str(folder / "image.png"), names=EDGE_NAMES)
+    pictures, legend = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}, "edge").draw(0)
+    assert set(legend) <= {*STEP_COLORS, "edge in the picture"}
+    return pictures["it"]
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(semcal, [*map(str, arguments)])
+
+
+def color_of(index: int) -> list[int]:
+    """Blue, green and red of a class of the cue edges."""
+    return list(STEP_COLORS[EDGE_NAMES[index]][::-1])
+
+
+def without(drive: Path, *keys: str) -> None:
+    """Take files of a kind out of all frames of a drive."""
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    for frame in document["frames"]:
+        for key in keys:
+            del frame[key]
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+
+
+def test_a_point_paints_its_pixel_in_the_color_of_its_class() -> None:
+    picture = draw([(100, 200, 8.0), (300, 200, 8.0)], [0, 1])
+    np.testing.assert_array_equal(picture[200, [100, 300]], [CAR, OTHER])
+    v, u = np.nonzero(picture[:, :200].any(axis=2))
     assert (u.mean(), v.mean()) == (100, 200)
     assert len(u) <= 9
 
 
 def test_points_behind_outside_and_without_a_class_are_left_out() -> None:
-    beyond, behind = point(700, 200, 8.0), point(100, 200, -8.0)
-    assert not draw([beyond, behind, point(100, 200, 8.0)], [0, 0, NO_CLASS]).any()
+    assert not draw([(700, 200, 8.0), (100, 200, -8.0), (100, 200, 8.0)], [0, 0, NO_CLASS]).any()
 
 
-def test_hidden_points_are_left_out() -> None:
-    """Points at 50 m are hidden by a wall at 2 m that covers columns 0 to 300, and seen beside it."""
-    wall = [point(u, v, 2.0) for u in range(0, 300, 3) for v in range(0, 360, 3)]
-    far = [point(u, 181, 50.0) for u in (100, 200, 500)]
-    picture = draw(wall + far, [0] * len(wall) + [1] * len(far))
-    seen = (picture == class_colors(NAMES)[1]).all(axis=2)
-    assert set(np.nonzero(seen)[1].tolist()) <= set(range(497, 504))
-    assert seen[181, 500]
+def test_hidden_points_are_left_out(tmp_path: Path) -> None:
+    """Of classes and of edges: a wall without edges covers columns 0 to 300, and far points are seen beside it."""
+    by_class = draw(WALL + BEHIND, [0] * len(WALL) + [1] * len(BEHIND))
+    by_edge = draw_edges(tmp_path, WALL + BEHIND, [0] * len(WALL) + [RANGE_3] * len(BEHIND))
+    for picture, color in ((by_class, OTHER), (by_edge, color_of(RANGE_3))):
+        is_far = (picture == color).all(axis=2)
+        assert set(np.nonzero(is_far)[1].tolist()) <= set(range(497, 504))
+        assert is_far[181, 500]
 
 
 def test_colors_are_fixed_and_distinct() -> None:
-    names = ["road", "car", *(str(i) for i in range(15))]
+    names = ["road", "car", *(str(i) for i in range(60))]
     colors = class_colors(names)
     assert len(np.unique(colors, axis=0)) == len(names)
-    np.testing.assert_array_equal(class_colors(names), colors)
     np.testing.assert_array_equal(class_colors(["car"])[0], colors[1])
+    near, far = level_colors(depth_levels(np.array([2.0, 100.0]))).astype(int)
+    assert near[2] > near[0] + 50  # blue, green, red
+    assert far[0] > far[2]
 
 
 def test_legend_and_panels_have_the_width_they_are_given() -> None:
     assert draw_legend({f"class {i}": (i, i, i) for i in range(40)}, 640).shape[1] == 640
-    both = {"before": BLACK, "after": BLACK}
+    both = dict.fromkeys(("before", "after"), np.zeros((360, 640, 3), np.uint8))
     assert before_after(both).shape[1] == 1280
     assert before_after(both, stacked=True).shape[1] == 640
 
 
-def observed(image: str | None) -> tuple[Drive, Observations]:
-    drive = Drive(semcal_drive=1, camera=CAMERA, frames=(Frame(points="a.bin", image=image),))
-    classes = np.full((360, 640), NO_CLASS, dtype=np.uint8)
-    classes[:180] = 1
-    cloud = LabelledCloud(np.array([point(100, 200, 8.0)], np.float32), np.zeros(1, np.uint8))
-    return drive, observe(cloud, classes)
-
-
 def test_without_a_picture_the_label_image_is_shown(tmp_path: Path) -> None:
-    path = tmp_path / "overlay.png"
-    Overlays(*observed(None), {"truth": T_CAMERA_LIDAR}).write(0, path)
-    picture = cv2.imread(str(path))
-    caption = np.flatnonzero((picture[:, 320] == class_colors(NAMES)[1] // 2).all(axis=1))[0]
-    np.testing.assert_array_equal(picture[caption + 200, 100], class_colors(NAMES)[0])
+    classes = np.full((360, 640), NO_CLASS, np.uint8)
+    classes[:180] = 1
+    drive, observations = make([(100, 200, 8.0)], [0], image_classes=classes)
+    Overlays(drive, observations, {"truth": T_CAMERA_LIDAR}).write(0, tmp_path / "overlay.png")
+    picture = cv2.imread(str(tmp_path / "overlay.png"))
+    caption = np.flatnonzero((picture[:, 320] == OTHER // 2).all(axis=1))[0]
+    np.testing.assert_array_equal(picture[caption + 200, 100], CAR)
     assert [p.name for p in tmp_path.iterdir()] == ["overlay.png"]
 
 
-def test_wrong_input(tmp_path: Path) -> None:
-    small = str(tmp_path / "small.png")
-    cv2.imwrite(small, BLACK[:100])
-    poses = {"truth": T_CAMERA_LIDAR}
-    with pytest.raises(InputError, match=r"small.png: found 640 x 100 pixels, needed 640 x 360"):
-        Overlays(*observed(small), poses).write(0, tmp_path / "o.png")
-    with pytest.raises(InputError, match=r"missing.jpg: no such file or folder"):
-        Overlays(*observed("missing.jpg"), poses).write(0, tmp_path / "o.png")
-    with pytest.raises(InputError, match=r"found 1 frames, needed one numbered 1"):
-        Overlays(*observed(None), poses).write(1, tmp_path / "o.png")
-    with pytest.raises(InputError, match=r"o.jpg: found suffix '.jpg', needed .png"):
-        Overlays(*observed(None), poses).write(0, tmp_path / "o.jpg")
+@pytest.mark.parametrize(
+    ("image", "frame", "name", "complaint"),
+    [
+        ("small.png", 0, "o.png", r"small.png: found 640 x 100 pixels, needed 640 x 360"),
+        ("missing.jpg", 0, "o.png", r"missing.jpg: no such file or folder"),
+        (None, 1, "o.png", r"found 1 frames, needed one numbered 1"),
+        (None, 0, "o.jpg", r"o.jpg: found suffix '.jpg', needed .png"),
+    ],
+)
+def test_wrong_input(image: str | None, frame: int, name: str, complaint: str, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((100, 640, 3), np.uint8))
+    observed = make([(100, 200, 8.0)], [0], image and str(tmp_path / image))
+    with pytest.raises(InputError, match=complaint):
+        Overlays(*observed, {"truth": T_CAMERA_LIDAR}).write(frame, tmp_path / name)
     assert [p.name for p in tmp_path.iterdir()] == ["small.png"]
 
 
@@ -147,8 +180,8 @@ def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Pa
     off = street_truth.copy()
     off[0, 3] += 0.3
     write_transform(off, tmp_path / "off.yaml", "semcal")
-    arguments = ["overlay", str(street), str(street), "--against", str(tmp_path / "off.yaml"), "--by", by]
-    found = CliRunner().invoke(semcal, [*arguments, "-o", str(tmp_path / "out"), "--max-frames", "2"])
+    options = ["--against", tmp_path / "off.yaml", "--by", by, "--max-frames", "2"]
+    found = run("overlay", street, street, *options, "-o", tmp_path / "out")
     assert found.exit_code == 0, found.output
     first, second = sorted((tmp_path / "out").iterdir())
     assert (first.name, second.name) == ("000000.png", "000001.png")
@@ -168,28 +201,15 @@ def test_labels_agree_best_at_the_truth(street_observations: Observations, stree
     assert max(left, right) < middle - 0.02
 
 
-def test_near_is_red_and_far_is_blue() -> None:
-    near, far = level_colors(depth_levels(np.array([2.0, 100.0]))).astype(int)
-    assert near[2] > near[0] + 50  # blue, green, red
-    assert far[0] > far[2]
-
-
-def without(drive: Path, *keys: str) -> None:
-    """Take files of a kind out of all frames of a drive."""
-    document = yaml.safe_load((drive / "drive.yaml").read_text())
-    for frame in document["frames"]:
-        for key in keys:
-            del frame[key]
-    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
-
-
 def test_a_drive_without_labels_is_shown_by_what_needs_none(drive: Path, tmp_path: Path) -> None:
     without(drive, "point_labels", "image_labels")
     for by, is_enough in (("depth", True), ("segment", True), ("edge", True), ("class", False)):
-        arguments = ["overlay", str(drive), str(drive), "--by", by, "-o", str(tmp_path / by), "-q"]
-        found = CliRunner().invoke(semcal, arguments)
+        found = run("overlay", drive, drive, "--by", by, "-o", tmp_path / by, "-q")
         assert (found.exit_code == 0) == is_enough
         assert (tmp_path / by).exists() == is_enough
+    without(drive, "image")
+    found = run("overlay", drive, drive, "--by", "edge", "-o", tmp_path / "out")
+    assert str(found.exception).endswith(".image: found nothing, needed a picture")
 
 
 @pytest.mark.parametrize("command", ["overlay", "calibrate"])
@@ -198,28 +218,11 @@ def test_pictures_replace_nothing_that_is_read(command: str, street: Path, tmp_p
     shutil.copytree(street, drive)
     labels = drive / "image_labels"
     before = (labels / "000000.png").read_bytes()
-    options = {"overlay": [str(drive), "-o", str(labels)], "calibrate": ["--overlay", str(labels)]}
-    found = CliRunner().invoke(semcal, [command, str(drive), *options[command]])
+    options = {"overlay": [drive, "-o", labels], "calibrate": ["--overlay", labels]}
+    found = run(command, drive, *options[command])
     assert isinstance(found.exception, InputError)
     assert "000000.png: found a file that this run reads, needed another folder" in str(found.exception)
     assert (labels / "000000.png").read_bytes() == before
-
-
-def test_many_classes_have_colours_of_their_own() -> None:
-    assert len({tuple(color) for color in class_colors([str(i) for i in range(60)]).tolist()}) == 60
-
-
-def test_beside_another_transform_agreement_is_shown(street: Path, tmp_path: Path) -> None:
-    """Unless another meaning of the colours is asked for."""
-    arguments = ["overlay", str(street), str(street), "--max-frames", "1", "-q"]
-    for folder, options in (
-        ("default", ["--against", str(street)]),
-        ("agreement", ["--against", str(street), "--by", "agreement"]),
-        ("class", ["--against", str(street), "--by", "class"]),
-    ):
-        assert CliRunner().invoke(semcal, [*arguments, *options, "-o", str(tmp_path / folder)]).exit_code == 0
-    pictures = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
-    assert pictures["default"] == pictures["agreement"] != pictures["class"]
 
 
 def test_the_strip_names_frame_agreement_and_pose(street: Path, street_truth: np.ndarray) -> None:
@@ -231,75 +234,60 @@ def test_the_strip_names_frame_agreement_and_pose(street: Path, street_truth: np
     assert overlays.strip(0, "truth") != overlays.strip(1, "truth")
 
 
+def test_what_colours_say_where_it_is_not_asked(drive: Path, tmp_path: Path) -> None:
+    """Agreement beside another transform; edges of the cue edges, also beside segments, which bring a pose near."""
+    against = ["--against", drive]
+    asked = {
+        "agreement": [*against, "--by", "agreement"],
+        "beside": against,
+        "class beside": [*against, "--by", "class"],
+        "edge": ["--by", "edge"],
+        "edges": ["--cue", "edges"],
+        "both": ["--cue", "segments,edges"],
+        "labels": [],
+        "class": ["--cue", "edges", "--by", "class"],
+    }
+    common = ["overlay", drive, drive, "--max-frames", "1", "-q"]
+    for name, options in asked.items():
+        assert run(*common, *options, "-o", tmp_path / name).exit_code == 0
+    without(drive, "point_labels")
+    for name, options in (("unlabelled", []), ("unlabelled beside", against)):
+        assert run(*common, *options, "-o", tmp_path / name).exit_code == 0
+    pictures = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
+    assert pictures["beside"] == pictures["agreement"] != pictures["class beside"]
+    assert pictures["edge"] == pictures["edges"] == pictures["both"] == pictures["unlabelled"]
+    assert len({pictures[name] for name in ("edge", "labels", "class")}) == 3
+    beside = cv2.imdecode(np.frombuffer(pictures["unlabelled beside"], np.uint8), cv2.IMREAD_COLOR)
+    assert (beside == color_of(RANGE_3)).all(axis=2).any()
+
+
 # By edge.
-
-EDGE_NAMES = (NO_EDGE_NAME, *STEP_COLORS)
-RANGE_3, INTENSITY_1 = EDGE_NAMES.index("range step 3"), EDGE_NAMES.index("intensity step 1")
-STEP_COLUMN, STEP_ROW = 400, 250
-"""Where the picture of `draw_edges` steps: its right part is brighter, and so is its lower part."""
-
-
-def color_of(index: int) -> list[int]:
-    """Blue, green and red of a class of the cue edges."""
-    return list(STEP_COLORS[EDGE_NAMES[index]][::-1])
-
-
-def draw_edges(folder: Path, points: list[list[float]], classes: list[int]) -> np.ndarray:
-    """Draw points by edge on a picture with two steps."""
-    picture = np.full((360, 640, 3), 60, np.uint8)
-    picture[:, STEP_COLUMN:] += 60
-    picture[STEP_ROW:] += 60
-    cv2.imwrite(str(folder / "image.png"), picture)
-    frame = Frame(points="p.bin", image=str(folder / "image.png"))
-    cloud = LabelledCloud(np.array(points, np.float32), np.array(classes, np.uint8))
-    pixels = LabelledImage(np.zeros((360, 640), np.uint8))
-    observations = Observations(CAMERA, None, (FrameObservation(cloud, pixels),), EDGE_NAMES, ["gradient 0"])
-    drive = Drive(semcal_drive=1, camera=CAMERA, frames=(frame,))
-    pictures, legend = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}, "edge").draw(0)
-    assert set(legend) <= {*STEP_COLORS, "edge in the picture"}
-    return pictures["it"]
 
 
 def test_only_points_with_an_edge_are_drawn_and_in_the_colour_of_their_step(tmp_path: Path) -> None:
     classes = [*range(len(EDGE_NAMES)), NO_CLASS]
     columns = [40 * (1 + place) for place in range(len(classes))]
-    drawn = draw_edges(tmp_path, [point(u, 100, 8.0) for u in columns], classes)
+    drawn = draw_edges(tmp_path, [(u, 100, 8.0) for u in columns], classes)
     is_colored = (drawn != drawn[..., :1]).any(axis=2)
     for index, u in zip(classes, columns, strict=True):
         is_step = 0 < index < NO_CLASS
         assert is_colored[90:110, u - 10 : u + 10].any() == is_step
         assert not is_step or drawn[100, u].tolist() == color_of(index)
-    assert not is_colored[:90].any()
-    assert not is_colored[110:].any()
+    assert not np.delete(is_colored, np.s_[90:110], axis=0).any()
 
 
 def test_steps_from_left_to_right_are_white_on_a_dark_picture(tmp_path: Path) -> None:
     """And those from above to below are not: the cue does not compare them."""
-    drawn = draw_edges(tmp_path, [point(100, 100, 8.0)], [0])[..., 0].astype(int)
+    drawn = draw_edges(tmp_path, [(100, 100, 8.0)], [0])[..., 0].astype(int)
     assert drawn[100, STEP_COLUMN] > 180
     beside = np.r_[20 : STEP_COLUMN - 20, STEP_COLUMN + 20 : 620]
     for v in (100, STEP_ROW, 340):
         assert drawn[v, beside].max() <= GREY_STRENGTH * 180
 
 
-def test_hidden_edges_are_left_out(tmp_path: Path) -> None:
-    """A wall without edges at 2 m covers columns 0 to 300; edges at 50 m are seen beside it alone."""
-    wall = [point(u, v, 2.0) for u in range(0, 300, 3) for v in range(0, 360, 3)]
-    far = [point(u, 181, 50.0) for u in (100, 200, 500)]
-    drawn = draw_edges(tmp_path, wall + far, [0] * len(wall) + [RANGE_3] * len(far))
-    is_edge = (drawn == color_of(RANGE_3)).all(axis=2)
-    assert set(np.nonzero(is_edge)[1].tolist()) <= set(range(497, 504))
-    assert is_edge[181, 500]
-
-
 def test_a_strong_edge_lies_above_a_weak_one_that_is_nearer(tmp_path: Path) -> None:
-    drawn = draw_edges(tmp_path, [point(100, 100, 8.1), point(100, 100, 8.0)], [RANGE_3, INTENSITY_1])
+    drawn = draw_edges(tmp_path, [(100, 100, 8.1), (100, 100, 8.0)], [RANGE_3, INTENSITY_1])
     assert drawn[100, 100].tolist() == color_of(RANGE_3)
-
-
-def test_edges_are_in_the_order_of_their_strength() -> None:
-    found = edges_by_strength(np.array([RANGE_3, 0, INTENSITY_1, NO_CLASS, INTENSITY_1], np.uint8))
-    assert found.tolist() == [2, 4, 0]
 
 
 def test_all_classes_of_the_cue_have_colours_of_edges(
@@ -330,33 +318,3 @@ def test_edges_of_sweep_and_picture_coincide_at_the_truth_alone(
         brightness.append(float(np.concatenate(found).mean()))
     # Foliage is full of edges, which lie on edges of the picture at any pose.
     assert brightness[1] > 1.05 * max(brightness[0], brightness[2])
-
-
-def test_edges_need_pictures(drive: Path, tmp_path: Path) -> None:
-    without(drive, "image")
-    arguments = ["overlay", str(drive), str(drive), "--by", "edge", "-o", str(tmp_path / "out")]
-    found = CliRunner().invoke(semcal, arguments)
-    assert isinstance(found.exception, InputError)
-    assert str(found.exception).endswith(".image: found nothing, needed a picture")
-
-
-def test_the_cue_edges_is_shown_by_edge(drive: Path, tmp_path: Path) -> None:
-    """Also beside segments, which only bring a pose near, beside another transform, and where a drive has no labels."""
-    common = ["overlay", str(drive), str(drive), "--max-frames", "1", "-q"]
-    asked = {
-        "edge": ["--by", "edge"],
-        "edges": ["--cue", "edges"],
-        "both": ["--cue", "segments,edges"],
-        "labels": [],
-        "class": ["--cue", "edges", "--by", "class"],
-    }
-    for name, options in asked.items():
-        assert CliRunner().invoke(semcal, [*common, *options, "-o", str(tmp_path / name)]).exit_code == 0
-    without(drive, "point_labels")
-    for name, options in (("unlabelled", []), ("against", ["--against", str(drive)])):
-        assert CliRunner().invoke(semcal, [*common, *options, "-o", str(tmp_path / name)]).exit_code == 0
-    pictures = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
-    assert pictures["edge"] == pictures["edges"] == pictures["both"] == pictures["unlabelled"]
-    assert len({pictures[name] for name in ("edge", "labels", "class")}) == 3
-    beside = cv2.imdecode(np.frombuffer(pictures["against"], np.uint8), cv2.IMREAD_COLOR)
-    assert (beside == color_of(RANGE_3)).all(axis=2).any()

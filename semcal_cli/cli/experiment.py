@@ -10,12 +10,12 @@ import click
 from semcal_cli.cli.experiment_options import measures, out_options, print_table, rows_option, seeds_options
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
+    PATH,
     drive_argument,
     max_frames_option,
     max_points_option,
     number_option,
 )
-from semcal_cli.cli.settings import PATH
 from semcal_cli.config import Estimator
 from semcal_cli.errors import check_torch
 from semcal_cli.experiments.parts import PARTS

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import Command, number_option
-from semcal_cli.cli.settings import PATH
+from semcal_cli.cli.options import PATH, Command, number_option
 from semcal_cli.config import MAX_SEED
 
 if TYPE_CHECKING:

@@ -4,39 +4,65 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.ci import (
-    Case,
-    CiReport,
-    Inconclusive,
-    errors_reported,
-    inconclusive_option,
-)
+from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
-    junit_option,
-    limit_options,
-    output_option,
-    quiet_option,
-    report_option,
+    LimitSettings,
+    QuietSettings,
+    inconclusive_choice,
+    result_file,
 )
-from semcal_cli.cli.rules import CheckedCommand
-from semcal_cli.cli.settings import OUTPUT_FILE, PATH
+from semcal_cli.cli.settings import argument, command, option, output_file
+from semcal_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from semcal_cli.files.documents import Format
-    from semcal_cli.fleet.fleet import Fleet
+    from semcal_cli.assessment.limits import Check
+    from semcal_cli.fleet.fleet import ComparedDrive, Fleet
 
 PLOTS = (".png", ".svg")
+MAX_LINES = 20
+"""Largest number of drives or checks of one kind that the terminal names; files name all."""
+NO_BREAK = "\u00a0"
+"""Space at which no line is broken."""
 
 
-@click.command(
-    cls=CheckedCommand,
+@dataclass(frozen=True, kw_only=True)
+class FleetSettings(LimitSettings, QuietSettings):
+    """What the options of `fleet` say."""
+
+    results: tuple[Path, ...] = argument()
+    output: Path | None = result_file()
+    reference: Path | None = option("Also judge the offset of the rig from this transform.", metavar="FILE")
+    page: Path | None = output_file("Also write a page about the result: .html.", "--report")
+    plot: Path | None = output_file("Also write the page's plot on its own: .png or .svg.")
+    as_json: bool = option("Print the result as JSON.", "--json", default=False)
+    junit: Path | None = output_file("Also write a JUnit XML file.")
+    inconclusive: Inconclusive = inconclusive_choice()
+
+    def check_suffixes(self) -> None:
+        """Check the suffixes of the page and of the plot.
+
+        Raises:
+            InputError: a suffix does not match the file's format.
+        """
+        from semcal_cli.cli.outputs import check_page
+
+        if self.page is not None:
+            check_page(self.page)
+        if self.plot is not None and self.plot.suffix.lower() not in PLOTS:
+            raise InputError(f"{self.plot}: found suffix {self.plot.suffix!r}, needed {' or '.join(PLOTS)}")
+
+
+@command(
+    FleetSettings,
     help=f"""Put the drives of one rig together: what they agree on, which do not, whether the rig moved.
 
     RESULTS are folders that semcal batch wrote, and single calibrations of semcal. Drives are ordered by the stamps
@@ -48,97 +74,60 @@ PLOTS = (".png", ".svg")
     FILE of --reference is {KNOWN_TRANSFORMS}.
     """,
 )
-@click.argument("results", nargs=-1, required=True, type=PATH)
-@output_option
-@click.option(
-    "--reference", type=PATH, metavar="FILE", help="Also judge the offset of the rig from this transform."
-)
-@limit_options(may_be_zero=False)
-@report_option("the result")
-@click.option(
-    "--plot", type=OUTPUT_FILE, metavar="FILE", help="Also write the page's plot on its own: .png or .svg."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@junit_option
-@inconclusive_option
-@quiet_option
-def fleet(
-    results: tuple[Path, ...],
-    output: Path | None,
-    reference: Path | None,
-    page: Path | None,
-    plot: Path | None,
-    as_json: bool,
-    junit: Path | None,
-    inconclusive: Inconclusive,
-    quiet: bool,
-    **limits: float,
-) -> None:
+def fleet(settings: FleetSettings) -> None:
     """Combine the drives of a rig."""
     from semcal_cli.batch.records import JSONL
-    from semcal_cli.cli.fleet_summary import print_fleet
     from semcal_cli.cli.outputs import check_outputs
-    from semcal_cli.cli.terminal import make_console
+    from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.documents import document_text, output_format
     from semcal_cli.files.reading import is_folder
     from semcal_cli.files.writing import write_bytes
+    from semcal_cli.fleet.combination import combine_drives
+    from semcal_cli.fleet.course import plot_fleet
+    from semcal_cli.fleet.members import read_members
+    from semcal_cli.fleet.page import page_html
+    from semcal_cli.formats import read_transform
+    from semcal_cli.formats.format import MAX_YAML_BYTES
 
+    output, page, plot, junit = settings.output, settings.page, settings.plot, settings.junit
+    results, reference = settings.results, settings.reference
     read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []
-    outputs = [path for path in (output, page, plot, junit) if path is not None]
     subject = ", ".join(map(str, results))
     with errors_reported("fleet", subject, junit, read):
-        check_outputs(read, outputs)
-        form = ("json" if as_json else "yaml") if output is None else output_format(output)
-        _check_suffixes(page, plot)
-        found = _combine(results, reference, **limits)
+        check_outputs(read, output, page, plot, junit)
+        form = ("json" if settings.as_json else "yaml") if output is None else output_format(output)
+        settings.check_suffixes()
+        T_reference = None if reference is None else read_transform(reference)
+        limits = Limits(settings.max_rotation_deg, settings.max_translation_m)
+        found = combine_drives(read_members(results), limits, T_reference)
     report = CiReport(
-        "fleet", subject, found.verdict, _cases(found), found.reasons, inconclusive=inconclusive
+        "fleet", subject, found.verdict, _cases(found), found.reasons, inconclusive=settings.inconclusive
     )
     document = _document(found, read, output, reference)
-    text = _result_text(document, form, output)
+    text = document_text(document, form)
+    if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
+        size = f"{len(text):,} bytes of YAML, which other commands would not read"
+        raise InputError(f"{output}: found {size}, needed .json")
     # All content is made before anything is written, and the result is written last.
-    contents = _pictured(found, subject, page, plot)
+    contents: dict[Path, bytes] = {}
+    if page is not None:
+        contents[page] = page_html(found, subject).encode()
+    if plot is not None:
+        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
     if junit is not None:
         contents[junit] = report.junit().encode()
     if output is not None:
         contents[output] = text.encode()
     for path, content in contents.items():
         write_bytes(content, path)
-    if output is None or as_json:
-        click.echo(document_text(document, "json") if as_json else text, nl=False)
-    print_fleet(found, outputs, make_console(quiet))
+    if output is None or settings.as_json:
+        click.echo(document_text(document, "json") if settings.as_json else text, nl=False)
+    written = [path for path in (output, page, plot, junit) if path is not None]
+    _print(found, written, quiet=settings.quiet)
     report.tell_github()
     sys.exit(report.exit_code)
-
-
-def _check_suffixes(page: Path | None, plot: Path | None) -> None:
-    """Check the suffixes of the page and of the plot.
-
-    Raises:
-        InputError: a suffix does not match the file's format.
-    """
-    from semcal_cli.cli.outputs import check_page
-    from semcal_cli.errors import InputError
-
-    if page is not None:
-        check_page(page)
-    if plot is not None and plot.suffix.lower() not in PLOTS:
-        raise InputError(f"{plot}: found suffix {plot.suffix!r}, needed {' or '.join(PLOTS)}")
-
-
-def _combine(
-    results: Sequence[Path], reference: Path | None, max_rotation_deg: float, max_translation_m: float
-) -> Fleet:
-    from semcal_cli.config import Limits
-    from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.members import read_members
-    from semcal_cli.formats import read_transform
-
-    T_reference = None if reference is None else read_transform(reference)
-    limits = Limits(max_rotation_deg, max_translation_m)
-    return combine_drives(read_members(results), limits, T_reference)
 
 
 def _document(
@@ -155,37 +144,6 @@ def _document(
     return describe_fleet(found, hash_files(read, place), name)
 
 
-def _result_text(document: Mapping[str, Any], form: Format, output: Path | None) -> str:
-    """Format the result as YAML or JSON.
-
-    Raises:
-        InputError: the YAML is larger than other commands read.
-    """
-    from semcal_cli.errors import InputError
-    from semcal_cli.files.documents import document_text
-    from semcal_cli.formats.format import MAX_YAML_BYTES
-
-    text = document_text(document, form)
-    if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
-        raise InputError(
-            f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"
-        )
-    return text
-
-
-def _pictured(found: Fleet, given: str, page: Path | None, plot: Path | None) -> dict[Path, bytes]:
-    """Make the page, which names what was given, and the plot, where they are wanted."""
-    from semcal_cli.fleet.course import plot_fleet
-    from semcal_cli.fleet.page import page_html
-
-    contents: dict[Path, bytes] = {}
-    if page is not None:
-        contents[page] = page_html(found, given).encode()
-    if plot is not None:
-        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
-    return contents
-
-
 def _cases(found: Fleet) -> list[Case]:
     """Make a test case of each check, of each drive, and of the verdict on all."""
     from semcal_cli.fleet.verdict import total
@@ -197,3 +155,89 @@ def _cases(found: Fleet) -> list[Case]:
         cases.append(Case(f"drive {drive.member.drive}", verdict, f"{total(drive.offset)} off"))
     # The file has the same verdict as the exit code, whatever decides it.
     return [*cases, Case("all together", found.verdict, f"{len(found.drives):,} drives")]
+
+
+def _print(found: Fleet, written: Sequence[Path], *, quiet: bool) -> None:
+    """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
+    from semcal_cli.cli.tables import labelled, matrix_lines
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.errors import printable
+    from semcal_cli.fleet.verdict import title
+    from semcal_cli.result.intervals import intervals
+
+    terminal = Terminal(quiet=quiet)
+
+    def show(label: str, lines: Iterable[str]) -> None:
+        terminal.print(*_rows(label, lines))
+
+    num_used, num_all = len(found.drives), len(found.drives) + len(found.left_out)
+    order = "in the order of their stamps" if found.order == "stamp" else "in the order of their names"
+    last = found.parts[-1]
+    show("drives", [f"{num_used:,} of {num_all:,} used, {order}"])
+    show("left out", _first([f"{member.drive}: {member.left_out}" for member in found.left_out]))
+    show("note", found.notes)
+    show("apart", _first(list(map(_apart, _worst_first(found.drives)))))
+    terminal.print(*map(printable, _check_lines(found.checks)))
+    show("reasons", found.reasons)
+    show("T_camera_lidar", matrix_lines(found.T_camera_lidar))
+    show("holds", [f"at {last.last}" if found.drift is not None else f"from {last.first} on"])
+    show("95 % interval", intervals(last.half_widths.tolist()))
+    show("written to", map(str, written))
+    verdict = f"{found.verdict}: {title(found)[0].lower()}{title(found)[1:]}"
+    terminal.print_verdict(labelled("verdict", verdict), found.verdict)
+
+
+def _worst_first(drives: Sequence[ComparedDrive]) -> list[ComparedDrive]:
+    apart = [drive for drive in drives if drive.disagrees or drive.is_far]
+    return sorted(apart, key=lambda drive: (drive.verdict != "fail", not drive.is_far))
+
+
+def _apart(drive: ComparedDrive) -> str:
+    from semcal_cli.fleet.verdict import total
+
+    verdict = "disagrees, within what is allowed"
+    if drive.is_far:
+        verdict = "surely beyond what is allowed" if drive.verdict == "fail" else "perhaps beyond"
+    return f"{drive.member.drive}: {total(drive.offset)} off, {verdict}"
+
+
+def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
+    """List the totals, and what does not pass, under the subject of each."""
+    from semcal_cli.assessment.limits import IN_ALL
+    from semcal_cli.cli.tables import COLUMNS
+    from semcal_cli.fleet.verdict import check_words
+
+    shown = [check for check in checks if check.name.endswith(IN_ALL) or check.verdict != "pass"]
+    last = None
+    for check in shown[:MAX_LINES]:
+        told = check_words(check)
+        if told.subject != last:
+            yield from _wrapped(told.subject, COLUMNS)
+        last, unit = told.subject, told.unit[:3]
+        found = f"  {told.quantity:<26}{told.found:>9} +- {told.half_width:<8} {unit:<3}"
+        yield f"{found} allowed {told.allowed:<7}{check.verdict}"
+    if len(shown) > MAX_LINES:
+        yield f"  and {len(shown) - MAX_LINES:,} more"
+
+
+def _first(lines: list[str]) -> list[str]:
+    more = [f"and {len(lines) - MAX_LINES:,} more"] if len(lines) > MAX_LINES else []
+    return [*lines[:MAX_LINES], *more]
+
+
+def _rows(label: str, lines: Iterable[str]) -> Iterator[str]:
+    """Label the first of some lines, each broken to the width of a terminal; names stay whole."""
+    from semcal_cli.cli.tables import COLUMNS, LABEL_WIDTH, labelled
+
+    for line in lines:
+        is_text = len(line) > COLUMNS - LABEL_WIDTH
+        for piece in _wrapped(line, COLUMNS - LABEL_WIDTH) if is_text else [line]:
+            yield labelled(label, piece)
+            label = ""
+
+
+def _wrapped(line: str, columns: int) -> list[str]:
+    """Break a line between words; names, and intervals with their signs, stay whole."""
+    whole = line.replace("+- ", f"+-{NO_BREAK}")
+    pieces = wrap(whole, columns, break_long_words=False, break_on_hyphens=False)
+    return [piece.replace(NO_BREAK, " ") for piece in pieces]

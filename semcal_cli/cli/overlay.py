@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
     from semcal_cli.drive.observations import Observations
-    from semcal_cli.report.colors import Coloring
     from semcal_cli.report.overlay import Overlays
 
 Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
