@@ -157,19 +157,13 @@ TRANSFORMS: dict[str, Hostile] = {
         check=only_numbers_change("a.json"),
     ),
 }
-for how, change in {
-    "rounded to three decimals": rounded,
-    "stretched by 1.0001": scaled(1.0001),
-    "stretched by 1.0004": scaled(1.0004),
-}.items():
-    for name, command in (
-        (
-            "verify",
-            ("verify", "drive", "T.yaml", "--json", "--max-rotation-deg", "5", "--max-translation-m", "1"),
-        ),
-        ("refine", ("refine", "drive", "--init", "T.yaml", "-o", "out.yaml")),
-        ("calibrate", ("calibrate", "drive", "--init", "T.yaml", "-o", "out.yaml")),
-    ):
-        TRANSFORMS[f"a transform {how}, {name}"] = Hostile(
-            start(change), (*command, "--quiet"), "^$", exit_code=0, check=is_rigid
-        )
+
+WIDE = ("--max-rotation-deg", "5", "--max-translation-m", "1")
+for how, change, command in (
+    ("rounded to three decimals", rounded, ("verify", "drive", "T.yaml", "--json", *WIDE)),
+    ("stretched by 1.0001", scaled(1.0001), ("refine", "drive", "--init", "T.yaml", "-o", "out.yaml")),
+    ("stretched by 1.0004", scaled(1.0004), ("calibrate", "drive", "--init", "T.yaml", "-o", "out.yaml")),
+):
+    TRANSFORMS[f"a transform {how}, {command[0]}"] = Hostile(
+        start(change), (*command, "--quiet"), "^$", exit_code=0, check=is_rigid
+    )

@@ -80,15 +80,11 @@ REFUSED = {
         for command, option, name in (
             ("calibrate d", "-o", "-"),
             ("calibrate d", "--log", "-"),
-            ("calibrate d", "--report", "/dev/stdout"),
             ("initialize d", "-o", "/dev/stdout"),
             (f"refine d {START}", "--log", "/dev/stdout"),
             ("verify d c", "--junit", "/proc/self/fd/1"),
-            ("verify d c", "--report", "-"),
             ("fleet r", "-o", "-"),
-            ("fleet r", "--report", "-"),
             ("fleet r", "--plot", "/dev/stdout"),
-            ("fleet r", "--junit", "-"),
         )
     },
     "convert a": "Give --to or --into.",

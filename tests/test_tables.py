@@ -57,16 +57,6 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
         ),
         (
             "not_trusted",
-            1,
-            True,
-            [
-                "verdict          not trusted: 1 doubt, see above",
-                "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
-                "why              docs/troubleshooting.md explains each doubt",
-            ],
-        ),
-        (
-            "not_trusted",
             3,
             False,
             [
