@@ -140,13 +140,7 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
 
 
 def _make_tasks(settings: BatchSettings) -> list[Task]:
-    """List the tasks: the command on each drive, with its results below the folder.
-
-    Raises:
-        click.UsageError: the command has no such option, or the batch sets it.
-        InputError: there are no drives, a transform is invalid, or the results would lie among files that are not
-            theirs.
-    """
+    """List the tasks: the command on each drive, with its results below the folder."""
     from semcal_cli.batch.folders import check_apart, check_distinct_folders, check_made_by_batch
     from semcal_cli.batch.tasks import find_drives, folder_of
 
@@ -166,11 +160,6 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
     """Check what goes to the command, once for all drives, and make tasks of which only the drive is open.
 
     Other machines have other working folders, so that files are named by their absolute paths.
-
-    Raises:
-        click.UsageError: the command has no such option, options exclude one another, or the batch sets one.
-        InputError: a transform is invalid, or this machine, where the drives are to run, lacks torch or the
-            device.
     """
     from semcal_cli.batch.tasks import Task
     from semcal_cli.drive.document import drive_file

@@ -148,11 +148,7 @@ def label(settings: LabelSettings) -> None:
 
 
 def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> None:
-    """Label a drive, draw the preview, and say what was done.
-
-    Raises:
-        InputError: the drive, a model or a card is wrong, or frames cannot be labelled.
-    """
+    """Label a drive, draw the preview, and say what was done."""
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.errors import InputError

@@ -15,7 +15,7 @@ import click
 import numpy as np
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.tables import doubts, labelled, summary_lines, verdict_lines
+from semcal_cli.cli.tables import figures, labelled, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal, progress_line
 from semcal_cli.drive.document import Drive, drive_file, read_drive
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -34,7 +34,6 @@ from semcal_cli.files.writing import (
 )
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import calibration_text, write_calibration
-from semcal_cli.result.intervals import stated_error
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
@@ -197,7 +196,7 @@ class Outputs:
             )
             if self.page is not None:
                 write_report(report, self.page, progress)
-                terminal.print(labelled("report", str(self.page)))
+                terminal.print_paths("report", [self.page])
             if self.images is not None:
                 progress("drawing points on pictures")
                 terminal.print_paths("picture", report.overlays(MAX_IMAGES).write_all(self.images))
@@ -206,13 +205,8 @@ class Outputs:
 def _report(calibration: Calibration, written_to: str) -> CiReport:
     """Make a verdict of a calibration for CI, with the interval of its pose or the number of doubts."""
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
-    uncertainty, figures = calibration.believed_uncertainty, "interval not known"
-    if verdict == "fail":
-        figures = doubts(calibration)
-    elif uncertainty is not None:
-        figures = stated_error(uncertainty, calibration.used_camera)
     command = click.get_current_context().command.name or "calibrate"
-    case = Case(calibration.status, verdict, figures)
+    case = Case(calibration.status, verdict, figures(calibration) or "interval not known")
     return CiReport(command, written_to, verdict, [case], calibration.reasons)
 
 

@@ -106,15 +106,7 @@ def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]
 def _observe(drive: Drive, settings: OverlaySettings, of_classes: Coloring) -> tuple[Coloring, Observations]:
     """Load what colours show of the frames of a drive, and tell what they mean.
 
-    Args:
-        drive: The drive.
-        settings: Settings of the command; without a meaning of the colours, they are edges, if a pose is refined by
-            them, or else `of_classes`.
-        of_classes: Meaning of the colours of points with classes.
-
-    Raises:
-        InputError: a file is missing or wrong, or the drive does not name one that is needed.
-        CalibrationError: the points or the pixels carry no information.
+    If nothing else is asked for, that is edges where a pose is refined by them, or else `of_classes`.
     """
     from semcal_cli.drive.cues.table import chosen, load_cues, maximised
     from semcal_cli.drive.reading import load_points

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import click
 
@@ -70,27 +68,24 @@ def synth(settings: SynthSettings) -> None:
     Streets are drawn from the seed, with 20 classes under CARLA's names and ids. Both sensors see true
     parallax. What the mounting options leave open is drawn from the seed, too.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
+    from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
     from semcal_cli.threads import set_num_threads
 
     drives, num_cameras, force = settings.drives(), settings.num_cameras, settings.force
     set_num_threads(settings.threads)
-    start, shown = perf_counter(), not settings.quiet and sys.stderr.isatty()
-    with Progress(console=Console(stderr=True), transient=True, disable=not shown) as bar:
+    start = perf_counter()
+    with progress_line(make_console(settings.quiet)) as show:
         for config, folder in drives:
-            task = bar.add_task(f"rendering {folder}", total=(num_cameras or 1) * config.num_frames)
+            total = (num_cameras or 1) * config.num_frames
 
-            def tell(done: int, task: Any = task) -> None:
-                bar.update(task, completed=done)
+            def tell(done: int, doing: str = f"rendering {folder}", total: int = total) -> None:
+                show(f"{doing}: {done:,} of {total:,} frames")
 
             if num_cameras is None:
                 summary = synthesize(config, folder, tell, force=force)
             else:
                 summary = synthesize_rig(config, num_cameras, folder, tell, force=force)
-            bar.remove_task(task)
             if not settings.quiet:
                 click.echo(f"wrote {folder}", err=True)
     if not settings.quiet:

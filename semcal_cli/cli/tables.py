@@ -72,19 +72,19 @@ def verdict_lines(calibration: Calibration) -> list[str]:
     status = calibration.status
     is_start = status == "not_assessed" and [*calibration.stages] == ["initial"]
     case = "initial" if is_start else status
-    how_good = WITHOUT_CHECKS.get(case, "")
-    if status == "not_trusted":
-        how_good = f"{doubts(calibration)}, see above"
-    elif calibration.believed_uncertainty is not None:
-        how_good = stated_error(calibration.believed_uncertainty, calibration.used_camera)
-    verdict = ": ".join(filter(None, [status.replace("_", " "), how_good]))
+    how_good = figures(calibration) or WITHOUT_CHECKS.get(case, "")
+    see = ", see above" if status == "not_trusted" else ""
+    verdict = ": ".join(filter(None, [status.replace("_", " "), how_good + see]))
     return [labelled("verdict", verdict), *(labelled(*step) for step in NEXT_STEPS.get(case, ()))]
 
 
-def doubts(calibration: Calibration) -> str:
-    """Say how many reasons speak against a calibration."""
-    count = len(calibration.reasons)
-    return f"{count} doubt{'s' if count > 1 else ''}"
+def figures(calibration: Calibration) -> str:
+    """Say how many reasons speak against a calibration, or else its interval; empty if that is not known."""
+    if calibration.status == "not_trusted":
+        count = len(calibration.reasons)
+        return f"{count} doubt{'s' if count > 1 else ''}"
+    known = calibration.believed_uncertainty
+    return "" if known is None else stated_error(known, calibration.used_camera)
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:

@@ -83,12 +83,7 @@ def view(settings: ViewSettings) -> None:
 
 
 def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
-    """Check that the page can save the transform, and that this replaces nothing that is read.
-
-    Raises:
-        click.UsageError: it would go to a stream.
-        InputError: it cannot be written to its path.
-    """
+    """Check that the page can save the transform, and that this replaces nothing that is read."""
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.writing import descriptor
@@ -134,11 +129,7 @@ def _session(
 
 
 def _missing_labels(drive: Drive, sweeps: Sweeps) -> str:
-    """Say which labels a drive lacks; empty if it has all.
-
-    Raises:
-        InputError: a sweep or its labels are damaged.
-    """
+    """Say which labels a drive lacks; empty if it has all."""
     from semcal_cli.drive.reading import check_labelled, read_clouds
     from semcal_cli.errors import InputError
 
