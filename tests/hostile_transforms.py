@@ -91,8 +91,7 @@ def transforms(document: Any) -> list[Any]:
     return [*inner, *([document["T_camera_lidar"]] if "T_camera_lidar" in document else [])]
 
 
-TWO = r"^semcal: error: kit.yaml: found '{}' for both camera and LiDAR, needed two sensors$"
-NAME = r"^semcal: error: kit.yaml: found sensors {}, needed --{} to name one of them$"
+NAME = r"^semcal: error: kit.yaml: found sensors {}, needed --{} to name (one of them|the LiDAR's own)$"
 READ, INTO = ("convert", "kit.yaml", "--to", "semcal"), ("convert", "drive", "--into")
 ONE_SENSOR = "found one sensor for both camera and LiDAR, 'b' and 'LIDAR_TOP', needed two sensors$"
 TRANSFORMS: dict[str, Hostile] = {
@@ -110,12 +109,12 @@ TRANSFORMS: dict[str, Hostile] = {
     "a LiDAR named as the camera": Hostile(
         kit("camera0/camera_link", "velodyne_top"),
         (*READ, "--frame", "optical", "--camera", "velodyne_top"),
-        TWO.format("velodyne_top"),
+        NAME.format("camera0/camera_link, velodyne_top", "lidar"),
     ),
     "a camera named as the LiDAR, into a kit": Hostile(
         kit("camera0/camera_link", "velodyne_top"),
         (*INTO, "kit.yaml", "--to-lidar", "camera0/camera_link"),
-        TWO.format("camera0/camera_link"),
+        NAME.format("camera0/camera_link, velodyne_top", "to-camera"),
         kept=("kit.yaml",),
     ),
     "a token and a channel of one sensor": Hostile(
