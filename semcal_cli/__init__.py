@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from semcal_cli.formats import read_transform as read_transform
     from semcal_cli.formats import write_transform as write_transform
     from semcal_cli.formats.format import FormatOptions as FormatOptions
-    from semcal_cli.geometry.pose_error import compare_poses as compare_poses
+    from semcal_cli.geometry.poses import compare_poses as compare_poses
     from semcal_cli.initialization.initial_pose import InitialPose as InitialPose
     from semcal_cli.pipeline import calibrate as calibrate
     from semcal_cli.pipeline.parts import split as split
@@ -54,7 +54,7 @@ _MODULES = {
     "RefinementConfig": "config",
     "SemcalError": "errors",
     "calibrate": "pipeline",
-    "compare_poses": "geometry.pose_error",
+    "compare_poses": "geometry.poses",
     "convert": "formats",
     "load": "drive.loading",
     "read_calibration": "result.calibration",

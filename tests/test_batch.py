@@ -26,7 +26,7 @@ from semcal_cli.batch.records import worst
 from semcal_cli.batch.tasks import Task, describe_result, find_drives, folder_of
 from semcal_cli.files.writing import locked
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.result.calibration import Calibration, write_calibration
 from semcal_cli.result.provenance import camera_hash
 

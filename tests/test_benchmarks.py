@@ -18,7 +18,7 @@ from documentation import PAGES, ROOT, text_of_all
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.experiments.page_tables import END, find_place
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.synthetic.synthesis import synthesize
 
 pytestmark = pytest.mark.slow

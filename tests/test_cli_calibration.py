@@ -18,8 +18,7 @@ from semcal_cli.drive.cues.table import choose_frames
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, inverse
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, compare_poses, inverse
 from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 

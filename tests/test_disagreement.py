@@ -18,13 +18,12 @@ from semcal_cli.drive.alike import alike_frames, ranges_of
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import load_observations
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.report.figures import frames_plots
-from semcal_cli.result.checks.check import findings_among
+from semcal_cli.result.checks import findings_among
 from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, RawFrame, write_raw_drive

@@ -34,9 +34,8 @@ from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
 from semcal_cli.pipeline.verification import LOOKS_LIKE
-from semcal_cli.result.checks.check import Check
-from semcal_cli.result.checks.page import with_limits
-from semcal_cli.result.checks.table import CHECKS
+from semcal_cli.result.checks import CHECKS, Check
+from semcal_cli.result.troubleshooting import with_limits
 from semcal_cli.schemas import MODELS, schema_file
 
 DOCS = ROOT / "docs"

@@ -23,8 +23,7 @@ from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import write_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.search import led_by
 from semcal_cli.pipeline import calibrate, initialize

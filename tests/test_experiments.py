@@ -30,8 +30,7 @@ from semcal_cli.experiments.rows import Case as RowCase
 from semcal_cli.experiments.rows import cases
 from semcal_cli.experiments.runner import in_words, run_cases
 from semcal_cli.files.writing import locked
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -18,8 +18,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate, refine
 from semcal_cli.refinement.torch_geometry import exp_se3

@@ -8,8 +8,7 @@ from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, camera_center, inverse, rotation_error_deg
+from semcal_cli.geometry.poses import Pose, camera_center, compare_poses, inverse, rotation_error_deg
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
 from semcal_cli.result.sections import Hypothesis
 

@@ -21,8 +21,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.synthetic.synthesis import make_camera
 
 UNMOVED = 0.9

@@ -20,7 +20,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.refinement.polish import newton
-from semcal_cli.result.checks.check import findings_among
+from semcal_cli.result.checks import findings_among
 
 CONFIG = PolishConfig()
 SIGMA = IntrinsicsSigma(fx=2.0, fy=2.0, cx=2.0, cy=2.0)

@@ -19,8 +19,7 @@ from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import delayed
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.result.uncertainty import Uncertainty

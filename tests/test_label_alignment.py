@@ -19,7 +19,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.checks.check import findings_among
+from semcal_cli.result.checks import findings_among
 from semcal_cli.synthetic.label_noise import as_by_a_network, with_ragged_things, with_wrong_labels
 
 Labels = npt.NDArray[np.uint8]

@@ -4,10 +4,10 @@ from conftest import make_pose, poses
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import (
     Pose,
     camera_center,
+    compare_poses,
     inverse,
     pose_from_quaternion,
     quaternion_xyzw,

@@ -16,8 +16,7 @@ from semcal_cli.drive.reading import read_observations
 from semcal_cli.experiments.baselines import paper
 from semcal_cli.experiments.baselines.config import PaperConfig
 from semcal_cli.experiments.baselines.paper import calibrate_as_published
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate

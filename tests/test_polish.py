@@ -13,8 +13,7 @@ from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.refinement.polish import polish_pose, split
 

@@ -15,8 +15,7 @@ from semcal_cli.drive.reading import load_observations, read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at

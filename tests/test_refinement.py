@@ -10,8 +10,7 @@ from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.refinement.mine import MineEstimator
 from semcal_cli.refinement.pyramid import ExactEstimator, LevelOptimizer, pyramid_factors, refine_pose
 

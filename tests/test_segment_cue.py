@@ -23,12 +23,11 @@ from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at
 from semcal_cli.refinement.several_starts import SeveralStarts
-from semcal_cli.result.checks.check import findings_among
+from semcal_cli.result.checks import findings_among
 
 FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 """2 degrees and 0.2 m."""

@@ -21,8 +21,7 @@ from semcal_cli.drive.motion import delayed, exposed_as, points_at, unrolled
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_clouds
 from semcal_cli.experiments.baselines.soic import calibrate_by_soic
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate, refine_and_polish, start_at

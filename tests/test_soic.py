@@ -15,8 +15,7 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.baselines.config import SoicConfig
 from semcal_cli.experiments.baselines.soic import Soic
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, pose_from_mounting
+from semcal_cli.geometry.poses import Pose, compare_poses, pose_from_mounting
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 

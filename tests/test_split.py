@@ -13,7 +13,7 @@ from semcal_cli.drive import loading
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.pipeline.parts import split
 from semcal_cli.report import read_report_input, write_report
 from semcal_cli.result.calibration import Calibration, read_calibration

@@ -18,7 +18,7 @@ from semcal_cli.experiments import accuracy, diagnosis, pool, spoiled, trust, tr
 from semcal_cli.experiments.outcome import Case, Outcome
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.spoiled_rates import kinds_markdown, spoiled_rates, subtle_rates
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 

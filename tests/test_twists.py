@@ -7,8 +7,14 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.baseline import baseline_m, check_baseline, within_baseline
-from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
+from semcal_cli.geometry.poses import (
+    Pose,
+    baseline_m,
+    camera_center,
+    check_baseline,
+    rotation_difference,
+    within_baseline,
+)
 from semcal_cli.geometry.twists import (
     apply_twist,
     inverse_left_jacobian,

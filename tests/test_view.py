@@ -24,8 +24,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.report.view.server import HOST, ViewServer
 from semcal_cli.report.view.session import Placed, Session
 

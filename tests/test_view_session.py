@@ -12,8 +12,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.reading import load_points, read_clouds
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, camera_center, mounting_rpy_deg, pose_from_mounting
+from semcal_cli.geometry.poses import Pose, camera_center, compare_poses, mounting_rpy_deg, pose_from_mounting
 from semcal_cli.report.view.session import Placed, Session
 
 ZERO = [0.0] * 6

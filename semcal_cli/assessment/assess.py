@@ -34,8 +34,7 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.camera import RefinedCamera
-from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER
+from semcal_cli.result.checks import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER, Measured
 from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from semcal_cli.formats import Extrinsic
-from semcal_cli.geometry.pose_error import PoseError, compare_poses
+from semcal_cli.geometry.poses import PoseError, compare_poses
 from semcal_cli.result.camera import camera_differences
 
 

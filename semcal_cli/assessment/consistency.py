@@ -23,14 +23,14 @@ from semcal_cli.drive.motion import delayed, differs, twists_per_s
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.pyramid import refine_exactly
-from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import (
+from semcal_cli.result.checks import (
     NOTHING_LABELLED,
     ONE_CLASS,
     OTHER_AZIMUTH,
     WRONG_CLOCKS,
     WRONG_FOCAL_LENGTH,
     WRONG_PAIRING,
+    Measured,
 )
 from semcal_cli.threads import thread_pool
 

@@ -30,8 +30,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
-from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import FRAMES_DISAGREE, MOVED_CAMERA
+from semcal_cli.result.checks import FRAMES_DISAGREE, MOVED_CAMERA, Measured
 from semcal_cli.result.sections import DrivePart, Movement
 
 Vectors = npt.NDArray[np.float64]

@@ -27,7 +27,7 @@ from semcal_cli.drive.reading import count_labels, load_observations, read_cloud
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image, read_size
 from semcal_cli.initialization.search import search_mountings
-from semcal_cli.result.checks.check import findings_among
+from semcal_cli.result.checks import findings_among
 
 Points = npt.NDArray[np.float32]
 

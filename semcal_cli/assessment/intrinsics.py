@@ -14,8 +14,7 @@ from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import DEFAULT_FOCAL_SIGMA, Camera, IntrinsicsSigma, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import WRONG_INTRINSICS
+from semcal_cli.result.checks import WRONG_INTRINSICS, Measured
 from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")

@@ -34,8 +34,13 @@ from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.check import Check, Measured
-from semcal_cli.result.checks.table import LEAKED_LABELS, SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
+from semcal_cli.result.checks import (
+    LEAKED_LABELS,
+    SHIFTED_LABEL_IMAGES,
+    SHIFTED_POINT_LABELS,
+    Check,
+    Measured,
+)
 from semcal_cli.threads import thread_pool
 
 Picture = npt.NDArray[np.uint8]

@@ -26,8 +26,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import hash_file
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import ODD_FRAMES
+from semcal_cli.result.checks import ODD_FRAMES, Measured
 
 Information = npt.NDArray[np.float64]
 

@@ -12,10 +12,8 @@ from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import can_be_unrolled, shutter_error_px
 from semcal_cli.drive.observations import Observations
-from semcal_cli.geometry.baseline import baseline_m
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.table import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SEEDS, SHUTTER
+from semcal_cli.geometry.poses import Pose, baseline_m, compare_poses
+from semcal_cli.result.checks import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SEEDS, SHUTTER
 from semcal_cli.result.sections import Repeatability
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty, normal_half_widths

@@ -25,7 +25,7 @@ from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
 from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
-from semcal_cli.result.checks.table import FUSION_NOT_SETTLED, PRIOR
+from semcal_cli.result.checks import FUSION_NOT_SETTLED, PRIOR
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 

@@ -21,15 +21,13 @@ from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.search import Initialization, is_rival, led_by
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Refinement, exact_config, pyramid_factors
 from semcal_cli.refinement.several_starts import SeveralStarts
-from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import CUES_DISAGREE, FEW_SCENES, OTHER_POSE
+from semcal_cli.result.checks import CUES_DISAGREE, FEW_SCENES, OTHER_POSE, Measured
 from semcal_cli.result.uncertainty import Uncertainty
 
 NUM_RIVALS, NUM_FRAMES = 16, 5

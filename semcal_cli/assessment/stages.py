@@ -16,7 +16,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization
 from semcal_cli.refinement.polish import Polish
-from semcal_cli.result.checks.check import Measured, findings_among
+from semcal_cli.result.checks import Measured, findings_among
 from semcal_cli.result.sections import DrivePart, Quality, Repeatability, Stage
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty

@@ -24,10 +24,9 @@ from semcal_cli.assessment.sensitivity import MANY, Matrix, determined_sensitivi
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.refinement.polish import newton
-from semcal_cli.result.checks.table import WIDE_INTERVAL
+from semcal_cli.result.checks import WIDE_INTERVAL
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions
 

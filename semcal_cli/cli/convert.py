@@ -183,7 +183,7 @@ def _transform_in(path: Path, options: FormatOptions) -> Pose | str:
 
 def _change(path: Path, before: Pose | str, T_camera_lidar: Pose) -> str:
     """Say what was set, and how far that moves the camera."""
-    from semcal_cli.geometry.pose_error import compare_poses
+    from semcal_cli.geometry.poses import compare_poses
 
     if isinstance(before, str):
         return f"set the transform in {path}, {before}"

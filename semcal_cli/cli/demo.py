@@ -45,7 +45,7 @@ def demo(settings: DemoSettings) -> None:
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.formats import read_transform
-    from semcal_cli.geometry.pose_error import compare_poses
+    from semcal_cli.geometry.poses import compare_poses
     from semcal_cli.geometry.twists import displaced
     from semcal_cli.pipeline import calibrate
     from semcal_cli.report.overlay import Overlays
@@ -84,7 +84,7 @@ def _by_mine(data: LoadedDrive, calibration: Calibration, T_true: Pose) -> str:
     import numpy as np
 
     from semcal_cli.config import RefinementConfig
-    from semcal_cli.geometry.pose_error import compare_poses
+    from semcal_cli.geometry.poses import compare_poses
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.pipeline import refine_and_polish, start_at
 

@@ -33,7 +33,7 @@ def evaluate(settings: EvaluateSettings) -> None:
     """
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.formats import read_transform
-    from semcal_cli.geometry.pose_error import compare_poses
+    from semcal_cli.geometry.poses import compare_poses
 
     error = compare_poses(read_transform(settings.calibration), read_transform(settings.reference))
     click.echo(json.dumps(asdict(error)) if settings.as_json else "\n".join(error_lines(error)))

@@ -275,8 +275,7 @@ class RefinementSettings(StartSettings):
             InputError: the known place of the camera is farther from the LiDAR than is allowed.
         """
         from semcal_cli.assessment.priors import EXACT, Prior
-        from semcal_cli.geometry.baseline import check_baseline
-        from semcal_cli.geometry.poses import pose_from_mounting
+        from semcal_cli.geometry.poses import check_baseline, pose_from_mounting
 
         found = []
         if self.prior_translation_m is not None:

@@ -14,7 +14,7 @@ from semcal_cli.result.camera import clock_sentence, intrinsic_texts, kept_sente
 from semcal_cli.result.intervals import stated_error
 
 if TYPE_CHECKING:
-    from semcal_cli.geometry.pose_error import PoseError
+    from semcal_cli.geometry.poses import PoseError
     from semcal_cli.result.calibration import Calibration
     from semcal_cli.result.sections import Hypothesis, Quality, Repeatability
     from semcal_cli.result.uncertainty import Uncertainty

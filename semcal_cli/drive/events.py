@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from semcal_cli import _core
-    from semcal_cli.geometry.pose_error import PoseError
+    from semcal_cli.geometry.poses import PoseError
 
 
 @dataclass(frozen=True)

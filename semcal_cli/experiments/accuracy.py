@@ -25,8 +25,7 @@ from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.rows import Case, Degrade, calibrate_from, wrong
 from semcal_cli.experiments.rows import cases as rows_on_seeds
 from semcal_cli.experiments.summary import ERRORS, NUMBER, Column, common, count, digits, grouped, median, of
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize

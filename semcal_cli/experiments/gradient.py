@@ -24,8 +24,7 @@ from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.rivals import START_DEG, START_M
 from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, median, of
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, cross_matrix
+from semcal_cli.geometry.poses import Pose, compare_poses, cross_matrix
 from semcal_cli.geometry.twists import apply_twist, displaced
 from semcal_cli.refinement.pyramid import pyramid_factors
 

@@ -24,8 +24,7 @@ from semcal_cli.experiments.rate import Rate
 from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.rows import Case, Degrade, calibrate_from, cases, wrong
 from semcal_cli.experiments.summary import NUMBER, SECONDS, Column, common, count, digits, median, of
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.pipeline import initialize
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import RefinedCamera

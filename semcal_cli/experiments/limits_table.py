@@ -24,8 +24,7 @@ from semcal_cli.experiments.limits import (
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.result_files import Report
 from semcal_cli.experiments.summary import markdown_table
-from semcal_cli.result.checks.check import LIMITS, Evidence, Limit
-from semcal_cli.result.checks.table import CHECKS
+from semcal_cli.result.checks import CHECKS, LIMITS, Evidence, Limit
 
 LIMITS_FILE = "limits.json"
 MARGIN = 1.25

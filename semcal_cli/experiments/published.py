@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import apply_motion, rotation_matrix
 
 PAPER = "arXiv 2104.12023"

@@ -13,7 +13,7 @@ import numpy as np
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.pool import Pool, with_frames
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 
 START_DEG, START_M = 2.0, 0.2

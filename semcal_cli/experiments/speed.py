@@ -24,8 +24,7 @@ from semcal_cli.experiments.summary import NUMBER, Column, common, digits, group
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -30,8 +30,7 @@ from semcal_cli.experiments.result_files import Report, write_report
 from semcal_cli.experiments.rows import calibrate_from
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.files.images import write_image
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, mounting_rpy_deg, rotation_vector_deg
+from semcal_cli.geometry.poses import Pose, compare_poses, mounting_rpy_deg, rotation_vector_deg
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize
 from semcal_cli.report.overlay import Overlays, add_caption, draw_legend

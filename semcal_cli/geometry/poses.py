@@ -1,10 +1,11 @@
-"""Rigid transforms as 4 x 4 matrices: `p_a = T_a_b @ p_b`, float64, metres.
+"""Rigid transforms as 4 x 4 matrices: `p_a = T_a_b @ p_b`, float64, metres; and the difference of two of them.
 
 The core provides what every calibration needs, since loading SciPy takes longer than many stages do.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -184,3 +185,64 @@ def rotation_difference(T_a: Pose, T_b: Pose) -> Vector:
 def rotation_error_deg(T_a: Pose, T_b: Pose) -> float:
     """Geodesic angle between two rotations, in degrees."""
     return float(np.degrees(np.linalg.norm(rotation_difference(T_a, T_b))))
+
+
+def baseline_m(T_camera_lidar: Pose) -> float:
+    """Distance between the camera's centre and the LiDAR's, metres."""
+    x, y, z = T_camera_lidar[:3, 3].tolist()
+    distance_m: float = (x * x + y * y + z * z) ** 0.5
+    return distance_m
+
+
+def within_baseline(T_camera_lidar: Pose, max_baseline_m: float) -> Pose:
+    """Move the camera towards the LiDAR until it is within the largest allowed distance."""
+    distance_m = baseline_m(T_camera_lidar)
+    if distance_m <= max_baseline_m:
+        return T_camera_lidar
+    held = T_camera_lidar.copy()
+    held[:3, 3] *= max_baseline_m / distance_m
+    return held
+
+
+def check_baseline(name: str, T_camera_lidar: Pose, max_baseline_m: float) -> None:
+    """Check that the camera of a transform is within the largest allowed distance from the LiDAR.
+
+    Raises:
+        InputError: the camera is farther away; the message begins with `name`.
+    """
+    distance_m = baseline_m(T_camera_lidar)
+    if distance_m > max_baseline_m:
+        raise InputError(
+            f"{name}: found the camera {distance_m:g} m from the LiDAR, needed at most {max_baseline_m:g} m; "
+            f"--max-baseline-m sets the limit"
+        )
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """The difference of `T_camera_lidar` from `T_reference`."""
+
+    rotation_deg: float
+    """Geodesic angle between the rotations."""
+    camera_center_cm: float
+    """Distance between the camera centres in the LiDAR frame."""
+    rotation_xyz_deg: tuple[float, ...]
+    """Rotation vector of R R_ref^T, along the axes of the camera."""
+    camera_center_xyz_cm: tuple[float, ...]
+    """Camera centre minus reference centre, along the axes of the reference camera."""
+
+    @property
+    def offsets(self) -> Vector:
+        """Both along and about the axes of the camera (6,), metres and degrees, as half widths of intervals are."""
+        return np.array([*(0.01 * x for x in self.camera_center_xyz_cm), *self.rotation_xyz_deg])
+
+
+def compare_poses(T_camera_lidar: Pose, T_reference: Pose) -> PoseError:
+    """Measure a calibration against a reference; both map LiDAR to camera."""
+    center_lidar_cm = 100.0 * (camera_center(T_camera_lidar) - camera_center(T_reference))
+    return PoseError(
+        rotation_deg=rotation_error_deg(T_camera_lidar, T_reference),
+        camera_center_cm=float(np.linalg.norm(center_lidar_cm)),
+        rotation_xyz_deg=tuple(np.degrees(rotation_difference(T_camera_lidar, T_reference)).tolist()),
+        camera_center_xyz_cm=tuple((T_reference[:3, :3] @ center_lidar_cm).tolist()),
+    )

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.geometry.baseline import check_baseline
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, check_baseline
 from semcal_cli.result.calibration import Calibration
 
 

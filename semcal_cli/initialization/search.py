@@ -15,10 +15,9 @@ from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
 from semcal_cli.initialization.registration import Candidate, register
-from semcal_cli.result.checks.table import NOTHING_TO_COMPARE, OTHER_MOUNTING
+from semcal_cli.result.checks import NOTHING_TO_COMPARE, OTHER_MOUNTING
 from semcal_cli.result.sections import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 

@@ -40,8 +40,7 @@ from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import can_be_unrolled, twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, about
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.search import GIVEN, Initialization, as_given, search_mountings
 from semcal_cli.refinement.estimators import make_estimator

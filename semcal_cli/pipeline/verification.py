@@ -28,11 +28,11 @@ from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.reading import hash_file
 from semcal_cli.formats import read_extrinsic
-from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
     Pose,
     as_transform,
+    compare_poses,
     inverse,
     pose_from_quaternion,
     quaternion_xyzw,
@@ -41,7 +41,7 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.checks.table import OWN_DRIVE
+from semcal_cli.result.checks import OWN_DRIVE
 from semcal_cli.result.stage import Finding, StageResult
 
 NEAR_DEG = 5.0

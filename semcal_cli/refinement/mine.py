@@ -17,8 +17,7 @@ from semcal_cli import _core
 from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.baseline import within_baseline
-from semcal_cli.geometry.poses import Pose, nearest_rigid
+from semcal_cli.geometry.poses import Pose, nearest_rigid, within_baseline
 from semcal_cli.refinement.level_points import FeaturePoints, LabelledPoints, feature_vectors
 from semcal_cli.refinement.network import Adam, DonskerVaradhan, SeparableNetwork, StatisticsNetwork
 from semcal_cli.refinement.pyramid import Level

@@ -16,7 +16,7 @@ from semcal_cli import _core
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.table import (
+from semcal_cli.result.checks import (
     NO_DIRECTION,
     POLISH_NOT_SETTLED,
     POLISH_NOT_TESTED,

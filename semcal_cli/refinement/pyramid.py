@@ -26,7 +26,7 @@ from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import CalibrationError, SemcalError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.table import REFINEMENT_NOT_SETTLED
+from semcal_cli.result.checks import REFINEMENT_NOT_SETTLED
 from semcal_cli.result.stage import StageResult
 
 SEGMENT_SHARE = 2

@@ -11,8 +11,7 @@ from semcal_cli import _core
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Level, exact_config, pyramid_factors

@@ -20,8 +20,7 @@ from semcal_cli.drive.cues.table import files_of
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.writing import write_text
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import camera_center
+from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import Coloring, coloring_of

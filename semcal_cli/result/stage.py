@@ -9,8 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from semcal_cli import _core
 from semcal_cli.drive.events import Listener, Progress, StageDone
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 
 
 class Finding(NamedTuple):

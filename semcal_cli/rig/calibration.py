@@ -22,8 +22,7 @@ import numpy as np
 
 from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.drive.document import Drive
-from semcal_cli.geometry.pose_error import PoseError, compare_poses
-from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose, PoseError, compare_poses, inverse, quaternion_xyzw
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.result.calibration import Calibration, Status
 from semcal_cli.result.provenance import versions

@@ -22,8 +22,7 @@ from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.pool import NUM_FRAMES, Pool
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.refinement.polish import newton
 
 CONFIG = PolishConfig()

@@ -33,8 +33,7 @@ from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.experiments.accuracy import RIGS as RIGS_BY_LABELS
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.poses import Pose, camera_center, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.label_noise import as_by_a_network

@@ -32,8 +32,7 @@ from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import ExactEstimator, refine_pose

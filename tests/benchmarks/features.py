@@ -24,7 +24,7 @@ from semcal_cli.drive.reading import read_observations
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.synthesis import synthesize

@@ -26,7 +26,7 @@ from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.runner import run_cases
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, search_mountings
 from semcal_cli.synthetic.synthesis import synthesize
 

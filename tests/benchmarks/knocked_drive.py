@@ -19,7 +19,7 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.raw_drive import read_raw_drive, write_raw_drive
 from semcal_cli.synthetic.spoiling import knocked, wrong_labels

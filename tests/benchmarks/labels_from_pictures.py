@@ -37,7 +37,7 @@ from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.pictures import PictureLabeller

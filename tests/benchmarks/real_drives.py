@@ -28,8 +28,7 @@ from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate

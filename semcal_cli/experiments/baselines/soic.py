@@ -29,14 +29,13 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.baselines.config import SoicConfig
-from semcal_cli.geometry.baseline import baseline_m
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, baseline_m
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.pnp import solve_pnp
 from semcal_cli.initialization.search import GIVEN
 from semcal_cli.pipeline import make_calibration
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.checks.table import SOIC
+from semcal_cli.result.checks import SOIC
 from semcal_cli.result.stage import StageResult, announced
 
 BINS_PER_SECTOR = 4

@@ -1,0 +1,270 @@
+"""All checks, with their limits and where these come from, in the order of their entries in docs/troubleshooting.md.
+
+The entries quote and explain the findings of the checks.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from semcal_cli.config import MIN_OVERLAP, PolishConfig, PyramidConfig
+from semcal_cli.result.stage import Finding
+
+LIMITS_FILE = Path(__file__).with_name("limits.json")
+"""Limits by topic and name. `semcal experiment trust --limits` measures the values on both sides of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What one command measured on both sides of a limit."""
+
+    command: str
+    first_seed: int
+    num_seeds: int
+    num_good: int
+    """Number of calibrations of good drives."""
+    worst_good: float
+    """Value of the good drive that is nearest to the limit, or farthest beyond it."""
+    num_good_beyond: int = 0
+    """Number of good drives beyond the limit, which are not trusted."""
+    bad_kind: str | None = None
+    """What was wrong with the bad drives; None if no kind of bad drive belongs to the limit."""
+    num_bad: int = 0
+    mildest_bad: float | None = None
+    """Value of the bad drive that is farthest on the good side."""
+    num_bad_within: int = 0
+    """Number of bad drives that keep the limit: other checks have to find what is wrong with them."""
+    by_rule: float | None = None
+    """Limit that the rule of the command gives; None where good and bad drives overlap."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """Largest or smallest value without a finding, and where it comes from."""
+
+    at_most: float | None = None
+    at_least: float | None = None
+    unit: str = ""
+    """Unit of the value; "%" for a share of 1."""
+    source: str = ""
+    """Where the limit comes from, beside what was measured."""
+    measured: Evidence | None = None
+
+    @property
+    def value(self) -> float:
+        """The limit itself."""
+        value = self.at_least if self.at_most is None else self.at_most
+        assert value is not None
+        return value
+
+    @property
+    def sign(self) -> int:
+        """1 if larger values are worse, -1 if smaller ones are."""
+        return -1 if self.at_most is None else 1
+
+    def is_kept_by(self, value: float) -> bool:
+        """Whether a value does not speak against the pose."""
+        return self.sign * value <= self.sign * self.value
+
+    def words(self, value: float) -> str:
+        """Format a value with its unit."""
+        return f"{100.0 * value:.3g} %" if self.unit == "%" else f"{value:.3g} {self.unit}".strip()
+
+
+def read_limits(text: str) -> dict[str, dict[str, Limit]]:
+    """Read limits by topic and name from JSON."""
+
+    def limit(entry: Mapping[str, object]) -> Limit:
+        measured = entry.get("measured")
+        evidence = None if measured is None else Evidence(**measured)  # type: ignore[arg-type]
+        return Limit(**{**entry, "measured": evidence})  # type: ignore[arg-type]
+
+    return {
+        topic: {name: limit(entry) for name, entry in limits.items()}
+        for topic, limits in json.loads(text).items()
+    }
+
+
+LIMITS = read_limits(LIMITS_FILE.read_text(encoding="utf-8"))
+
+
+class Measured(NamedTuple):
+    """What a check measured on a drive, and the finding if that is beyond its limit."""
+
+    topic: str
+    limit: str
+    """Name of the limit that the value is compared with."""
+    value: float | None
+    """The value; None for a finding that no single value decides."""
+    finding: Finding | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The finding, if there is one."""
+        return () if self.finding is None else (self.finding,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """What speaks against a pose if it is beyond a limit, and what to do then."""
+
+    topic: str
+    """Short name, which stays as sentences change: the anchor of its entry in docs/troubleshooting.md."""
+    advice: str
+    """What to do about it, as an order: record, check, give or the like."""
+    settings: Mapping[str, Limit] = field(default_factory=dict)
+    """Limits that are settings, by name, beside those of limits.json."""
+
+    @property
+    def limits(self) -> dict[str, Limit]:
+        """All limits by name; the name of a single one is empty."""
+        return {**self.settings, **LIMITS.get(self.topic, {})}
+
+    def limit(self, name: str = "") -> float:
+        """Look up a limit."""
+        return self.limits[name].value
+
+    def finding(self, found: str) -> Finding:
+        """Make the finding of what was found, a sentence with its figure and what was needed."""
+        return Finding(self.topic, found, self.advice)
+
+    def without_value(self, found: str) -> Measured:
+        """Make a finding that no single value decides."""
+        return Measured(self.topic, "", None, self.finding(found))
+
+    def measured(self, value: float, found: str = "", limit: str = "") -> Measured:
+        """Compare a value with a limit.
+
+        Args:
+            value: What was measured.
+            found: Sentence of the finding; empty if the value alone makes none.
+            limit: Name of the limit.
+        """
+        is_bad = found and not self.limits[limit].is_kept_by(value)
+        return Measured(self.topic, limit, value, self.finding(found) if is_bad else None)
+
+
+def findings_among(measured: Iterable[Measured]) -> tuple[Finding, ...]:
+    """List the findings of what was measured."""
+    return tuple(finding for each in measured for finding in each.findings)
+
+
+# The mounting is not clear.
+OTHER_MOUNTING = Check(
+    topic="other-mounting",
+    advice="add frames from other places, or give --init with a mounting measured by hand",
+)
+NOTHING_TO_COMPARE = Check(
+    topic="nothing-to-compare",
+    advice="add frames from other places, or give --init with a mounting measured by hand",
+)
+OTHER_AZIMUTH = Check(
+    topic="other-azimuth",
+    advice="add frames from other places, or give --init with a mounting measured by hand",
+)
+OTHER_POSE = Check(topic="other-pose", advice="add frames from other places, or labels of points")
+FEW_SCENES = Check(topic="few-scenes", advice="add frames from other places")
+CUES_DISAGREE = Check(
+    topic="cues-disagree",
+    advice="add frames from other places, or check with `semcal overlay --by edge` whether edges coincide",
+)
+# The labels do not determine the pose.
+NOT_DETERMINED = Check(
+    topic="not-determined",
+    advice="record frames with objects near and far, at the left and at the right, or state what is "
+    "known with --prior-translation-m",
+)
+NOT_DETERMINED_TOGETHER = Check(
+    topic="not-determined-together",
+    advice="record frames with objects near and far, or state more with --prior-translation-m and "
+    "--prior-rotation-deg",
+)
+WIDE_INTERVAL = Check(topic="wide-interval", advice="add frames with objects near and far, from a moving car")
+NO_DIRECTION = Check(
+    topic="no-direction", advice="record frames with more classes, such as poles, cars and kerbs"
+)
+ONE_CLASS = Check(topic="one-class", advice="record frames with more kinds of things, or label more classes")
+NOTHING_LABELLED = Check(topic="nothing-labelled", advice="label them, or check which ids the drive ignores")
+OVERLAP = Check(
+    topic="overlap",
+    advice="label more of the points, or check which ids the drive ignores",
+    settings={"": Limit(at_least=MIN_OVERLAP, unit="%", source="a setting")},
+)
+CHANCE = Check(topic="chance", advice="check that the labels are those of these sweeps and pictures")
+# The search for the pose did not end well.
+REFINEMENT_NOT_SETTLED = Check(
+    topic="refinement-not-settled",
+    advice="add frames, or start nearer with --init",
+    settings={"": Limit(at_most=PyramidConfig.max_final_drift, unit="blocks", source="a setting")},
+)
+POLISH_NOT_SETTLED = Check(
+    topic="polish-not-settled",
+    advice="add frames, or start nearer with --init",
+    settings={"": Limit(at_most=PolishConfig.settled_px, unit="pixels", source="a setting")},
+)
+POLISH_REJECTED = Check(
+    topic="polish-rejected",
+    advice="check with `semcal inspect` that sweeps, pictures and labels belong together, or add frames",
+    settings={
+        "": Limit(at_most=PolishConfig.max_loss, unit="standard errors", source="a setting"),
+        "several starts": Limit(
+            at_most=PolishConfig.max_loss_of_tops, unit="standard errors", source="a setting"
+        ),
+    },
+)
+POLISH_NOT_TESTED = Check(topic="polish-not-tested", advice="add frames, or label more of the pictures")
+FUSION_NOT_SETTLED = Check(topic="fusion-not-settled", advice="add frames, or start nearer with --init")
+SEEDS = Check(topic="seeds", advice="add frames from other places")
+SOIC = Check(topic="soic", advice="start nearer with --init")
+# Files do not belong together.
+WRONG_PAIRING = Check(
+    topic="wrong-pairing", advice="check that sweeps and pictures belong together, by their times and names"
+)
+ODD_FRAMES = Check(
+    topic="odd-frames", advice="check the times and the names of their files, or take these frames out"
+)
+SHIFTED_POINT_LABELS = Check(
+    topic="shifted-point-labels",
+    advice="check that what wrote them left no point out, and label these sweeps again",
+)
+SHIFTED_LABEL_IMAGES = Check(
+    topic="shifted-label-images",
+    advice="check that they were made from these pictures, in their size, and label them again",
+)
+LEAKED_LABELS = Check(
+    topic="leaked-labels",
+    advice="label the points without the pictures, or calibrate with --cue segments,edges",
+)
+OWN_DRIVE = Check(topic="own-drive", advice="check it on another drive, for it agrees with its own")
+FRAMES_DISAGREE = Check(
+    topic="frames-disagree",
+    advice="check the times of sweeps and pictures, the motion and the labels, or take these frames out",
+)
+MOVED_CAMERA = Check(
+    topic="moved-camera", advice="calibrate each part with `semcal calibrate --split`, or record again"
+)
+# Camera, clocks and motion.
+WRONG_FOCAL_LENGTH = Check(
+    topic="focal-length", advice="check fx and fy of K, and that K is of pictures of this size"
+)
+WRONG_INTRINSICS = Check(
+    topic="intrinsics",
+    advice="check K and the distortion, and that K is of pictures of this size, or calibrate the lens again",
+)
+WRONG_CLOCKS = Check(topic="clocks", advice="check the clocks of camera and LiDAR, and correct image_stamp")
+MOTION = Check(
+    topic="motion", advice="give motion.poses or motion.twist in the drive, or record at lower speed"
+)
+SHUTTER = Check(
+    topic="shutter", advice="give motion.poses or motion.twist in the drive, or record at lower speed"
+)
+FAR_CAMERA = Check(topic="baseline", advice="give a larger --max-baseline-m if it is farther away")
+# What you stated contradicts the data.
+PRIOR = Check(topic="prior", advice="measure it again, or state it less exactly")
+
+CHECKS = {check.topic: check for check in vars().copy().values() if isinstance(check, Check)}
+"""All checks by topic."""
