@@ -116,11 +116,6 @@ def _grid(observations: Observations) -> _core.Grid:
         return _core.estimate_grid([cloud.points for cloud in observations.clouds])
     fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
     grid = _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
-    _check_field_of_view(observations, grid)
-    return grid
-
-
-def _check_field_of_view(observations: Observations, grid: _core.Grid) -> None:
     columns = (cloud.points.T for cloud in observations.clouds)
     elevations = np.concatenate([np.arctan2(z, np.hypot(x, y)) for x, y, z in columns])
     bottom = grid.top - grid.rows * grid.cell_height
@@ -131,3 +126,4 @@ def _check_field_of_view(observations: Observations, grid: _core.Grid) -> None:
             f"lidar.fov_down_deg, lidar.fov_up_deg: found {outside:.0%} of the points outside of them, needed at most "
             f"{MAX_SHARE_OUTSIDE:.0%}; the points lie from {low:.1f} to {high:.1f} degrees"
         )
+    return grid

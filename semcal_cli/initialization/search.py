@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -82,16 +81,17 @@ def search_mountings(
     is_searched = T_given is None or config.search_deg is not None
     candidates = _candidates(observations, config, seed, T_given)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
-    kept = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)] or ranked
-    T_best = kept[0].candidate.T_camera_lidar
-    hypotheses = tuple(describe(scored.candidate, scored.agreement, T_best) for scored in kept)
+    kept = [(each, agreement) for each, agreement in ranked if is_possible(each.T_camera_lidar)] or ranked
+    best, agreement_of_best = kept[0]
+    T_best = best.T_camera_lidar
+    hypotheses = tuple(describe(each, agreement, T_best) for each, agreement in kept)
     other = runner_up(hypotheses, config.runner_up_deg)
     # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
     is_alone = other is None and T_given is None and len(kept) == len(ranked)
     margin = None if other is None else hypotheses[0].margin(other)
     return Initialization(
         T_camera_lidar=T_best,
-        agreement=kept[0].agreement,
+        agreement=agreement_of_best,
         findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
         settings={"initialization": asdict(config)},
         note=_note(len(hypotheses), margin) if is_searched else GIVEN,
@@ -107,7 +107,13 @@ def _candidates(
     """Find poses to rank: by a registration, or by an ascent from a given pose that is not searched around."""
     if T_given is not None and config.search_deg is None:
         return _align_given(observations, Candidate(T_given), config, seed)
-    _check_classes(observations)
+    counts = np.sum(
+        [np.bincount(each.classes, minlength=NO_CLASS + 1) for each in observations.clouds], axis=0
+    )
+    # Points that all carry the same leave no placement of the picture better than another.
+    if len(found := np.flatnonzero(counts[:NO_CLASS]).tolist()) < 2:
+        of_what = " and ".join(observations.point_class_names[index] for index in found) or "no class"
+        raise CalibrationError(f"no initial calibration: found points of {of_what} only, needed two classes")
     around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
     return _align(observations, register(observations, config, seed, around), config, seed)
 
@@ -132,17 +138,6 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
         hypotheses=(describe(Candidate(T_given), agreement, T_given),),
         runner_up_margin=None,
     )
-
-
-def _check_classes(observations: Observations) -> None:
-    """Check that points differ in what they carry: else no placement of the picture is better than another."""
-    counts = np.sum(
-        [np.bincount(each.classes, minlength=NO_CLASS + 1) for each in observations.clouds], axis=0
-    )
-    found = np.flatnonzero(counts[:NO_CLASS]).tolist()
-    if len(found) < 2:
-        of_what = " and ".join(observations.point_class_names[index] for index in found) or "no class"
-        raise CalibrationError(f"no initial calibration: found points of {of_what} only, needed two classes")
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
@@ -194,20 +189,13 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
     return OTHER_MOUNTING.measured(margin, found).findings
 
 
-class _Scored(NamedTuple):
-    candidate: Candidate
-    agreement: _core.Agreement
-
-    @property
-    def corrected_nats(self) -> float:
-        return self.agreement.mutual_information - self.agreement.bias
-
-
-def _rank(observations: Observations, candidates: Sequence[Candidate], min_overlap: float) -> list[_Scored]:
+def _rank(
+    observations: Observations, candidates: Sequence[Candidate], min_overlap: float
+) -> list[tuple[Candidate, _core.Agreement]]:
     """Rank candidates by the exact mutual information in full resolution, less its bias."""
-    scored = [_Scored(each, _core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
-    covering = [each for each in scored if each.agreement.overlap >= min_overlap]
-    return sorted(covering or scored, key=lambda each: -each.corrected_nats)
+    scored = [(each, _core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
+    covering = [(each, agreement) for each, agreement in scored if agreement.overlap >= min_overlap]
+    return sorted(covering or scored, key=lambda pair: pair[1].bias - pair[1].mutual_information)
 
 
 def describe(candidate: Candidate, agreement: _core.Agreement, T_best: Pose) -> Hypothesis:
@@ -241,12 +229,10 @@ def _align_given(
         around = given.T_camera_lidar, math.radians(config.around_given_deg)
         with suppress(CalibrationError):
             found += _align(observations, register(observations, config, seed, around), config, seed)
-    return [each for each in found if _is_in_reach(each, given)] if observations.by_classes else found
-
-
-def _is_in_reach(candidate: Candidate, given: Candidate) -> bool:
-    moved = compare_poses(candidate.T_camera_lidar, given.T_camera_lidar)
-    return moved.camera_center_cm <= 100.0 * FARTHEST_M
+    if not observations.by_classes:
+        return found
+    moved_cm = [compare_poses(each.T_camera_lidar, given.T_camera_lidar).camera_center_cm for each in found]
+    return [each for each, by_cm in zip(found, moved_cm, strict=True) if by_cm <= 100.0 * FARTHEST_M]
 
 
 def _align(

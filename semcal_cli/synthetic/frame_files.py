@@ -13,8 +13,7 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.images import write_image
 from semcal_cli.synthetic.label_noise import mislabel
-from semcal_cli.synthetic.motion import lidar_twist, stamps
-from semcal_cli.synthetic.streams import IMAGE_LABELS, ONTOLOGY, POINT_LABELS, generator
+from semcal_cli.synthetic.motion import IMAGE_LABELS, ONTOLOGY, POINT_LABELS, generator, lidar_twist, stamps
 
 Labels = npt.NDArray[np.uint8]
 

@@ -63,28 +63,27 @@ def mislabel(
 
 def with_wrong_labels(observations: Observations, share: float, rng: np.random.Generator) -> Observations:
     """Mislabel a share of the points and of the pixels, each independently of the others."""
-    of_points, of_pixels = _point_classes(observations), _image_classes(observations)
-    clouds = [
-        cloud.with_classes(mislabel(cloud.classes, share, of_points, rng)) for cloud in observations.clouds
-    ]
-    images = [
-        image.with_classes(mislabel(image.classes, share, of_pixels, rng)) for image in observations.images
-    ]
-    return observations.with_clouds(clouds).with_images(images)
+    observations = _with_wrong_points(observations, share, rng)
+    classes = _all_classes(observations.image_class_names)
+    return observations.with_images(
+        image.with_classes(mislabel(image.classes, share, classes, rng)) for image in observations.images
+    )
 
 
 def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Observations:
     """Imitate a network: move borders by a smooth random field, add blobs of wrong classes, mislabel some points."""
-    of_points, of_pixels = _point_classes(observations), _image_classes(observations)
-    images = [
-        image.with_classes(pixels_by_a_network(image.classes, of_pixels, rng))
-        for image in observations.images
-    ]
-    clouds = [
-        cloud.with_classes(mislabel(cloud.classes, POINT_SHARE, of_points, rng))
-        for cloud in observations.clouds
-    ]
-    return observations.with_clouds(clouds).with_images(images)
+    classes = _all_classes(observations.image_class_names)
+    blotted = observations.with_images(
+        image.with_classes(pixels_by_a_network(image.classes, classes, rng)) for image in observations.images
+    )
+    return _with_wrong_points(blotted, POINT_SHARE, rng)
+
+
+def _with_wrong_points(observations: Observations, share: float, rng: np.random.Generator) -> Observations:
+    classes = _all_classes(observations.point_class_names)
+    return observations.with_clouds(
+        cloud.with_classes(mislabel(cloud.classes, share, classes, rng)) for cloud in observations.clouds
+    )
 
 
 def pixels_by_a_network(image: Labels, classes: Labels, rng: np.random.Generator) -> Labels:
@@ -204,9 +203,5 @@ def _with_blobs(image: Labels, classes: Labels, rng: np.random.Generator) -> Lab
     return blotted
 
 
-def _point_classes(observations: Observations) -> Labels:
-    return np.arange(len(observations.point_class_names), dtype=np.uint8)
-
-
-def _image_classes(observations: Observations) -> Labels:
-    return np.arange(len(observations.image_class_names), dtype=np.uint8)
+def _all_classes(names: Sequence[str]) -> Labels:
+    return np.arange(len(names), dtype=np.uint8)

@@ -15,8 +15,9 @@ from semcal_cli.config.setting import check_settings
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
-from semcal_cli.synthetic.streams import MOTION, generator
 
+MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS, MOTION = range(5)
+"""Independent streams of random numbers of a drive."""
 POSES_FILE = "poses.txt"
 FIRST_STAMP_S = 1.0
 FRAME_S = 1.0
@@ -24,6 +25,11 @@ FRAME_S = 1.0
 STEADY_M_S = 12.0
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 20.0, 0.4
 """Fastest forward speed of mixed motion, and fastest turn to either side."""
+
+
+def generator(config: SynthConfig, stream: int, frame: int = 0, *more: int) -> np.random.Generator:
+    """Make the generator of one stream, of a frame and of whatever else tells it apart."""
+    return np.random.default_rng((config.seed, stream, frame, *more))
 
 
 class VehicleMotion(NamedTuple):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,27 +31,25 @@ LEAK_DEG, LEAK_M = (0.5, 3.0), (0.05, 0.3)
 
 def wrong_labels(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
     """A network gives a share of the points and pixels another class."""
-    points = _ids([frame.point_labels for frame in raw.frames])
-    pixels = _ids([frame.image_labels for frame in raw.frames])
-    return raw.with_frames(
-        replace(
-            frame,
-            point_labels=mislabel(frame.point_labels, share, points, rng, UNLABELLED),
-            image_labels=mislabel(frame.image_labels, share, pixels, rng, UNLABELLED),
-        )
-        for frame in raw.frames
-    )
+    return _relabelled(raw, rng, share, partial(mislabel, share=share, rng=rng, unlabelled=UNLABELLED))
 
 
 def labels_by_a_network(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     """A network labels both sides: borders are off, blobs have wrong classes, and so have some points."""
+    return _relabelled(raw, rng, POINT_SHARE, partial(pixels_by_a_network, rng=rng))
+
+
+def _relabelled(
+    raw: RawDrive, rng: np.random.Generator, point_share: float, relabel_image: Callable[..., Labels]
+) -> RawDrive:
+    """Mislabel a share of the points, and label each image anew, given its labels and all classes of pixels."""
     points = _ids([frame.point_labels for frame in raw.frames])
     pixels = _ids([frame.image_labels for frame in raw.frames])
     return raw.with_frames(
         replace(
             frame,
-            point_labels=mislabel(frame.point_labels, POINT_SHARE, points, rng, UNLABELLED),
-            image_labels=pixels_by_a_network(frame.image_labels, pixels, rng),
+            point_labels=mislabel(frame.point_labels, point_share, points, rng, UNLABELLED),
+            image_labels=relabel_image(frame.image_labels, classes=pixels),
         )
         for frame in raw.frames
     )
@@ -204,12 +203,12 @@ def principal_point_wrong(
     raw: RawDrive, rng: np.random.Generator, cx_px: float = 0.0, cy_px: float = 0.0
 ) -> RawDrive:
     """The principal point in the drive.yaml is wrong, as after a crop that nobody wrote down."""
-    return _with_intrinsics(raw, (1.0, cx_px * _sign(rng), cy_px * _sign(rng)))
+    return _with_intrinsics(raw, right=cx_px * _sign(rng), down=cy_px * _sign(rng))
 
 
 def focal_length_wrong(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
     """The focal length along x alone is wrong, as after pictures were stretched."""
-    return _with_intrinsics(raw, (1.0 + share * _sign(rng), 0.0, 0.0))
+    return _with_intrinsics(raw, scale=1.0 + share * _sign(rng))
 
 
 def zoom_wrong(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
@@ -315,9 +314,8 @@ def _mirrored(frame: RawFrame) -> RawFrame:
     return replace(frame, image_labels=frame.image_labels[:, ::-1].copy(), image=mirrored)
 
 
-def _with_intrinsics(raw: RawDrive, changes: tuple[float, float, float]) -> RawDrive:
+def _with_intrinsics(raw: RawDrive, scale: float = 1.0, right: float = 0.0, down: float = 0.0) -> RawDrive:
     """Multiply fx, and add to cx and cy."""
     (fx, _, cx), (_, fy, cy), last_row = raw.drive.camera.K
-    scale, right, down = changes
     K = ((scale * fx, 0.0, cx + right), (0.0, fy, cy + down), last_row)
     return raw.with_document(camera=raw.drive.camera.model_copy(update={"K": K}))

@@ -28,8 +28,7 @@ from semcal_cli.synthetic.frame_files import (
     unwritable,
     write_frame,
 )
-from semcal_cli.synthetic.motion import POSES_FILE, check_motion, poses_text, shutter
-from semcal_cli.synthetic.streams import MOUNTING, generator
+from semcal_cli.synthetic.motion import MOUNTING, POSES_FILE, check_motion, generator, poses_text, shutter
 
 PITCH_DEG, ROLL_DEG = 8.0, 4.0
 CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
