@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 import semcal_cli
-from semcal_cli.result.checks import CHECKS, Check, table
+from semcal_cli.result import checks
+from semcal_cli.result.checks import CHECKS, Check
 from semcal_cli.result.stage import Finding
 
 PACKAGE = Path(semcal_cli.__file__).parent
@@ -14,7 +15,7 @@ OF_EXPERIMENTS = {"experiments/rivals", "experiments/rivals_results", "experimen
 """Modules with another `Finding`, a row of a table."""
 MAKERS = {"finding": 0, "without_value": 0, "measured": 1}
 """Methods of a check that make a finding, with the place of its sentence among their arguments."""
-NAMES = {name: value for name, value in vars(table).items() if isinstance(value, Check)}
+NAMES = {name: value for name, value in vars(checks).items() if isinstance(value, Check)}
 ORDERS = {"add", "calibrate", "check", "give", "label", "measure", "record", "start"}
 """Words that an advice begins with."""
 FEWEST = 28
