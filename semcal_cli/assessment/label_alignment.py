@@ -38,7 +38,6 @@ from semcal_cli.result.checks import (
     LEAKED_LABELS,
     SHIFTED_LABEL_IMAGES,
     SHIFTED_POINT_LABELS,
-    Check,
     Measured,
 )
 from semcal_cli.threads import thread_pool
@@ -103,22 +102,25 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
             unread.add(str(error).replace(str(drive.resolve(image)), image))
             return None
 
-    def compare(check: Check, what: str, found: _Displaced, where: str) -> None:
-        is_some = len(found.frames) not in (0, found.num_frames)
+    def of(found: _Displaced) -> str:
         names = [frame.points for frame in drive.frames]
-        of = f" of {frame_list(names, found.frames)}" if is_some else ""
-        by = f"by {found.z:.1f} standard errors, needed at most {check.limit():g}"
-        sentence = f"{what.format(of)} better {where}, {by}"
-        measured.append(check.measured(found.z, sentence))
+        is_some = len(found.frames) not in (0, found.num_frames)
+        return f" of {frame_list(names, found.frames)}" if is_some else ""
 
     if not observations.has_segments:
         points = _moved_points(observations)
-        compare(
-            SHIFTED_POINT_LABELS, "labels of points{} fit the clouds", points, _entries_words(*points.move)
+        sentence = (
+            f"labels of points{of(points)} fit the clouds better {_entries_words(*points.move)}, "
+            f"by {points.z:.1f} standard errors, needed at most {SHIFTED_POINT_LABELS.limit():g}"
         )
+        measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
     pixels = _moved_pixels(observations, read_picture)
     if pixels is not None:
-        compare(SHIFTED_LABEL_IMAGES, "label images{} fit their pictures", pixels, _move_words(*pixels.move))
+        found = (
+            f"label images{of(pixels)} fit their pictures better {_move_words(*pixels.move)}, "
+            f"by {pixels.z:.1f} standard errors, needed at most {SHIFTED_LABEL_IMAGES.limit():g}"
+        )
+        measured.append(SHIFTED_LABEL_IMAGES.measured(pixels.z, found))
     if not unread:
         return LabelAlignment(tuple(measured))
     more = f", and {len(unread) - 1} more" if len(unread) > 1 else ""
