@@ -20,7 +20,6 @@ const CLUSTERS_ACROSS: f64 = 8.0;
 /// Weight, in points, of pairs that the other observations have not seen.
 const LEAST_WEIGHT: f64 = 0.1;
 
-/// Agreement of points and label images at a pose.
 #[derive(Clone, Debug)]
 pub struct Agreement {
     /// Bilinear weights of the pairs that visible points form with the four pixels around them, over all frames.
@@ -48,7 +47,6 @@ impl Agreement {
     }
 }
 
-/// Compares all frames at `T_camera_lidar`.
 pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> Agreement {
     let frames = per_frame(observations, t_camera_lidar);
     let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
@@ -92,7 +90,6 @@ pub struct HeldOut<'a> {
     pub observations: &'a Observations,
     /// Observations that are judged.
     pub held_out: &'a Observations,
-    /// `T_camera_lidar`.
     pub pose: &'a Isometry3<f64>,
 }
 

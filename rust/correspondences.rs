@@ -31,7 +31,6 @@ const MAX_RETURNS: usize = 50_000;
 /// A LiDAR point (metres, LiDAR frame), and the raw pixel that the registration maps it to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
-    /// Metres, LiDAR frame.
     pub point: [f32; 3],
     /// `(u, v)`.
     pub pixel: Point2<f64>,

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-/// An error, with its cause and whether the user can mend it.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file cannot be read, or does not hold what its format promises.
@@ -29,11 +28,9 @@ pub enum Error {
     Calibration(String),
 }
 
-/// The core's result type.
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// An [`Error::File`] about `path`.
     pub fn file(path: &Path, reason: impl Into<String>) -> Self {
         Self::File { path: path.to_owned(), reason: reason.into() }
     }

@@ -36,7 +36,6 @@ impl Opened {
         Ok(Self { path: path.to_owned(), file, size })
     }
 
-    /// Size in bytes.
     #[must_use]
     pub fn size(&self) -> u64 {
         self.size
@@ -144,15 +143,5 @@ fn complaint(path: &Path, source: io::Error) -> Error {
     match source.kind() {
         ErrorKind::NotFound | ErrorKind::NotADirectory => Error::file(path, "no such file"),
         _ => Error::System { path: path.to_owned(), source },
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn thousands() {
-        assert_eq!([0, 999, 1000, 3_221_225_472].map(grouped), ["0", "999", "1,000", "3,221,225,472"]);
     }
 }

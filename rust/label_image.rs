@@ -15,17 +15,12 @@ use crate::probabilities;
 /// A row-major image of ids: raw (`u16`) as read, dense (`u8`) in the pipeline.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LabelImage<T> {
-    /// Columns.
     pub width: usize,
-    /// Rows.
     pub height: usize,
-    /// `height * width` ids.
     pub ids: Vec<T>,
 }
 
 impl<T: Copy> LabelImage<T> {
-    /// The id of a pixel inside the image.
-    #[inline]
     pub fn at(&self, u: usize, v: usize) -> T {
         self.ids[v * self.width + u]
     }
@@ -34,7 +29,6 @@ impl<T: Copy> LabelImage<T> {
 /// The encoding of all label images of a drive.
 #[derive(Clone, Debug, Default)]
 pub struct Encoding {
-    /// Columns and rows of the camera.
     pub size: (usize, usize),
     /// The colour of each class in colour-coded images: its place is the id. Colours that are not listed have the id
     /// [`NO_ID`].
@@ -50,9 +44,6 @@ pub const NO_ID: u16 = u16::MAX;
 
 impl Encoding {
     /// Reads many label images, in parallel; the first failing frame's error wins.
-    ///
-    /// # Errors
-    /// As [`Encoding::read`].
     pub fn read_all(&self, paths: &[PathBuf]) -> Result<Vec<LabelImage<u16>>> {
         let images: Vec<Result<LabelImage<u16>>> = paths.par_iter().map(|path| self.read(path)).collect();
         images.into_iter().collect()
@@ -60,9 +51,6 @@ impl Encoding {
 
     /// Reads many label images, in parallel, and keeps of each `columns x rows` pixels, evenly spread; the first failing
     /// frame's error wins.
-    ///
-    /// # Errors
-    /// As [`Encoding::read`].
     pub fn read_thumbnails(
         &self,
         paths: &[PathBuf],
@@ -82,10 +70,6 @@ impl Encoding {
 
     /// Reads a single-channel PNG (palette indices as stored), a PNG of the encoding's colours, an H x W `.npy` of ids, or
     /// the likeliest classes of an `.npz` of probabilities.
-    ///
-    /// # Errors
-    /// The file cannot be read, has more than one channel and the encoding no colours or the other way round, or is not of
-    /// the camera's size.
     pub fn read(&self, path: &Path) -> Result<LabelImage<u16>> {
         let (width, height) = self.size;
         let ids = match (extension(path).as_str(), &self.palette) {
@@ -221,42 +205,5 @@ mod tests {
         assert_eq!(ids(&wide, None).expect("16 bit"), [256, 2, 3, 4, 5, 6]);
         let palette = write("palette", ColorType::Indexed, BitDepth::Two, &[0b0001_1000, 0b1110_0100]);
         assert_eq!(ids(&palette, None).expect("palette"), [0, 1, 2, 3, 2, 1]);
-    }
-
-    #[test]
-    fn colours_are_the_ids_of_their_places_in_the_palette() {
-        const RED: [u8; 3] = [200, 0, 0];
-        const BLUE: [u8; 3] = [0, 0, 200];
-        const GRAY: [u8; 3] = [9, 9, 9];
-        let palette = Some(&[BLUE, RED][..]);
-        let rgb = [RED, BLUE, GRAY, RED, RED, BLUE].concat();
-        let path = write("rgb_ids", ColorType::Rgb, BitDepth::Eight, &rgb);
-        assert_eq!(ids(&path, palette).expect("colours"), [1, 0, NO_ID, 1, 1, 0]);
-        let rgba: Vec<u8> = rgb.chunks_exact(3).flat_map(|c| [c[0], c[1], c[2], 7]).collect();
-        let path = write("rgba_ids", ColorType::Rgba, BitDepth::Eight, &rgba);
-        assert_eq!(ids(&path, palette).expect("colours"), [1, 0, NO_ID, 1, 1, 0]);
-        // The palette of the file is black throughout.
-        let path = write("indexed_ids", ColorType::Indexed, BitDepth::Two, &[0b0001_1000, 0b1110_0100]);
-        assert_eq!(ids(&path, Some(&[GRAY, [0; 3]])).expect("colours"), [1; 6]);
-        let path = write("gray_ids", ColorType::Grayscale, BitDepth::Eight, &[0; 6]);
-        let message = ids(&path, palette).expect_err("no colours").to_string();
-        assert!(
-            message.ends_with("has 1 channels of 8 bits, needs 8-bit colours of the palette"),
-            "{message}"
-        );
-    }
-
-    #[test]
-    fn colours_and_wrong_sizes_are_refused() {
-        let rgb = write("rgb", ColorType::Rgb, BitDepth::Eight, &[0; 18]);
-        let message = ids(&rgb, None).expect_err("three channels").to_string();
-        assert!(
-            message.contains("has 3 channels, needs one of class ids, or a palette: of colours"),
-            "{message}"
-        );
-        let gray = write("small", ColorType::Grayscale, BitDepth::Eight, &[0; 6]);
-        let message =
-            Encoding { size: (4, 2), palette: None }.read(&gray).expect_err("wrong size").to_string();
-        assert!(message.ends_with("is 3 x 2, the camera is 4 x 2"), "{message}");
     }
 }

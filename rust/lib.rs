@@ -6,10 +6,7 @@
 
 mod agreement;
 mod alignment;
-mod archive;
 mod camera;
-mod class_shares;
-mod class_table;
 mod classes;
 mod correspondences;
 mod distributions;
@@ -23,7 +20,6 @@ mod motion;
 mod mutual_information;
 mod npy;
 mod observation;
-mod partitions;
 pub mod point_cloud;
 mod powell;
 mod probabilities;
@@ -36,7 +32,6 @@ mod shutter;
 mod speckle;
 mod spherical;
 mod thinning;
-mod unrolling;
 mod visibility;
 mod world;
 mod zoom;

@@ -40,9 +40,6 @@ impl Trajectory {
     }
 
     /// Through poses of the LiDAR in a fixed frame.
-    ///
-    /// # Errors
-    /// There are less than two, not each has a time, or times do not ascend.
     pub fn through(stamps: &[f64], poses: &[Isometry3<f64>]) -> Result<Self> {
         if stamps.len() != poses.len() {
             let found = format!("found {} poses at {} times", poses.len(), stamps.len());
@@ -113,23 +110,6 @@ mod tests {
     }
 
     #[test]
-    fn a_point_that_stands_still_is_found_where_it_is() {
-        // Seen at three times of a tenth of a second while the LiDAR drives and turns.
-        let fixed = Point3::new(8.0, -3.0, 1.5);
-        let times = [0.0, 0.04, 0.1];
-        let seen = times.map(|t| exp(&(turning() * t)).inverse_transform_point(&fixed).cast::<f32>().into());
-        let still = Trajectory::constant(turning(), 0.02).compensate(&seen, &times, 0.07).expect("all times");
-        for point in still {
-            assert!(
-                (Point3::from(point).cast::<f64>()
-                    - Point3::from(exp(&(turning() * 0.07)).inverse_transform_point(&fixed).coords))
-                .norm()
-                    < 2e-6
-            );
-        }
-    }
-
-    #[test]
     fn poses_of_a_constant_motion_say_the_same_as_its_twist() {
         let start = Isometry3::from_parts(
             Translation3::new(500.0, -20.0, 3.0),
@@ -147,13 +127,5 @@ mod tests {
         }
         assert_eq!(through.compensate(&points, &[0.0, 0.3], 0.15), Err(0.3));
         assert_eq!(through.compensate(&points, &[-0.2, 0.1], 0.15), Err(-0.2));
-    }
-
-    #[test]
-    fn what_is_no_trajectory_is_refused() {
-        let pose = Isometry3::identity();
-        assert!(Trajectory::through(&[0.0], &[pose]).is_err());
-        assert!(Trajectory::through(&[0.0, 0.0], &[pose, pose]).is_err());
-        assert!(Trajectory::through(&[1.0, f64::NAN], &[pose, pose]).is_err());
     }
 }

@@ -20,7 +20,6 @@ pub struct JointHistogram {
 }
 
 impl JointHistogram {
-    /// An empty histogram.
     pub fn new(num_rows: usize, num_image_classes: usize) -> Self {
         Self::of_rows(0..num_rows, num_image_classes)
     }
@@ -31,7 +30,6 @@ impl JointHistogram {
     }
 
     /// Counts a pair; one side without a class carries no information.
-    #[inline]
     pub fn add(&mut self, point_class: u8, image_class: u8, weight: f64) {
         if point_class != NO_CLASS && image_class != NO_CLASS {
             let index = self.index(usize::from(point_class), image_class);
@@ -39,7 +37,6 @@ impl JointHistogram {
         }
     }
 
-    /// Adds another histogram, of the same rows or of some of them.
     pub fn merge(&mut self, other: &Self) {
         let start = (other.first_row - self.first_row) * self.num_image_classes;
         for (sum, x) in self.weights[start..].iter_mut().zip(&other.weights) {
@@ -47,7 +44,6 @@ impl JointHistogram {
         }
     }
 
-    /// The sum of all weights.
     pub fn total(&self) -> f64 {
         self.weights.iter().sum()
     }
@@ -131,20 +127,16 @@ impl JointHistogram {
         columns
     }
 
-    /// The weights of a row.
-    #[inline]
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
         let start = self.index(row, 0);
         &mut self.weights[start..start + self.num_image_classes]
     }
 
-    /// The weights of some rows.
     pub fn rows(&self, rows: Range<usize>) -> &[f64] {
         &self.weights[self.index(rows.start, 0)..self.index(rows.end, 0)]
     }
 
     /// Index of a pair in `weights` and [`JointHistogram::pointwise`].
-    #[inline]
     pub fn index(&self, row: usize, image_class: u8) -> usize {
         (row - self.first_row) * self.num_image_classes + usize::from(image_class)
     }

@@ -7,11 +7,10 @@ use std::path::{Path, PathBuf};
 use npyz::{DType, Order, TypeChar};
 use rayon::prelude::*;
 
-use crate::archive;
-use crate::class_shares::ClassShares;
+use crate::classes::ClassShares;
 use crate::error::{Error, Result};
 use crate::file::Opened;
-use crate::npy::{LONGEST_HEADER, read_header};
+use crate::npy::{LONGEST_HEADER, open_archive, read_header};
 
 /// Largest number of classes; raw ids are the places along the last axis.
 const MAX_CLASSES: usize = 255;
@@ -23,9 +22,6 @@ const MORE_BYTES: u64 = 4 * LONGEST_HEADER as u64;
 const MAX_SPREAD: usize = 32;
 
 /// Reads many files of one shape, in parallel; the first failing one's error wins.
-///
-/// # Errors
-/// As [`read`].
 pub fn read_all(paths: &[PathBuf], shape: &[usize]) -> Result<Vec<ClassShares>> {
     let shares: Vec<Result<ClassShares>> = paths.par_iter().map(|path| read(path, shape)).collect();
     shares.into_iter().collect()
@@ -34,16 +30,13 @@ pub fn read_all(paths: &[PathBuf], shape: &[usize]) -> Result<Vec<ClassShares>> 
 /// Reads the shares of classes of `shape` items: `[height, width]` pixels or `[n]` points.
 ///
 /// An array is read line by line, so that what a file inflates to is never held as a whole.
-///
-/// # Errors
-/// The file cannot be read, holds no such array or several, or a value is negative or not finite.
 pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
     let invalid = |e: zip::result::ZipError| Error::file(path, format!("is no readable .npz: {e}"));
     let num_items: u64 = shape.iter().map(|&n| n as u64).product();
     let limit = num_items.saturating_mul(MAX_ITEM_BYTES).saturating_add(MORE_BYTES);
     let file = Opened::open(path)?.at_most(limit, &format!(" for {num_items} items"))?;
     file.parse(|stream| {
-        let mut archive = archive::open(stream).map_err(invalid)?;
+        let mut archive = open_archive(stream).map_err(invalid)?;
         if archive.len() != 1 {
             return Err(Error::file(path, format!("holds {} arrays, needs one", archive.len())));
         }

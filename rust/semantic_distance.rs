@@ -22,45 +22,31 @@ const SHORTER: f64 = 0.2;
 /// The points of one class in one frame, and the distance of each block of the image from a pixel of that class.
 #[derive(Clone, Debug)]
 pub struct ClassInFrame {
-    /// Number of the class, from zero.
     pub class: usize,
-    /// Points in metres, LiDAR frame.
     pub points: Vec<[f32; 3]>,
     /// Rows of blocks, in pixels.
     pub distances: Arc<Vec<Vec<f32>>>,
 }
 
-/// Settings of the minimisation.
+/// Its fields are those of `SoicConfig` in Python, which says what they mean.
 #[derive(Clone, Copy, Debug)]
 pub struct DescentConfig {
-    /// Largest rotation of the camera in a line search.
     pub step_rad: f64,
-    /// Largest motion of the camera in a line search.
     pub step_m: f64,
-    /// Share of its step to which a line search is exact.
     pub tolerance: f64,
-    /// Largest number of rounds of Powell's method from each start.
     pub max_rounds: usize,
-    /// Largest number of restarts at the last end, with the axes of the camera; they stop below the tolerance.
     pub max_restarts: usize,
-    /// Largest number of points that are used.
     pub max_points: usize,
 }
 
-/// The minimum of the cost.
 #[derive(Clone, Copy, Debug)]
 pub struct DistanceMinimum {
-    /// T_camera_lidar.
     pub pose: Isometry3<f64>,
-    /// The cost at the pose.
     pub cost_px: f64,
-    /// Number of evaluations of the cost.
     pub num_evaluations: usize,
-    /// Whether the last restarts gained nothing.
     pub converged: bool,
 }
 
-/// The cost of a pose over all frames.
 #[derive(Clone, Debug)]
 pub struct SemanticDistance {
     camera: Camera,
@@ -71,7 +57,6 @@ pub struct SemanticDistance {
 }
 
 impl SemanticDistance {
-    /// The cost over all classes of all frames.
     pub fn new(camera: Camera, parts: Vec<ClassInFrame>, block: usize) -> Self {
         let num_classes = parts.iter().map(|part| part.class + 1).max().unwrap_or(0);
         Self { camera, parts, num_classes, block }
@@ -95,9 +80,6 @@ impl SemanticDistance {
 
     /// Minimum of the cost, by Powell's method over a rotation vector and a motion of the camera's centre, both along the
     /// axes of the camera at the start.
-    ///
-    /// # Errors
-    /// No point projects into the image at the start.
     pub fn minimize(&self, start: &Isometry3<f64>, config: &DescentConfig) -> Result<DistanceMinimum> {
         let near = self.near(start, config.max_points);
         let cost = near.at(start);
@@ -196,97 +178,5 @@ impl SemanticDistance {
         let (left, right, a) = between(pixel.x, distances[0].len());
         let along = |row: &[f32]| (1.0 - a) * f64::from(row[left]) + a * f64::from(row[right]);
         (1.0 - b) * along(&distances[top]) + b * along(&distances[bottom])
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SIZE: usize = 64;
-    const CONFIG: DescentConfig = DescentConfig {
-        step_rad: 0.05,
-        step_m: 0.2,
-        tolerance: 1e-4,
-        max_rounds: 50,
-        max_restarts: 20,
-        max_points: 100,
-    };
-
-    fn camera() -> Camera {
-        let c = (SIZE as f64 - 1.0) / 2.0;
-        Camera::new("plumb_bob", (SIZE, SIZE), [[50.0, 0.0, c], [0.0, 50.0, c], [0.0, 0.0, 1.0]], &[])
-            .unwrap()
-    }
-
-    /// The point at some depth, metres, that a pixel shows.
-    fn point(u: f64, v: f64, depth: f64) -> [f32; 3] {
-        let ray = camera().unproject(&Point2::new(u, v)).unwrap();
-        (ray * (depth / ray.z)).map(|x| x as f32).into()
-    }
-
-    /// In blocks of `block` pixels.
-    fn field(block: usize, distance: impl Fn(f64, f64) -> f64) -> Arc<Vec<Vec<f32>>> {
-        let center = |i: usize| (i as f64 + 0.5) * block as f64 - 0.5;
-        let row = |v| (0..SIZE / block).map(|u| distance(center(u), center(v)) as f32).collect();
-        Arc::new((0..SIZE / block).map(row).collect())
-    }
-
-    #[test]
-    fn classes_count_alike_however_many_points_they_have() {
-        for block in [1, 2, 4] {
-            let near = ClassInFrame {
-                class: 0,
-                points: vec![point(12.0, 9.0, 3.0), point(12.0, 20.0, 4.0), point(12.0, 33.0, 5.0)],
-                distances: field(block, |u, _| u - 10.0),
-            };
-            let far = ClassInFrame {
-                class: 1,
-                points: vec![point(36.25, 40.0, 5.0)],
-                distances: field(block, |u, _| u - 30.0),
-            };
-            let outside = ClassInFrame {
-                class: 2,
-                points: vec![point(99.0, 9.0, 5.0), [0.0, 0.0, -5.0]],
-                distances: field(block, |_, _| 7.0),
-            };
-            let cost = SemanticDistance::new(camera(), vec![near, far, outside], block);
-            assert!((cost.at(&Isometry3::identity()) - (2.0 + 6.25) / 2.0).abs() < 1e-4);
-        }
-    }
-
-    #[test]
-    fn finds_the_pose_at_which_every_point_is_where_its_class_is() {
-        let places = [
-            (8.0, 9.0, 3.0),
-            (50.0, 12.0, 9.0),
-            (30.0, 31.0, 4.0),
-            (12.0, 55.0, 7.0),
-            (54.0, 50.0, 3.5),
-            (33.0, 15.0, 12.0),
-        ];
-        let part = |(class, &(u, v, depth)): (usize, &(f64, f64, f64))| ClassInFrame {
-            class,
-            points: vec![point(u, v, depth)],
-            distances: field(1, |x, y| (x - u).hypot(y - v)),
-        };
-        let cost = SemanticDistance::new(camera(), places.iter().enumerate().map(part).collect(), 1);
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.02, -0.03, 0.01));
-        let start = Isometry3::from_parts(Vector3::new(0.1, -0.05, 0.1).into(), turn);
-        let found = cost.minimize(&start, &CONFIG).unwrap();
-        assert!(found.converged && found.cost_px < 0.02, "{found:?}");
-        assert!(
-            found.pose.rotation.angle() < 0.001 && found.pose.translation.vector.norm() < 0.005,
-            "{found:?}"
-        );
-    }
-
-    #[test]
-    fn what_is_seen_nowhere_is_an_error() {
-        let behind =
-            ClassInFrame { class: 0, points: vec![[0.0, 0.0, -5.0]], distances: field(1, |_, _| 0.0) };
-        let cost = SemanticDistance::new(camera(), vec![behind], 1);
-        assert_eq!(cost.at(&Isometry3::identity()), f64::INFINITY);
-        assert!(cost.minimize(&Isometry3::identity(), &CONFIG).is_err());
     }
 }

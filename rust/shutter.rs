@@ -1,18 +1,23 @@
-//! When each line of a picture is exposed.
+//! When each line of a picture is exposed, and compensation of a rolling shutter: points where the LiDAR would have seen
+//! them when their line was exposed.
+//!
+//! A LiDAR that moves with the twist `V` sees a point, which lies at `p` when the middle line is exposed, `s` seconds
+//! later at `exp(-s V) p`. The line on which it then lies tells `s`, and `s` where it lies: a fixed point.
 
+use nalgebra::{Isometry3, Point3, Vector6};
+use rayon::prelude::*;
+
+use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::se3::exp;
 
 /// The way in which a shutter rolls over the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Direction {
-    /// From the uppermost row.
     #[default]
     Down,
-    /// From the lowest row.
     Up,
-    /// From the leftmost column.
     Right,
-    /// From the rightmost column.
     Left,
 }
 
@@ -24,7 +29,6 @@ pub struct Shutter {
     pub delay_s: f64,
     /// From the first line to the last; 0 is a global shutter.
     pub readout_s: f64,
-    /// The way in which it rolls.
     pub direction: Direction,
 }
 
@@ -74,12 +78,61 @@ impl Shutter {
         Self { delay_s: -0.5 * self.readout_s, ..self }
     }
 
-    /// Refuses a shutter that cannot be.
     pub(crate) fn check(&self) -> Result<()> {
         if self.delay_s.is_finite() && self.readout_s.is_finite() && self.readout_s >= 0.0 {
             return Ok(());
         }
         Err(Error::Input(format!("rig: {self:?} cannot be")))
+    }
+}
+
+/// The line of a point is known if its time changes by less than this share of a line's.
+const SETTLED_LINES: f64 = 0.01;
+/// A point whose line is not found in so many steps passes the camera about as fast as the shutter rolls.
+const MAX_STEPS: usize = 10;
+/// Points that one task moves.
+const CHUNK: usize = 4096;
+
+/// A camera that moves with a LiDAR while its shutter rolls.
+pub struct Rolling<'a> {
+    /// Its lens and the size of its picture.
+    pub camera: &'a Camera,
+    /// Its shutter; when the first line is read does not count.
+    pub shutter: Shutter,
+    /// The motion of the LiDAR, metres and radians a second in its own frame.
+    pub twist_per_s: Vector6<f64>,
+    pub pose: Isometry3<f64>,
+}
+
+impl Rolling<'_> {
+    /// Moves points (LiDAR frame, metres), each from the moment at which it is seen to that at which its line is
+    /// exposed. Times are seconds from the exposure of the middle line.
+    ///
+    /// Beyond the picture, lines are those at its border. A point that the lens does not show is seen with the middle
+    /// line.
+    pub fn unroll(&self, points: &[[f32; 3]], seen_s: &[f64]) -> Vec<([f32; 3], f64)> {
+        let shutter = self.shutter.around_its_middle();
+        let pairs = points.par_iter().zip(seen_s).with_min_len(CHUNK);
+        pairs.map(|(point, &seen_s)| self.unroll_point(point, seen_s, &shutter)).collect()
+    }
+
+    fn unroll_point(&self, point: &[f32; 3], seen_s: f64, shutter: &Shutter) -> ([f32; 3], f64) {
+        let size = [self.camera.width, self.camera.height];
+        let settled_s = SETTLED_LINES * shutter.readout_s / shutter.num_lines(size) as f64;
+        let start = Point3::from(*point).cast::<f64>();
+        let moved = |time_s: f64| exp(&(self.twist_per_s * (seen_s - time_s))) * start;
+        // From the middle line, so that nothing depends on where a point has been moved before.
+        let mut time_s = 0.0;
+        for _ in 0..MAX_STEPS {
+            let Some(pixel) = self.camera.project(&(self.pose * moved(time_s)).coords) else { break };
+            let exposed_s = shutter.time_at_s(pixel.into(), size);
+            let is_settled = (exposed_s - time_s).abs() <= settled_s;
+            time_s = exposed_s;
+            if is_settled {
+                break;
+            }
+        }
+        (moved(time_s).cast::<f32>().into(), time_s)
     }
 }
 
@@ -115,5 +168,27 @@ mod tests {
         assert_eq!(shutter.line_times_s(SIZE), [-0.02]);
         assert_eq!(shutter.line([3, 2], SIZE), 0);
         assert_eq!(shutter.time_at_s([3.0, 2.0], SIZE), -0.02);
+    }
+
+    #[test]
+    fn columns_are_solved_for_where_the_motion_changes_them() {
+        const SPEED_M_S: f64 = 10.0;
+        let k = [[400.0, 0.0, 319.5], [0.0, 400.0, 239.5], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("plumb_bob", (640, 480), k, &[]).expect("a camera");
+        // The camera slides to its right: u + s k = u0 and s = r ((u + 0.5) / w - 0.5), with k pixels a second, have one
+        // solution.
+        let u0 = 319.5 + 400.0 * 2.0 / 8.0;
+        for (direction, sign) in [(Direction::Right, 1.0), (Direction::Left, -1.0)] {
+            let rate = sign * 0.04 / 640.0;
+            let expected_s = rate * (u0 + 0.5 - 320.0) / (1.0 + rate * 400.0 * SPEED_M_S / 8.0);
+            let rolling = Rolling {
+                camera: &camera,
+                shutter: Shutter { delay_s: 7.0, readout_s: 0.04, direction },
+                twist_per_s: Vector6::new(SPEED_M_S, 0.0, 0.0, 0.0, 0.0, 0.0),
+                pose: Isometry3::identity(),
+            };
+            let (_, time_s) = rolling.unroll(&[[2.0, 0.5, 8.0]], &[0.0])[0];
+            assert!((time_s - expected_s).abs() < 1e-8, "{time_s} {expected_s}");
+        }
     }
 }

@@ -51,7 +51,6 @@ fn isolated(image: &LabelImage<u8>) -> Vec<bool> {
     isolated
 }
 
-/// The indices of the up to eight pixels around one.
 fn neighbours(image: &LabelImage<u8>, index: usize) -> impl Iterator<Item = usize> {
     let (width, height) = (image.width, image.height);
     let (u, v) = (index % width, index / width);

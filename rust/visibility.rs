@@ -8,12 +8,9 @@ use nalgebra::{Isometry3, Point2, Vector3};
 use crate::camera::{Camera, RUN};
 use crate::point_cloud::to_f64;
 
-/// A point inside the image.
 #[derive(Clone, Copy, Debug)]
 pub struct Projected {
-    /// Index of the point.
     pub index: usize,
-    /// `(u, v)`.
     pub pixel: Point2<f64>,
     /// Metres, camera frame.
     pub p_camera: Vector3<f64>,
@@ -21,7 +18,6 @@ pub struct Projected {
 
 impl Projected {
     /// Square of the distance from the camera's centre.
-    #[inline]
     fn range2(&self) -> f64 {
         self.p_camera.norm_squared()
     }
@@ -254,14 +250,5 @@ mod tests {
             let pixels = |points: &[Projected]| points.iter().map(|p| (p.index, p.pixel)).collect::<Vec<_>>();
             assert_eq!((pixels(&found), found_hidden), (pixels(&anew), anew_hidden));
         }
-    }
-
-    #[test]
-    fn without_a_baseline_nothing_is_hidden() {
-        let (camera, points, t_camera_lidar) = scene(0.0);
-        assert!(
-            !hidden(&camera, &points, &project_points(&camera, &points, 0..points.len(), &t_camera_lidar))
-                .contains(&true)
-        );
     }
 }

@@ -127,12 +127,10 @@ class Camera:
         distortion: Sequence[float],
         parameters: Mapping[str, float] = ...,
     ) -> Camera: ...
-    @property
-    def limit(self) -> float:
-        """The largest incidence angle, radians, at which the model holds."""
-    @property
-    def pixels_per_radian(self) -> float:
-        """Columns a radian on the optical axis; with a mirror or a sphere in the lens not the focal length."""
+    limit: float
+    """The largest incidence angle, radians, at which the model holds."""
+    pixels_per_radian: float
+    """Columns a radian on the optical axis; with a mirror or a sphere in the lens not the focal length."""
     def project(self, points_camera: _Float64) -> _Float64:
         """Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold."""
     def unproject(self, pixels: _Float64) -> _Float64:
@@ -147,13 +145,10 @@ class ClassShares:
         """Those of items (N,) that are each all of one class, or of none."""
 
     def __len__(self) -> int: ...
-    @property
-    def ids(self) -> NDArray[np.uint16]:
-        """The classes that any of them has a share of, ascending."""
-
-    @property
-    def classes(self) -> NDArray[np.uint8]:
-        """(N,) the class of the largest share of each; 255 where less than half is labelled."""
+    ids: NDArray[np.uint16]
+    """The classes that any of them has a share of, ascending."""
+    classes: NDArray[np.uint8]
+    """(N,) the class of the largest share of each; 255 where less than half is labelled."""
 
     def renamed(self, table: NDArray[np.uint8]) -> ClassShares:
         """The same with other classes: `table` (256,) gives the new one of each, 255 takes its share away."""
@@ -209,12 +204,10 @@ class AnchoredPoints:
         Points that lie at least `constant_radius` blocks inside one class are summed up once, not drawn from; none are
         if it is zero.
         """
-    @property
-    def classes(self) -> NDArray[np.uint8]:
-        """(N,) of each point that is drawn from."""
-    @property
-    def preconditioner(self) -> _Float64:
-        """(6, 6): columns are twists that each move the points by one block, independently of one another."""
+    classes: NDArray[np.uint8]
+    """(N,) of each point that is drawn from."""
+    preconditioner: _Float64
+    """(6, 6): columns are twists that each move the points by one block, independently of one another."""
     def sample(self, indices: NDArray[np.int64], t_camera_lidar: _Float64) -> MiniBatch:
         """Sample the label images under points (n,) at a pose, which needs not be rigid."""
 
@@ -225,12 +218,10 @@ class MiniBatch:
     Points on blocks of one class share a row, and a row follows for each point on blocks of several.
     """
 
-    @property
-    def weights(self) -> _Float64:
-        """Weights of each class of points (R, num_point_classes), those of the anchor."""
-    @property
-    def shares(self) -> _Float64:
-        """Shares of each class of pixels (R, num_image_classes); rows add up to one."""
+    weights: _Float64
+    """Weights of each class of points (R, num_point_classes), those of the anchor."""
+    shares: _Float64
+    """Shares of each class of pixels (R, num_image_classes); rows add up to one."""
     def pull_back(self, gradient: _Float64) -> _Float64:
         """The gradient (3, 4) with respect to the pose of what has `gradient` with respect to `shares`."""
 
@@ -254,44 +245,35 @@ class SemanticDistance:
 class DistanceMinimum:
     """Where the cost of SOIC is least."""
 
-    @property
-    def T_camera_lidar(self) -> _Float64:
-        """(4, 4)."""
-    @property
-    def cost_px(self) -> float:
-        """The cost there."""
-    @property
-    def num_evaluations(self) -> int:
-        """How many costs were computed."""
-    @property
-    def converged(self) -> bool:
-        """Whether the last restarts gained nothing."""
+    T_camera_lidar: _Float64
+    """(4, 4)."""
+    cost_px: float
+    """The cost there."""
+    num_evaluations: int
+    """How many costs were computed."""
+    converged: bool
+    """Whether the last restarts gained nothing."""
 
 @final
 class Grid:
     """The angular grid of a spherical image. Row 0 is the highest; columns go all round."""
 
-    @property
-    def rows(self) -> int:
-        """Cells from top to bottom."""
-    @property
-    def columns(self) -> int:
-        """Cells around."""
-    @property
-    def top(self) -> float:
-        """Elevation of the upper border, radians."""
-    @property
-    def cell_height(self) -> float:
-        """Radians."""
+    rows: int
+    """Cells from top to bottom."""
+    columns: int
+    """Cells around."""
+    top: float
+    """Elevation of the upper border, radians."""
+    cell_height: float
+    """Radians."""
 
 @final
 class SphericalImages:
     """The spherical images of all frames on a grid: the labelled returns that are the nearest of a pixel."""
 
     def __new__(cls, observations: Observations, grid: Grid) -> SphericalImages: ...
-    @property
-    def grid(self) -> Grid:
-        """Grid of the images."""
+    grid: Grid
+    """Grid of the images."""
     def classes(self, frame: int) -> NDArray[np.uint8]:
         """Label image (rows, columns) of a frame on the grid; 255 where no labelled return is."""
 
@@ -299,12 +281,10 @@ class SphericalImages:
 class Hypothesis:
     """A placement of the picture on the sphere of LiDAR directions."""
 
-    @property
-    def mutual_information(self) -> float:
-        """Mutual information of the pairs, nats, less its bias."""
-    @property
-    def num_pairs(self) -> int:
-        """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
+    mutual_information: float
+    """Mutual information of the pairs, nats, less its bias."""
+    num_pairs: int
+    """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
     def zoomed(
         self, observations: Observations, images: SphericalImages, zoom: str, frame: int
     ) -> NDArray[np.uint8]:
@@ -314,41 +294,31 @@ class Hypothesis:
 class Correspondences:
     """Points and the pixels that a hypothesis puts them on."""
 
-    @property
-    def points(self) -> _Float64:
-        """(N, 3) metres, LiDAR frame."""
-    @property
-    def pixels(self) -> _Float64:
-        """(N, 2), (u, v)."""
+    points: _Float64
+    """(N, 3) metres, LiDAR frame."""
+    pixels: _Float64
+    """(N, 2), (u, v)."""
 
 @final
 class PointCloud:
     """A sweep without its no-returns: entries that were not finite or all zero."""
 
-    @property
-    def points(self) -> _Float32:
-        """(N, 3) metres, LiDAR frame."""
-    @property
-    def intensity(self) -> _Float32 | None:
-        """(N,) as recorded, where the format has it."""
-    @property
-    def ring(self) -> NDArray[np.uint16] | None:
-        """(N,) the beam of each, where the cloud has a field of whole numbers for it."""
-    @property
-    def time(self) -> _Float64 | None:
-        """(N,) seconds, from whatever moment the recorder counts."""
-    @property
-    def labels(self) -> NDArray[np.uint16] | None:
-        """(N,) raw class ids, of the label file or else of the cloud's own label field."""
-    @property
-    def label_shares(self) -> ClassShares | None:
-        """Probabilities of raw class ids instead, where the label file holds them."""
-    @property
-    def num_no_returns(self) -> int:
-        """How many entries were left out."""
-    @property
-    def is_return(self) -> NDArray[np.bool_]:
-        """Which of the file's entries are points."""
+    points: _Float32
+    """(N, 3) metres, LiDAR frame."""
+    intensity: _Float32 | None
+    """(N,) as recorded, where the format has it."""
+    ring: NDArray[np.uint16] | None
+    """(N,) the beam of each, where the cloud has a field of whole numbers for it."""
+    time: _Float64 | None
+    """(N,) seconds, from whatever moment the recorder counts."""
+    labels: NDArray[np.uint16] | None
+    """(N,) raw class ids, of the label file or else of the cloud's own label field."""
+    label_shares: ClassShares | None
+    """Probabilities of raw class ids instead, where the label file holds them."""
+    num_no_returns: int
+    """How many entries were left out."""
+    is_return: NDArray[np.bool_]
+    """Which of the file's entries are points."""
 
 @final
 class Trajectory:
@@ -375,33 +345,24 @@ class Trajectory:
 class Agreement:
     """How well points and label images agree at a pose, over all frames."""
 
-    @property
-    def mutual_information(self) -> float:
-        """Mutual information of visible points and the pixels around them, nats, plug-in estimate."""
-    @property
-    def bias(self) -> float:
-        """Miller and Madow's estimate of how far the plug-in estimate is too high, nats."""
-    @property
-    def sigma(self) -> float:
-        """Standard error of the estimate over parts of the pictures, nats; infinite if there is one part only."""
-    @property
-    def label_agreement(self) -> float:
-        """Share of the visible pairs with positive pointwise mutual information."""
-    @property
-    def overlap(self) -> float:
-        """Share of the picture's area that visible labelled points cover."""
-    @property
-    def num_inside(self) -> int:
-        """Labelled points inside the picture."""
-    @property
-    def num_hidden(self) -> int:
-        """Those of them that nearer returns hide from the camera."""
-    @property
-    def joint(self) -> _Float64:
-        """(num_point_classes, num_image_classes) weights of the visible pairs."""
-    @property
-    def frame_joints(self) -> _Float64:
-        """(frames, num_point_classes, num_image_classes) share of each frame in `joint`."""
+    mutual_information: float
+    """Mutual information of visible points and the pixels around them, nats, plug-in estimate."""
+    bias: float
+    """Miller and Madow's estimate of how far the plug-in estimate is too high, nats."""
+    sigma: float
+    """Standard error of the estimate over parts of the pictures, nats; infinite if there is one part only."""
+    label_agreement: float
+    """Share of the visible pairs with positive pointwise mutual information."""
+    overlap: float
+    """Share of the picture's area that visible labelled points cover."""
+    num_inside: int
+    """Labelled points inside the picture."""
+    num_hidden: int
+    """Those of them that nearer returns hide from the camera."""
+    joint: _Float64
+    """(num_point_classes, num_image_classes) weights of the visible pairs."""
+    frame_joints: _Float64
+    """(frames, num_point_classes, num_image_classes) share of each frame in `joint`."""
 
 @final
 class HeldOutGain:
@@ -410,66 +371,54 @@ class HeldOutGain:
     @staticmethod
     def of_parts(gains: Sequence[float]) -> HeldOutGain:
         """The sum of the gains of independent parts, with its standard error: infinite with fewer than two."""
-    @property
-    def gain(self) -> float:
-        """Nats of classes; of segments, a share of their adjusted mutual information."""
-    @property
-    def sigma(self) -> float:
-        """Its standard error over parts of the pictures; infinite if there are fewer than two."""
+    gain: float
+    """Nats of classes; of segments, a share of their adjusted mutual information."""
+    sigma: float
+    """Its standard error over parts of the pictures; infinite if there are fewer than two."""
 
 @final
 class Ascended:
     """Where an ascent ended."""
 
-    @property
-    def T_camera_lidar(self) -> _Float64:
-        """(4, 4)."""
-    @property
-    def num_points(self) -> int:
-        """Labelled points on labelled blocks at its start, which it drew from."""
-    @property
-    def drift(self) -> float:
-        """Blocks between the means of the way over the last two quarters: how far it was from settled.
+    T_camera_lidar: _Float64
+    """(4, 4)."""
+    num_points: int
+    """Labelled points on labelled blocks at its start, which it drew from."""
+    drift: float
+    """Blocks between the means of the way over the last two quarters: how far it was from settled.
 
-        Steps count in full, also where the longest baseline keeps the pose from taking them.
-        """
+    Steps count in full, also where the longest baseline keeps the pose from taking them.
+    """
 
 @final
 class Aligned:
     """Where one of several ascents ended that are compared."""
 
-    @property
-    def T_camera_lidar(self) -> _Float64:
-        """(4, 4)."""
-    @property
-    def mutual_information(self) -> float:
-        """Mutual information of points and blocks there, less its bias, nats; of segments, adjusted, a share."""
-    @property
-    def num_points(self) -> int:
-        """Labelled points on labelled blocks there."""
-    @property
-    def drift(self) -> float:
-        """Blocks between the means of the way over the last two quarters: how far it was from settled.
+    T_camera_lidar: _Float64
+    """(4, 4)."""
+    mutual_information: float
+    """Mutual information of points and blocks there, less its bias, nats; of segments, adjusted, a share."""
+    num_points: int
+    """Labelled points on labelled blocks there."""
+    drift: float
+    """Blocks between the means of the way over the last two quarters: how far it was from settled.
 
-        Steps count in full, also where the longest baseline keeps the pose from taking them.
-        """
+    Steps count in full, also where the longest baseline keeps the pose from taking them.
+    """
 
 @final
 class Polished:
     """Where a polish ended."""
 
-    @property
-    def T_camera_lidar(self) -> _Float64:
-        """(4, 4)."""
-    @property
-    def moved_px(self) -> float:
-        """How far the last round moved the points, or still wanted to move them, root mean square."""
-    @property
-    def inverse_curvature(self) -> _Float64 | None:
-        """(6, 6) inverse of minus the second derivative, with which a polish near by may begin.
+    T_camera_lidar: _Float64
+    """(4, 4)."""
+    moved_px: float
+    """How far the last round moved the points, or still wanted to move them, root mean square."""
+    inverse_curvature: _Float64 | None
+    """(6, 6) inverse of minus the second derivative, with which a polish near by may begin.
 
-        None where nothing changes the information.
-        """
+    None where nothing changes the information.
+    """
 
 @final
 class Sensitivity:
@@ -479,41 +428,32 @@ class Sensitivity:
     follow.
     """
 
-    @property
-    def curvature(self) -> _Float64:
-        """(n, n) minus the second derivative, nats."""
-    @property
-    def scores(self) -> _Float64:
-        """(parts, n) share of the gradient of the points of each class in each square of each picture, nats."""
-    @property
-    def motions(self) -> _Float64:
-        """(n, n) mean products of the pixels by which the variables move the points."""
-    @property
-    def parts(self) -> NDArray[np.uint32]:
-        """(parts, 4) frame, row and column of the square of each part, and the class of its points.
+    curvature: _Float64
+    """(n, n) minus the second derivative, nats."""
+    scores: _Float64
+    """(parts, n) share of the gradient of the points of each class in each square of each picture, nats."""
+    motions: _Float64
+    """(n, n) mean products of the pixels by which the variables move the points."""
+    parts: NDArray[np.uint32]
+    """(parts, 4) frame, row and column of the square of each part, and the class of its points.
 
-        That of segments is the class of the picture under them, numbered after those of points.
-        """
-    @property
-    def frame_curvatures(self) -> _Float64:
-        """(frames, n, n) share of each frame in `curvature`, nats."""
-    @property
-    def class_curvatures(self) -> _Float64:
-        """(classes, n, n) share of each class, as in `parts`, in `curvature`, nats."""
+    That of segments is the class of the picture under them, numbered after those of points.
+    """
+    frame_curvatures: _Float64
+    """(frames, n, n) share of each frame in `curvature`, nats."""
+    class_curvatures: _Float64
+    """(classes, n, n) share of each class, as in `parts`, in `curvature`, nats."""
 
 @final
 class Projected:
     """Points in a picture."""
 
-    @property
-    def pixels(self) -> _Float64:
-        """(N, 2), (u, v); NaN outside the picture."""
-    @property
-    def ranges(self) -> _Float64:
-        """(N,) metres from the camera; NaN outside the picture."""
-    @property
-    def is_hidden(self) -> NDArray[np.bool_]:
-        """(N,) whether a nearer return hides the point from the camera."""
+    pixels: _Float64
+    """(N, 2), (u, v); NaN outside the picture."""
+    ranges: _Float64
+    """(N,) metres from the camera; NaN outside the picture."""
+    is_hidden: NDArray[np.bool_]
+    """(N,) whether a nearer return hides the point from the camera."""
 
 @final
 class Renderer:
@@ -531,44 +471,33 @@ class Renderer:
 class RenderedFrame:
     """What a rig measures in one sweep and one picture."""
 
-    @property
-    def points(self) -> _Float32:
-        """(N, 4) metres, LiDAR frame of the time of each point, and intensity."""
-    @property
-    def point_times(self) -> _Float32:
-        """(N,) seconds from the start of the sweep."""
-    @property
-    def point_labels(self) -> NDArray[np.uint32]:
-        """(N,) `instance << 16 | class`."""
-    @property
-    def point_visibility(self) -> NDArray[np.uint8]:
-        """(N,) 0 outside the picture, 1 hidden, 2 visible."""
-    @property
-    def image_labels(self) -> NDArray[np.uint8]:
-        """(H, W) classes."""
-    @property
-    def image_rgb(self) -> NDArray[np.uint8]:
-        """(H, W, 3)."""
-    @property
-    def num_objects(self) -> int:
-        """Distinct objects in the picture or among the returns."""
+    points: _Float32
+    """(N, 4) metres, LiDAR frame of the time of each point, and intensity."""
+    point_times: _Float32
+    """(N,) seconds from the start of the sweep."""
+    point_labels: NDArray[np.uint32]
+    """(N,) `instance << 16 | class`."""
+    point_visibility: NDArray[np.uint8]
+    """(N,) 0 outside the picture, 1 hidden, 2 visible."""
+    image_labels: NDArray[np.uint8]
+    """(H, W) classes."""
+    image_rgb: NDArray[np.uint8]
+    """(H, W, 3)."""
+    num_objects: int
+    """Distinct objects in the picture or among the returns."""
 
 @final
 class JointMaximum:
     """Where the mutual information is largest in the pose, intrinsics and the offset of the clock together."""
 
-    @property
-    def T_camera_lidar(self) -> _Float64:
-        """(4, 4)."""
-    @property
-    def changes(self) -> list[float]:
-        """Changes of the intrinsics."""
-    @property
-    def offset_s(self) -> float:
-        """Seconds by which pictures are later than they were taken to be."""
-    @property
-    def moved_px(self) -> float:
-        """How far the last round moved the points, or still wanted to move them, root mean square."""
+    T_camera_lidar: _Float64
+    """(4, 4)."""
+    changes: list[float]
+    """Changes of the intrinsics."""
+    offset_s: float
+    """Seconds by which pictures are later than they were taken to be."""
+    moved_px: float
+    """How far the last round moved the points, or still wanted to move them, root mean square."""
 
 def maximise(
     observations: Observations,
@@ -824,34 +753,26 @@ def synthetic_classes() -> list[tuple[int, str]]:
 class Up:
     """The direction away from the ground, and how plain the ground is. Shares are of the area seen within 30 m."""
 
-    @property
-    def direction(self) -> _Float64:
-        """(3,) unit vector, LiDAR frame."""
-    @property
-    def height_m(self) -> float:
-        """The sensor above the ground."""
-    @property
-    def share_on_plane(self) -> float:
-        """Share of what is seen that is on the ground's plane."""
-    @property
-    def share_below(self) -> float:
-        """Share of what is seen that lies clearly below it."""
+    direction: _Float64
+    """(3,) unit vector, LiDAR frame."""
+    height_m: float
+    """The sensor above the ground."""
+    share_on_plane: float
+    """Share of what is seen that is on the ground's plane."""
+    share_below: float
+    """Share of what is seen that lies clearly below it."""
 
 @final
 class SegmentedSweep:
     """The segments of a sweep: cells of the ground, and objects that stand on it."""
 
-    @property
-    def ids(self) -> NDArray[np.uint32]:
-        """(N,) segment of each point, or `NO_SEGMENT`."""
-    @property
-    def num_segments(self) -> int: ...
-    @property
-    def kinds(self) -> NDArray[np.uint8]:
-        """(num_segments,) `GROUND` or `OBJECT`; those of the ground come first."""
-    @property
-    def up(self) -> _Float64 | None:
-        """(3,) away from the ground, LiDAR frame; None where no ground was found, and everything is an object."""
+    ids: NDArray[np.uint32]
+    """(N,) segment of each point, or `NO_SEGMENT`."""
+    num_segments: int
+    kinds: NDArray[np.uint8]
+    """(num_segments,) `GROUND` or `OBJECT`; those of the ground come first."""
+    up: _Float64 | None
+    """(3,) away from the ground, LiDAR frame; None where no ground was found, and everything is an object."""
 
 @final
 class Partitions:
@@ -903,28 +824,19 @@ def segment_sweeps(
 class Steps:
     """What changes along the scan from each point of a sweep to its neighbours."""
 
-    @property
-    def range_m(self) -> NDArray[np.float32]:
-        """(N,) by how much the farther one of the two neighbours is farther than the point, metres.
+    range_m: NDArray[np.float32]
+    """(N,) by how much the farther one of the two neighbours is farther than the point, metres.
 
-        It is infinite where no return is beside the point, and NaN where the point is no return itself.
-        """
-
-    @property
-    def to_range_step_m(self) -> _Float32:
-        """(N, 3) from each point to half-way towards that neighbour's ray, metres: the surface ends in between."""
-
-    @property
-    def to_intensity_step_m(self) -> _Float32:
-        """(N, 3) from each point to half-way towards the neighbour whose intensity differs more, metres."""
-
-    @property
-    def spacing(self) -> float:
-        """Median angle between neighbouring rays, radians; 0 without any."""
-
-    @property
-    def intensity(self) -> NDArray[np.float32] | None:
-        """(N,) the larger difference of intensity to a neighbour on the same surface; NaN without such a neighbour."""
+    It is infinite where no return is beside the point, and NaN where the point is no return itself.
+    """
+    to_range_step_m: _Float32
+    """(N, 3) from each point to half-way towards that neighbour's ray, metres: the surface ends in between."""
+    to_intensity_step_m: _Float32
+    """(N, 3) from each point to half-way towards the neighbour whose intensity differs more, metres."""
+    spacing: float
+    """Median angle between neighbouring rays, radians; 0 without any."""
+    intensity: NDArray[np.float32] | None
+    """(N,) the larger difference of intensity to a neighbour on the same surface; NaN without such a neighbour."""
 
 def edge_steps(
     points: Sequence[_Float32], intensities: Sequence[NDArray[np.float32] | None], same_surface_m: float
@@ -977,12 +889,10 @@ def shares_of_scores(
 class RangeProjection:
     """The points of a sweep in a range image."""
 
-    @property
-    def points(self) -> NDArray[np.uint32]:
-        """(rows * columns,) the nearest point of each pixel, or `NO_PIXEL`."""
-    @property
-    def pixels(self) -> NDArray[np.uint32]:
-        """(N,) the pixel of each point, or `NO_PIXEL`."""
+    points: NDArray[np.uint32]
+    """(rows * columns,) the nearest point of each pixel, or `NO_PIXEL`."""
+    pixels: NDArray[np.uint32]
+    """(N,) the pixel of each point, or `NO_PIXEL`."""
 
 @final
 class RangeView:

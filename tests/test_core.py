@@ -83,8 +83,8 @@ CONFIGS: dict[str, tuple[type, ...]] = {
     "RegistrationConfig": (InitializationConfig,),
     "SegmentationConfig": (SegmentationConfig,),
     "DescentConfig": (SoicConfig,),
-    "LidarSettings": (SynthConfig,),
-    "ShutterSettings": (SynthConfig,),
+    "Lidar": (SynthConfig,),
+    "Shutter": (SynthConfig,),
 }
 
 

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point2, Vector6};
 use rayon::prelude::*;
 
+use super::choice::{Counted, Sample};
 use super::level::Level;
 use super::projection::Projection;
-use super::sample::{Counted, Sample};
 use crate::camera::RUN;
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
@@ -22,7 +22,6 @@ const MARGIN_PX: f64 = 1.0;
 /// Number of frames whose histograms are in memory together.
 const FRAMES_AT_ONCE: usize = 16;
 
-/// A way from a pose.
 #[derive(Clone, Debug)]
 pub struct Way {
     /// Twist on the left of the pose, metres and radians.
@@ -172,14 +171,6 @@ impl Level {
                 }
             }
         }
-    }
-
-    #[inline]
-    fn add(&self, joint: &mut JointHistogram, sample: &Sample, sampled: &Sampled) {
-        let &Sample { class, frame, point, weight, .. } = sample;
-        self.observations.for_rows(frame as usize, point as usize, class, |row| {
-            sampled.add_to(joint.row_mut(row), f64::from(weight));
-        });
     }
 }
 

@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix3x4, Matrix6, Point2, Vector3};
+use nalgebra::{Isometry3, Matrix3x4, Matrix6, Vector3};
 
-use super::choice::Chosen;
+use super::choice::{Chosen, Counted, Mixed, Sample};
 use super::level::Level;
-use super::sample::{Counted, Sample};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
@@ -49,7 +48,6 @@ impl Anchored {
         }
     }
 
-    /// The points' classes.
     pub fn classes(&self) -> impl ExactSizeIterator<Item = u8> {
         self.samples.iter().map(|sample| sample.class)
     }
@@ -77,7 +75,7 @@ impl Anchored {
         let mut mixed = Vec::new();
         for (sample, (p_camera, pixel)) in samples.into_iter().zip(projected) {
             let Some(pixel) = pixel else { continue };
-            match self.level.maps[sample.frame as usize].at(&pixel) {
+            match self.level.under(&sample, &pixel) {
                 Sampled::Uniform(class) => uniform.add(sample.class, class, f64::from(sample.weight)),
                 Sampled::Mixed(shares) if shares.total() > 0.0 => {
                     mixed.push(Mixed { sample, p_camera, pixel })
@@ -101,14 +99,6 @@ pub struct MiniBatch {
     mixed: Vec<Mixed>,
 }
 
-/// A point on blocks of several classes, whose shares change with the pose.
-#[derive(Clone, Copy, Debug)]
-struct Mixed {
-    sample: Sample,
-    p_camera: Vector3<f64>,
-    pixel: Point2<f64>,
-}
-
 impl MiniBatch {
     /// Numbers of rows, of classes of points, and of classes of pixels.
     pub fn shape(&self) -> [usize; 3] {
@@ -123,7 +113,7 @@ impl MiniBatch {
         let (of_classes, of_mixed) = shares.split_at_mut(num_y * num_y);
         of_classes.iter_mut().step_by(num_y + 1).for_each(|share| *share = 1.0);
         for (row, Mixed { sample, pixel, .. }) in of_mixed.chunks_exact_mut(num_y).zip(&self.mixed) {
-            self.level.maps[sample.frame as usize].at(pixel).add_to(row, 1.0);
+            self.level.under(sample, pixel).add_to(row, 1.0);
         }
         shares
     }
@@ -149,48 +139,12 @@ impl MiniBatch {
         for (Mixed { sample, p_camera, pixel }, values) in
             self.mixed.iter().zip(gradient[num_y * num_y..].chunks_exact(num_y))
         {
-            if let Sampled::Mixed(shares) = self.level.maps[sample.frame as usize].at(pixel) {
+            if let Sampled::Mixed(shares) = self.level.under(sample, pixel) {
                 let jacobian = self.level.observations.camera.jacobian(p_camera);
                 let force: Vector3<f64> = jacobian.tr_mul(&shares.gradient(values));
                 pulled += force * sample.position.push(1.0).transpose();
             }
         }
         pulled
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use nalgebra::Vector6;
-
-    use super::super::scene::scene;
-    use super::*;
-    use crate::se3;
-
-    const FACTOR: usize = 4;
-
-    #[test]
-    fn derivatives_of_shares_are_those_of_finite_differences() {
-        const STEP: f64 = 1e-7;
-        let observations = scene(0.3);
-        let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
-        let points = Anchored::new(Arc::clone(&observations), FACTOR, 0, usize::MAX, &pose, Counted::All, 2);
-        let indices: Vec<usize> = (0..points.classes().len()).step_by(37).collect();
-        let matrix = pose.to_homogeneous().fixed_rows::<3>(0).into_owned();
-        let batch = points.sample(&indices, &matrix);
-        let weights: Vec<f64> = (0..batch.shares().len()).map(|i| (i as f64).sin()).collect();
-        let value = |matrix: &Matrix3x4<f64>| {
-            points.sample(&indices, matrix).shares().iter().zip(&weights).map(|(a, b)| a * b).sum::<f64>()
-        };
-        let pulled = batch.pull_back(&weights);
-        for entry in 0..12 {
-            let mut step = Matrix3x4::zeros();
-            step[entry] = STEP;
-            let slope = (value(&(matrix + step)) - value(&(matrix - step))) / (2.0 * STEP);
-            assert!(
-                (slope - pulled[entry]).abs() < 1e-4 * (1.0 + pulled.norm()),
-                "{entry}: {slope} {pulled}"
-            );
-        }
     }
 }

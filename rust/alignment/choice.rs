@@ -1,18 +1,104 @@
-//! The choice of the points that count at a level.
+//! The points that count at a level: those of the sweeps that the camera may see near a pose, and the choice among them.
 
-use nalgebra::{Isometry3, Point2};
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point2, Vector3};
 use rayon::prelude::*;
 
 use super::level::Level;
-use super::sample::{Counted, Sample};
-use crate::class_shares::Share;
-use crate::classes::NO_CLASS;
+use super::projection::Projection;
+use crate::classes::{NO_CLASS, Share};
 use crate::mutual_information::JointHistogram;
-use crate::observation::Frame;
+use crate::observation::{Frame, Observations};
 use crate::point_cloud::to_f64;
-use crate::pyramid::ShareMap;
+use crate::pyramid::{Sampled, ShareMap};
 use crate::thinning::thinned;
 use crate::visibility::{Projected, project_points};
+
+/// Width of the band around the picture from which points are kept, as a share of its longer side.
+const BAND: f64 = 0.5;
+
+/// The labelled points of the image that count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Counted {
+    /// All of them.
+    All,
+    /// The points that no nearer return hides from the camera.
+    Visible,
+}
+
+/// A labelled point on a labelled pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// Metres, LiDAR frame.
+    pub position: Vector3<f64>,
+    pub class: u8,
+    pub frame: u32,
+    /// Index among the frame's points.
+    pub point: u32,
+    /// Labelled share of the blocks around it at the anchor pose.
+    pub weight: f32,
+}
+
+/// A sample at a pose, on blocks of several classes, whose shares change with the pose.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Mixed {
+    pub sample: Sample,
+    pub p_camera: Vector3<f64>,
+    pub pixel: Point2<f64>,
+}
+
+/// What points weigh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Weights {
+    /// A sample's weight at the anchor pose, wherever it projects.
+    AtAnchor,
+    /// The labelled share where a point lands, of its share of a class: its weight.
+    WhereItLands,
+}
+
+impl Weights {
+    pub fn of(self, sample: &Sample, sampled: &Sampled) -> f32 {
+        match self {
+            Self::AtAnchor => sample.weight,
+            Self::WhereItLands => (f64::from(sample.weight) * sampled.total()) as f32,
+        }
+    }
+}
+
+/// Observations without the points that lie far outside of the picture at all of some poses, and without the rows of
+/// their segments: most segments of a turn are behind the camera. Observations without partitions stay as they are, and
+/// so do frames whose points have shares of classes.
+pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]) -> Arc<Observations> {
+    if !observations.has_partitions() {
+        return Arc::clone(observations);
+    }
+    let camera = &observations.camera;
+    let band = BAND * camera.width.max(camera.height) as f64;
+    let views: Vec<Projection> = poses.iter().map(|pose| Projection::of_pose(camera, pose)).collect();
+    let is_near = |pixel: Point2<f64>| {
+        let within = |x: f64, size: usize| x > -band && x < size as f64 + band;
+        within(pixel.x, camera.width) && within(pixel.y, camera.height)
+    };
+    let of_frame = |frame: &Frame| {
+        if frame.point_shares.is_some() {
+            return frame.clone();
+        }
+        let is_seen = |&point: &usize| {
+            let position = to_f64(&frame.points[point]);
+            views.iter().any(|at| at.place_of(&position, 0).is_some_and(|(_, pixel)| is_near(pixel)))
+        };
+        let points: Vec<usize> = (0..frame.points.len()).filter(is_seen).collect();
+        Frame {
+            points: Arc::new(points.iter().map(|&point| frame.points[point]).collect::<Vec<_>>().into()),
+            point_classes: Arc::new(points.iter().map(|&point| frame.point_classes[point]).collect()),
+            partitions: frame.partitions.as_ref().map(|each| Arc::new(each.of_points(&points))),
+            ..frame.clone()
+        }
+    };
+    let frames = observations.frames.par_iter().map(of_frame).collect();
+    Arc::new(observations.with_frames(frames))
+}
 
 /// The points that count, apart from those whose pairs do not change while they move a little.
 pub struct Chosen {

@@ -9,10 +9,9 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
+use super::choice::{Counted, Sample, in_view};
 use super::level::Level;
 use super::projection::Projection;
-use super::sample::{Counted, ProjectedSample, Sample};
-use super::view::in_view;
 use crate::agreement::HeldOutGain;
 use crate::observation::Observations;
 
@@ -93,13 +92,11 @@ impl Level {
     fn contributions(&self, samples: &[Sample], at: &Projection<'_>) -> Vec<f64> {
         let values = self.values(&self.joint(samples, at));
         let contribution = |shares: &mut Vec<f64>, sample: &Sample| {
-            let Some((p_camera, pixel)) = at.place(sample) else { return 0.0 };
-            let &Sample { class, frame, point, weight, .. } = sample;
-            let projected = ProjectedSample { class, frame, point, weight, p_camera, pixel };
+            let Some((_, pixel)) = at.place(sample) else { return 0.0 };
             shares.fill(0.0);
             self.under(sample, &pixel).add_to(shares, 1.0);
             let sum = |values: &[f64]| shares.iter().zip(values).map(|(s, v)| s * v).sum::<f64>();
-            values.of(&projected, sum) * f64::from(weight)
+            values.of(sample, sum) * f64::from(sample.weight)
         };
         let no_shares = || vec![0.0; self.observations.num_image_classes];
         samples.par_iter().map_init(no_shares, contribution).collect()

@@ -9,13 +9,11 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Isometry3};
 
-use super::choice::Chosen;
+use super::choice::{Chosen, Counted, in_view};
 use super::level::Level;
 use super::newton::{Problem, Way, unit_steps};
 use super::projection::Neighbourhood;
-use super::sample::Counted;
 use super::variables::{Estimate, Variables};
-use super::view::in_view;
 use crate::error::Result;
 use crate::observation::Observations;
 
@@ -29,50 +27,23 @@ const COARSE_TOLERANCE: f64 = 0.1;
 /// Blocks up to this side, pixels, are fine: all points are used.
 const FINE: usize = 2;
 
-/// Settings of [`maximise`].
+/// Its fields are those of `JointConfig` in Python, which says what they mean.
 #[derive(Clone, Debug)]
 pub struct JointConfig {
-    /// Sides of the blocks of the levels, coarsest first, pixels.
     pub factors: Vec<usize>,
-    /// Pixels less than this from one of another class count little.
     pub edge_band_px: usize,
-    /// Largest number of points that are used on coarse blocks, over all frames and directions.
     pub max_coarse_points: usize,
-    /// Largest number of times that the points are chosen at each level.
     pub max_rounds: usize,
-    /// Largest number of Newton steps for each choice of points.
     pub max_steps: usize,
-    /// The last level ends when a round moved the points by less than this share of a block, root mean square.
     pub tolerance: f64,
-    /// The camera stays within this distance of the LiDAR, metres.
     pub max_baseline_m: f64,
-    /// Changes of the variables after the pose at the start.
     pub changes: Vec<f64>,
-    /// Standard deviations of these variables, by what was known before.
     pub sigmas: Vec<f64>,
-    /// Nats of a likelihood that a nat of mutual information is worth.
     pub evidence: f64,
 }
 
-/// Settings of [`polish`].
-#[derive(Clone, Copy, Debug)]
-pub struct PolishConfig {
-    /// Pixels less than this from one of another class count little.
-    pub edge_band_px: usize,
-    /// Largest number of times that the points are chosen.
-    pub max_rounds: usize,
-    /// Largest number of Newton steps for each choice of points.
-    pub max_steps: usize,
-    /// The polish has converged when a round moves the points by less than this, root mean square.
-    pub tolerance_px: f64,
-    /// The camera stays within this distance of the LiDAR, metres.
-    pub max_baseline_m: f64,
-}
-
-/// The top at which [`maximise`] or [`polish`] ends.
 #[derive(Clone, Debug)]
 pub struct JointMaximum {
-    /// Values of the variables.
     pub estimate: Estimate,
     /// Distance by which the last round moved the points, or still tried to move them, root mean square.
     pub moved_px: f64,
@@ -82,56 +53,27 @@ pub struct JointMaximum {
 
 /// Ascends to the maximum of the mutual information, less what the variables are off what was known before.
 ///
+/// `inverse_curvature` is that of a nearby top by part of the data; with it the curvature need not be computed at the start.
+///
 /// # Errors
 /// The lens has not one of the variables.
 pub fn maximise(
     observations: &Arc<Observations>,
     start: &Isometry3<f64>,
     variables: &Variables,
+    inverse_curvature: Option<DMatrix<f64>>,
     config: &JointConfig,
 ) -> Result<JointMaximum> {
-    let mut climb = Climb::new(observations, start, variables, config)?;
+    let mut climb = Climb { inverse_curvature, ..Climb::new(observations, start, variables, config)? };
     let mut moved_px = f64::INFINITY;
-    for (number, &factor) in (1..).zip(&config.factors) {
-        // Curvature in other blocks is another one.
-        climb.inverse_curvature = None;
-        let tolerance = if number == config.factors.len() { config.tolerance } else { COARSE_TOLERANCE };
+    for (index, &factor) in config.factors.iter().enumerate() {
+        if index > 0 {
+            // Curvature in other blocks is another one.
+            climb.inverse_curvature = None;
+        }
+        let tolerance = if index + 1 == config.factors.len() { config.tolerance } else { COARSE_TOLERANCE };
         moved_px = climb.level(factor, tolerance)?;
     }
-    Ok(JointMaximum { estimate: climb.estimate, moved_px, inverse_curvature: climb.inverse_curvature })
-}
-
-/// Ascends to the maximum of the mutual information of all points in full resolution, over the pose alone.
-/// `inverse_curvature` is that of a nearby polish on part of the data; with it the curvature need not be computed at the
-/// start.
-///
-/// # Errors
-/// As [`maximise`].
-pub fn polish(
-    observations: &Arc<Observations>,
-    start: &Isometry3<f64>,
-    inverse_curvature: Option<DMatrix<f64>>,
-    counted: Counted,
-    config: &PolishConfig,
-) -> Result<JointMaximum> {
-    let &PolishConfig { edge_band_px, max_rounds, max_steps, tolerance_px: tolerance, max_baseline_m } =
-        config;
-    let config = JointConfig {
-        factors: vec![1],
-        edge_band_px,
-        max_coarse_points: usize::MAX,
-        max_rounds,
-        max_steps,
-        tolerance,
-        max_baseline_m,
-        changes: Vec::new(),
-        sigmas: Vec::new(),
-        evidence: 1.0,
-    };
-    let variables = Variables::default();
-    let mut climb =
-        Climb { counted, inverse_curvature, ..Climb::new(observations, start, &variables, &config)? };
-    let moved_px = climb.level(1, tolerance)?;
     Ok(JointMaximum { estimate: climb.estimate, moved_px, inverse_curvature: climb.inverse_curvature })
 }
 
@@ -145,12 +87,10 @@ struct Round {
     is_fresh: bool,
 }
 
-/// A climb on its way.
 struct Climb<'a> {
     observations: &'a Arc<Observations>,
     variables: &'a Variables,
     config: &'a JointConfig,
-    counted: Counted,
     /// Weight of the penalty on each variable, nats.
     precision: DVector<f64>,
     estimate: Estimate,
@@ -175,8 +115,7 @@ impl<'a> Climb<'a> {
             precision[6 + i] = sigma.powi(-2) / config.evidence;
         }
         let estimate = given.changed(variables, &gone, config.max_baseline_m)?;
-        let (counted, inverse_curvature) = (Counted::Visible, None);
-        Ok(Self { observations, variables, config, counted, precision, estimate, gone, inverse_curvature })
+        Ok(Self { observations, variables, config, precision, estimate, gone, inverse_curvature: None })
     }
 
     /// Rounds on blocks of one size, until one moves the points by less blocks than `tolerance`; by how many pixels the
@@ -215,7 +154,7 @@ impl<'a> Climb<'a> {
     fn round(&mut self, level: &Level, is_stale: bool, tolerance: f64) -> Result<Option<Round>> {
         let Self { variables, config, .. } = *self;
         let anchor = self.estimate.clone();
-        let Chosen { moving, constant } = level.chosen(&anchor.pose, self.counted, CONSTANT_RADIUS);
+        let Chosen { moving, constant } = level.chosen(&anchor.pose, Counted::Visible, CONSTANT_RADIUS);
         let near = Neighbourhood::new(variables, &anchor)?;
         // The pose alone has motions of its own, those of the ascents that led here.
         let steps = if variables.count() == 6 {

@@ -4,15 +4,13 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Isometry3, Point3, Vector6};
 
-use super::choice::Chosen;
-use super::joint::{JointConfig, PolishConfig, maximise, polish};
+use super::choice::{Chosen, Counted};
+use super::joint::{JointConfig, maximise};
 use super::level::Level;
 use super::newton::Problem;
-use super::pose::within_baseline;
 use super::projection::Neighbourhood;
-use super::sample::Counted;
 use super::scene::{scene, segmented};
-use super::variables::{Estimate, Variables};
+use super::variables::{Estimate, Variables, within_baseline};
 use crate::agreement::measure;
 use crate::camera::{Camera, Intrinsic};
 use crate::observation::{Frame, Observations};
@@ -90,71 +88,18 @@ fn the_gradient_is_that_of_finite_differences() {
     }
 }
 
-/// A frame with its points at other places.
-fn moved(frame: &Frame, motion: &Isometry3<f64>) -> Frame {
-    let point = |point: &[f32; 3]| (motion * Point3::from(*point).cast::<f64>()).cast::<f32>().into();
-    let points: Vec<[f32; 3]> = frame.points.iter().map(point).collect();
-    Frame { points: Arc::new(points.into()), ..frame.clone() }
-}
-
-/// The scene as a camera with another principal point and other focal lengths is said to see it.
-fn wrong() -> Arc<Observations> {
-    let mut wrong = (*scene(0.0)).clone();
-    let changes = [(Intrinsic::Fx, 4.0), (Intrinsic::Fy, -3.0), (Intrinsic::Cx, 0.8)];
-    wrong.camera = wrong.camera.changed(changes).expect("a possible camera");
-    Arc::new(wrong)
-}
-
-fn intrinsics() -> Variables {
-    let names = ["fx", "fy", "cx", "cy"];
-    Variables { intrinsics: names.iter().filter_map(|name| Intrinsic::of(name)).collect(), twists: None }
-}
-
-#[test]
-fn wrong_focal_lengths_are_found_with_the_pose() {
-    let (observations, variables) = (wrong(), intrinsics());
-    let config = JointConfig { factors: vec![4, 2, 1], sigmas: vec![10.0; 4], ..config(variables.count()) };
-    let found = maximise(&observations, &Isometry3::identity(), &variables, &config).expect("a top");
-    let value = |camera: &Camera, each: Intrinsic| camera.intrinsic(each).expect("of K");
-    let truth = &scene(0.0).camera;
-    for focal in [Intrinsic::Fx, Intrinsic::Fy] {
-        let off = value(&found.estimate.camera, focal) - value(truth, focal);
-        let before = value(&observations.camera, focal) - value(truth, focal);
-        assert!(off.abs() < 0.25 * before.abs(), "{focal:?}: {off} {before}");
-    }
-}
-
-#[test]
-fn what_is_known_exactly_stays() {
-    let (observations, variables) = (wrong(), intrinsics());
-    let config = JointConfig { sigmas: vec![1e-6; 4], ..config(variables.count()) };
-    let found = maximise(&observations, &Isometry3::identity(), &variables, &config).expect("a top");
-    for each in &variables.intrinsics {
-        let by = found.estimate.camera.intrinsic(*each).zip(observations.camera.intrinsic(*each));
-        assert!(by.is_some_and(|(after, before)| (after - before).abs() < 1e-5), "{each:?} {by:?}");
-    }
-}
-
-#[test]
-fn pictures_that_are_late_are_found_so() {
-    let observations = scene(0.0);
-    // Turns to the left and nods, a frame each way: no pose explains both.
-    let twists = [Vector6::new(0.0, 0.0, 0.0, 0.0, 0.5, 0.0), Vector6::new(0.0, 0.0, 0.0, -0.4, 0.0, 0.0)];
-    // What the LiDAR saw before: later, the points are where the pictures have them.
-    let frames = twists.iter().map(|twist| moved(&observations.frames[0], &se3::exp(&(twist * 0.05))));
-    let late = Arc::new(observations.with_frames(frames.collect()));
-    let variables = Variables { intrinsics: Vec::new(), twists: Some(twists.to_vec()) };
-    let found = maximise(&late, &Isometry3::identity(), &variables, &config(7)).expect("a top");
-    assert!((found.estimate.offset_s - 0.05).abs() < 0.01, "{}", found.estimate.offset_s);
-}
-
 #[test]
 fn at_the_longest_baseline_it_settles_higher_than_it_began() {
-    let (observations, variables) = (wrong(), intrinsics());
-    // The best place of the camera is farther than it may go.
+    let intrinsics = vec![Intrinsic::Fx, Intrinsic::Fy, Intrinsic::Cx, Intrinsic::Cy];
+    let variables = Variables { intrinsics, twists: None };
+    // The camera is not as it is said to be, and its best place is farther than it may go.
     let best = Isometry3::translation(0.4, 0.0, 0.0);
-    let frame = moved(&observations.frames[0], &best.inverse());
-    let observations = observations.with_frames(vec![frame]);
+    let frame = scene(0.0).frames[0].clone();
+    let point = |point: &[f32; 3]| (best.inverse() * Point3::from(*point).cast::<f64>()).cast::<f32>().into();
+    let points: Vec<[f32; 3]> = frame.points.iter().map(point).collect();
+    let mut observations = scene(0.0).with_frames(vec![Frame { points: Arc::new(points.into()), ..frame }]);
+    let changes = [(Intrinsic::Fx, 4.0), (Intrinsic::Fy, -3.0), (Intrinsic::Cx, 0.8)];
+    observations.camera = observations.camera.changed(changes).expect("a possible camera");
     for max_baseline_m in [0.1, 0.2, 0.3] {
         let config = JointConfig {
             factors: vec![4, 2, 1],
@@ -163,7 +108,8 @@ fn at_the_longest_baseline_it_settles_higher_than_it_began() {
             ..config(variables.count())
         };
         let start = within_baseline(&best, max_baseline_m);
-        let found = maximise(&Arc::new(observations.clone()), &start, &variables, &config).expect("a top");
+        let found =
+            maximise(&Arc::new(observations.clone()), &start, &variables, None, &config).expect("a top");
         let information = |camera: &Camera, pose: &Isometry3<f64>| {
             let mut seen = observations.clone();
             seen.camera = camera.clone();
@@ -177,40 +123,13 @@ fn at_the_longest_baseline_it_settles_higher_than_it_began() {
     }
 }
 
-const POLISH: PolishConfig =
-    PolishConfig { edge_band_px: 0, max_rounds: 10, max_steps: 8, tolerance_px: 1e-3, max_baseline_m: 1.0 };
-
-#[test]
-fn a_polish_settles_at_the_truth_from_all_sides() {
-    let observations = scene(0.0);
-    for side in [-1.0, 1.0] {
-        let start = se3::exp(&(Vector6::new(0.06, -0.04, 0.04, 0.012, -0.016, 0.02) * side));
-        let polished = polish(&observations, &start, None, Counted::All, &POLISH).expect("a top");
-        let pose = polished.estimate.pose;
-        assert!(polished.moved_px < 10.0 * POLISH.tolerance_px, "{pose} {}", polished.moved_px);
-        // A third of a pixel of this small picture, from two.
-        assert!(pose.rotation.angle() < 5e-3 && pose.translation.vector.norm() < 0.04, "{pose}");
-    }
-}
-
-#[test]
-fn a_polish_comes_to_the_same_top_with_a_curvature_from_near_by() {
-    let observations = scene(0.0);
-    let start = se3::exp(&Vector6::new(0.03, -0.02, 0.02, 0.006, -0.008, 0.01));
-    let alone = polish(&observations, &start, None, Counted::All, &POLISH).expect("a top");
-    let again = polish(&observations, &start, alone.inverse_curvature, Counted::All, &POLISH).expect("a top");
-    let apart = again.estimate.pose * alone.estimate.pose.inverse();
-    // A third of a pixel of this small picture, as above: its top is rough.
-    assert!(apart.rotation.angle() < 5e-3 && apart.translation.vector.norm() < 0.04, "{apart}");
-}
-
 #[test]
 fn where_nothing_changes_a_polish_neither_settles_nor_has_a_curvature() {
     let mut blank = (*scene(0.0)).clone();
     Arc::make_mut(&mut blank.frames[0].point_classes).fill(0);
-    let polished =
-        polish(&Arc::new(blank), &Isometry3::identity(), None, Counted::All, &POLISH).expect("no change");
-    assert_eq!((polished.moved_px, polished.inverse_curvature), (f64::INFINITY, None));
+    let (start, pose_alone) = (Isometry3::identity(), Variables::default());
+    let found = maximise(&Arc::new(blank), &start, &pose_alone, None, &config(6)).expect("a possible camera");
+    assert_eq!((found.moved_px, found.inverse_curvature), (f64::INFINITY, None));
 }
 
 #[test]

@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
 use super::adjusted::adjusted;
+use super::choice::{Mixed, Sample, Weights};
 use super::projection::Projection;
-use super::sample::{ProjectedSample, Sample, Weights};
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
@@ -49,7 +49,6 @@ impl Level {
         Self { observations, maps, factor, stride }
     }
 
-    /// The projection of points at a pose.
     pub(super) fn at(&self, pose: &Isometry3<f64>) -> Projection<'static> {
         Projection::of_pose(&self.observations.camera, pose)
     }
@@ -65,37 +64,39 @@ impl Level {
         samples: &[Sample],
         at: &Projection<'_>,
         weights: Weights,
-    ) -> (JointHistogram, Vec<Vec<ProjectedSample>>) {
+    ) -> (JointHistogram, Vec<Vec<Mixed>>) {
         let of_chunk = |chunk: &[Sample]| {
             let (mut joint, mut mixed) = (self.joint_of(chunk), Vec::new());
             for sample in chunk {
                 let Some((p_camera, pixel)) = at.place(sample) else { continue };
-                let &Sample { class, frame, point, .. } = sample;
                 let sampled = self.under(sample, &pixel);
-                let weight = weights.of(sample, &sampled);
-                self.observations.for_rows(frame as usize, point as usize, class, |row| {
-                    sampled.add_to(joint.row_mut(row), f64::from(weight));
-                });
+                let sample = Sample { weight: weights.of(sample, &sampled), ..*sample };
+                self.add(&mut joint, &sample, &sampled);
                 if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
-                    mixed.push(ProjectedSample { class, frame, point, weight, p_camera, pixel });
+                    mixed.push(Mixed { sample, p_camera, pixel });
                 }
             }
             (joint, mixed)
         };
-        let (chunks, mixed): (Vec<JointHistogram>, Vec<Vec<ProjectedSample>>) =
-            samples.par_chunks(CHUNK).map(of_chunk).unzip();
+        let (chunks, mixed): (Vec<JointHistogram>, Vec<_>) = samples.par_chunks(CHUNK).map(of_chunk).unzip();
         let mut joint = self.empty_joint();
         chunks.iter().for_each(|chunk| joint.merge(chunk));
         (joint, mixed)
     }
 
+    /// Adds what lies under a sample to each of its rows.
+    pub(super) fn add(&self, joint: &mut JointHistogram, sample: &Sample, sampled: &Sampled) {
+        let &Sample { class, frame, point, weight, .. } = sample;
+        self.observations.for_rows(frame as usize, point as usize, class, |row| {
+            sampled.add_to(joint.row_mut(row), f64::from(weight));
+        });
+    }
+
     /// The class shares under a pixel of a sample's frame.
-    #[inline]
     pub(super) fn under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<'_> {
         self.maps[sample.frame as usize].at(pixel)
     }
 
-    /// A histogram without pairs.
     pub fn empty_joint(&self) -> JointHistogram {
         JointHistogram::new(self.observations.num_rows, self.observations.num_image_classes)
     }
@@ -131,7 +132,6 @@ impl Level {
         if self.observations.has_partitions() { 0.0 } else { joint.bias() }
     }
 
-    /// The weight of all points.
     pub(super) fn total(&self, joint: &JointHistogram) -> f64 {
         let of_nulls = |rows: PartitionRows| joint.rows(rows.nulls).iter().sum::<f64>();
         joint.total() - self.observations.partition_rows().map(of_nulls).sum::<f64>()
@@ -165,9 +165,8 @@ impl Values<'_> {
     }
 
     /// Calls `with` with what each image class would add to the information under a point.
-    #[inline]
-    pub(super) fn of<T>(&self, projected: &ProjectedSample, with: impl FnOnce(&[f64]) -> T) -> T {
-        let &ProjectedSample { class, frame, point, .. } = projected;
+    pub(super) fn of<T>(&self, sample: &Sample, with: impl FnOnce(&[f64]) -> T) -> T {
+        let &Sample { class, frame, point, .. } = sample;
         let width = self.observations.num_image_classes;
         if self.observations.frames[frame as usize].partitions.is_none() {
             return with(&self.table[usize::from(class) * width..]);

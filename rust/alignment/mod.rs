@@ -10,7 +10,7 @@
 //! objective by pushing points out.
 //!
 //! Where points have partitions, the rows of the histogram are their segments, and what is maximised is the adjusted
-//! mutual information: see `adjusted.rs` and [`crate::partitions`].
+//! mutual information: see `adjusted.rs` and [`crate::observation::Partitions`].
 
 mod adjusted;
 mod along;
@@ -23,22 +23,18 @@ mod joint;
 mod joint_tests;
 mod level;
 mod newton;
-mod pose;
-mod preconditioner;
 mod projection;
-mod sample;
 #[cfg(test)]
 mod scene;
 mod sensitivity;
 mod slopes;
 mod variables;
-mod view;
 
 pub use along::{Way, information_along};
 pub use anchored::{Anchored, MiniBatch};
-pub use ascent::{Aligned, AlignmentConfig, Ascended, align, ascend};
+pub use ascent::{AlignmentConfig, Ascended, align, ascend};
+pub use choice::Counted;
 pub use information::{information, information_gains};
-pub use joint::{JointConfig, JointMaximum, PolishConfig, maximise, polish};
-pub use sample::Counted;
+pub use joint::{JointConfig, JointMaximum, maximise};
 pub use sensitivity::{Sensitivity, SensitivityConfig, sensitivity};
 pub use variables::{MAX_VARIABLES, Variables};

@@ -5,11 +5,11 @@
 //! independent of one another: a turn of the camera and a shift of the principal point that nearly undoes it are one strong
 //! and one weak motion.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6};
 
+use super::choice::Sample;
 use super::level::Level;
 use super::projection::Neighbourhood;
-use super::sample::Sample;
 use crate::mutual_information::JointHistogram;
 
 /// Distance in blocks to either side at which gradients are taken, root mean square.
@@ -22,6 +22,39 @@ const MAX_HALVINGS: i32 = 4;
 const LEAST_CURVATURE: f64 = 1e-3;
 /// Steps of the translation are no longer than this, metres, however little it moves the points.
 const LONGEST_MOTION_M: f64 = 0.5;
+
+/// Longest translation of a column, as a share of the median range, however little it moves the points.
+const LONGEST_MOTION: f64 = 0.05;
+
+impl Level {
+    /// The preconditioner of ascents: six twists, as columns, that each move the points by one block, root mean square,
+    /// independently of one another.
+    ///
+    /// A sideways translation and the rotation that nearly undoes it in the image become one strong and one weak motion,
+    /// and an ascent goes along both at one pace instead of creeping along a valley between them. `None` where numbers
+    /// overflow: nothing is a million kilometres away.
+    pub fn preconditioner(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Option<Matrix6<f64>> {
+        let at = self.at(pose);
+        let mut ranges = at.ranges(samples);
+        if ranges.is_empty() {
+            return None;
+        }
+        let motions = at.mean_motions(samples) / (self.factor as f64).powi(2);
+        let mut moved: Matrix6<f64> = motions.fixed_view::<6, 6>(0, 0).into_owned();
+        let middle = ranges.len() / 2;
+        let longest = LONGEST_MOTION * *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
+        for axis in 0..3 {
+            moved[(axis, axis)] += longest.powi(-2);
+        }
+        if !moved.iter().all(|x| x.is_finite()) {
+            return None;
+        }
+        let eigen = moved.symmetric_eigen();
+        let scale =
+            eigen.eigenvalues.map(|value| 1.0 / value.max(f64::EPSILON * eigen.eigenvalues.max()).sqrt());
+        Some(eigen.eigenvectors * Matrix6::from_diagonal(&scale))
+    }
+}
 
 /// Steps, as columns, that each move the points by one block, root mean square, independently of one another, but no
 /// variable after the pose by much more than its standard deviation; `None` where numbers overflow.
@@ -66,7 +99,6 @@ pub(super) struct Problem<'a> {
 
 /// Where Newton's method went with one choice of points.
 pub(super) struct Way {
-    /// Change of the variables.
     pub change: DVector<f64>,
     /// By how many blocks it moved the points.
     pub moved: f64,

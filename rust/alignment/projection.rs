@@ -3,9 +3,8 @@
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point2, Vector3, Vector6};
 
-use super::pose::within_baseline;
-use super::sample::Sample;
-use super::variables::{Estimate, MAX_VARIABLES, Variables, later, moved};
+use super::choice::Sample;
+use super::variables::{Estimate, MAX_VARIABLES, Variables, later, moved, within_baseline};
 use crate::camera::{Camera, Intrinsic, IntrinsicSlopes};
 use crate::error::Result;
 use crate::se3;
@@ -61,7 +60,6 @@ pub(super) struct Neighbourhood<'a> {
 #[derive(Clone, Debug)]
 pub(super) struct Projection<'a> {
     camera: Camera,
-    /// Number of the variables.
     num_variables: usize,
     /// How pixels move with the intrinsics that are variables.
     slopes: Option<&'a IntrinsicSlopes>,
@@ -154,7 +152,6 @@ impl Projection<'_> {
     }
 
     /// How the pixel of a point of a frame moves: with a twist on the left of the pose, intrinsics, and the clock.
-    #[inline]
     pub fn motion<const WIDTH: usize>(
         &self,
         frame: u32,

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use crate::camera::Camera;
 use crate::label_image::LabelImage;
+use crate::observation::Partitions;
 use crate::observation::{Frame, Observations};
-use crate::partitions::Partitions;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;

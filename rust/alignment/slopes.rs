@@ -8,9 +8,9 @@
 use nalgebra::{DVector, SVector};
 use rayon::prelude::*;
 
+use super::choice::{Mixed, Sample, Weights};
 use super::level::{Level, Values};
 use super::projection::{Motion, Projection, with_width};
-use super::sample::{ProjectedSample, Sample, Weights};
 use crate::camera::RUN;
 use crate::mutual_information::JointHistogram;
 use crate::pyramid::Sampled;
@@ -139,18 +139,18 @@ impl Level {
         let (mut joint, mixed) = self.joint_and_mixed(samples, at, weights);
         joint.merge(constant);
         let values = self.values(&joint);
-        let of_chunk = |chunk: &Vec<ProjectedSample>| {
+        let of_chunk = |chunk: &Vec<Mixed>| {
             let mut parts: Vec<(Part, [f64; WIDTH])> = Vec::new();
-            for projected in chunk {
+            for mixed in chunk {
                 let part = match split {
                     Split::Whole => (0, 0),
-                    Split::FramesAndClasses => (projected.frame as usize, usize::from(projected.class)),
+                    Split::FramesAndClasses => (mixed.sample.frame as usize, usize::from(mixed.sample.class)),
                 };
                 if parts.last().is_none_or(|(last, _)| *last != part) {
                     parts.push((part, [0.0; WIDTH]));
                 }
                 if let Some((_, sum)) = parts.last_mut() {
-                    self.add_score(projected, at, &values, sum);
+                    self.add_score(mixed, at, &values, sum);
                 }
             }
             parts
@@ -164,18 +164,16 @@ impl Level {
 
     /// Adds what a point on several classes adds to the gradient by the variables, times the weight of all points, in the
     /// entries after the first.
-    #[inline]
     pub fn add_score<const WIDTH: usize>(
         &self,
-        projected: &ProjectedSample,
+        Mixed { sample, p_camera, pixel }: &Mixed,
         at: &Projection<'_>,
         values: &Values<'_>,
         sum: &mut [f64; WIDTH],
     ) {
-        let ProjectedSample { frame, weight, p_camera, pixel, .. } = projected;
-        let Sampled::Mixed(shares) = self.maps[*frame as usize].at(pixel) else { return };
-        let per_pixel = values.of(projected, |values| shares.gradient(values)) * f64::from(*weight);
-        let [of_u, of_v] = at.motion::<WIDTH>(*frame, p_camera, pixel);
+        let Sampled::Mixed(shares) = self.under(sample, pixel) else { return };
+        let per_pixel = values.of(sample, |values| shares.gradient(values)) * f64::from(sample.weight);
+        let [of_u, of_v] = at.motion::<WIDTH>(sample.frame, p_camera, pixel);
         for (i, sum) in sum.iter_mut().enumerate() {
             *sum += of_u[i] * per_pixel.x + of_v[i] * per_pixel.y;
         }
@@ -196,7 +194,6 @@ impl<const WIDTH: usize> SlopedHistogram<WIDTH> {
     }
 
     /// Adds a point of a class whose pixel moves with the parameters.
-    #[inline]
     fn add(&mut self, class: u8, weight: f64, sampled: &Sampled, motion: impl FnOnce() -> Motion<WIDTH>) {
         let row = &mut self.cells[usize::from(class) * self.num_image_classes..][..self.num_image_classes];
         match sampled {

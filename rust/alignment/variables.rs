@@ -5,7 +5,6 @@ use std::sync::Arc;
 use nalgebra::{DVector, Isometry3, Point3, Vector6};
 use rayon::prelude::*;
 
-use super::pose::within_baseline;
 use crate::camera::{Camera, Intrinsic};
 use crate::error::Result;
 use crate::observation::{Frame, Observations};
@@ -17,26 +16,21 @@ pub const MAX_VARIABLES: usize = 27;
 /// The variables of an estimate in their order: the pose's twist, intrinsics, and the offset of the clock.
 #[derive(Clone, Debug, Default)]
 pub struct Variables {
-    /// The intrinsics.
     pub intrinsics: Vec<Intrinsic>,
     /// Twist of the LiDAR in each frame, metres and radians a second in its own frame; with it, the time by which pictures
     /// are later than they were taken to be is a variable, seconds.
     pub twists: Option<Vec<Vector6<f64>>>,
 }
 
-/// Values of all variables.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    /// `T_camera_lidar`.
     pub pose: Isometry3<f64>,
-    /// The camera with the intrinsics.
     pub camera: Camera,
     /// Time by which pictures are later than they were taken to be, seconds.
     pub offset_s: f64,
 }
 
 impl Variables {
-    /// Their number.
     pub fn count(&self) -> usize {
         6 + self.intrinsics.len() + usize::from(self.twists.is_some())
     }
@@ -95,4 +89,10 @@ pub(super) fn later(twist_per_s: &Vector6<f64>, seconds: f64) -> Isometry3<f64> 
 /// `T_camera_lidar` moved by the twist in a change of all variables.
 pub(super) fn moved(pose: &Isometry3<f64>, change: &DVector<f64>) -> Isometry3<f64> {
     se3::exp(&change.fixed_rows::<6>(0).into_owned()) * pose
+}
+
+/// The pose with the camera's centre moved to the nearest place that is within `max_baseline_m` of the LiDAR.
+pub(super) fn within_baseline(pose: &Isometry3<f64>, max_baseline_m: f64) -> Isometry3<f64> {
+    let scale = (max_baseline_m / pose.translation.vector.norm()).min(1.0);
+    Isometry3::from_parts((pose.translation.vector * scale).into(), pose.rotation)
 }

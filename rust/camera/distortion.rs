@@ -1,10 +1,9 @@
-//! Distortion of normalised image coordinates: OpenCV's polynomials, their inverse, and how far they do not fold.
+//! Distortion of normalised image coordinates: OpenCV's polynomials, their inverse, and how far they, or radii that grow
+//! with the incidence angle, do not fold.
 
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Vector2};
-
-use super::monotone::{TOLERANCE, invert_monotone};
 
 /// A lens that maps the half-space in front of it is not evaluated past this normalised radius, 87 degrees.
 pub(super) const MAX_RADIUS: f64 = 20.0;
@@ -21,7 +20,6 @@ const MAX_NEWTON_STEPS: usize = 50;
 pub(super) struct Distortion(pub [f64; 8]);
 
 impl Distortion {
-    #[inline]
     pub fn at(&self, xy: Vector2<f64>) -> Vector2<f64> {
         let [_, _, p1, p2, ..] = self.0;
         let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
@@ -32,13 +30,11 @@ impl Distortion {
         xy * self.radial_factor(r2) + tangential
     }
 
-    #[inline]
     fn radial_factor(&self, r2: f64) -> f64 {
         let [k1, k2, _, _, k3, k4, k5, k6] = self.0;
         (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     }
 
-    #[inline]
     pub fn jacobian(&self, xy: Vector2<f64>) -> Matrix2<f64> {
         let [k1, k2, p1, p2, k3, k4, k5, k6] = self.0;
         let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
@@ -106,4 +102,34 @@ pub(super) fn unfolded_radius(jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>, l
         units.iter().fold(true, |all, unit| all & (jacobian(unit * at(step)).determinant() > 0.0))
     };
     (1..=RADII).find(|&step| !unfolded(step)).map_or(largest, |step| at(step - 1))
+}
+
+/// Far below a pixel, in normalised image units; where those are large, a share of them, above round-off.
+pub(super) const TOLERANCE: f64 = 1e-12;
+/// Samples on which a radius is checked to be monotone.
+const STEPS: usize = 4096;
+
+/// Bisection for `f(x) = y` on `[0, limit]`, where `f` grows.
+pub(super) fn invert_monotone(f: impl Fn(f64) -> f64, y: f64, limit: f64) -> Option<f64> {
+    (y <= f(limit)).then_some(())?;
+    let (mut low, mut high) = (0.0, limit);
+    while high - low > TOLERANCE {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            break;
+        }
+        if f(middle) < y {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(0.5 * (low + high))
+}
+
+/// The angle at which a radius stops growing, at most `largest`: beyond it pixels would wrap.
+pub(super) fn monotone_limit(radius: impl Fn(f64) -> f64, largest: f64) -> f64 {
+    let at = |step: usize| largest * step as f64 / STEPS as f64;
+    let grows = |step: usize| radius(at(step)) > radius(at(step - 1));
+    (1..=STEPS).find(|&step| !grows(step)).map_or(largest, |step| at(step - 1))
 }

@@ -8,16 +8,11 @@ use crate::error::{Error, Result};
 /// Step by which a coefficient of a lens is changed for the derivative of pixels with respect to it.
 const STEP: f64 = 1e-4;
 
-/// An intrinsic of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intrinsic {
-    /// The focal length along rows, pixels.
     Fx,
-    /// The focal length along columns, pixels.
     Fy,
-    /// The column of the principal point, pixels.
     Cx,
-    /// The row of the principal point, pixels.
     Cy,
     /// A small radial distortion on top of whatever the lens does, to first order. No camera has it, so that it only tells
     /// what a distortion would do.
@@ -57,16 +52,12 @@ impl Camera {
     }
 
     /// The derivative of a pixel with respect to [`Intrinsic::Radial`], pixels.
-    #[inline]
     pub fn radial_slope(&self, pixel: &Point2<f64>) -> Vector2<f64> {
         let place: Vector2<f64> = (pixel.coords - self.center).component_div(&self.focal);
         self.focal.component_mul(&place) * place.norm_squared()
     }
 
     /// The camera with some intrinsics changed; [`Intrinsic::Radial`] changes nothing.
-    ///
-    /// # Errors
-    /// The lens has no such number, or the changed camera is impossible.
     pub fn changed(&self, changes: impl IntoIterator<Item = (Intrinsic, f64)>) -> Result<Self> {
         let (mut focal, mut center) = (self.focal, self.center);
         let (mut distortion, mut parameters) = (self.distortion.clone(), self.parameters.clone());
@@ -107,9 +98,6 @@ pub struct IntrinsicSlopes {
 
 impl IntrinsicSlopes {
     /// Prepares the slopes.
-    ///
-    /// # Errors
-    /// The lens has no such number.
     pub fn new(camera: &Camera, intrinsics: &[Intrinsic]) -> Result<Self> {
         let of = |&intrinsic: &Intrinsic| {
             let Intrinsic::Coefficient(_) = intrinsic else { return Ok((intrinsic, None)) };
@@ -124,7 +112,6 @@ impl IntrinsicSlopes {
     }
 
     /// The derivatives of the pixel of a point (camera frame), one after another, pixels for each unit.
-    #[inline]
     pub fn for_each(
         &self,
         camera: &Camera,

@@ -1,16 +1,27 @@
-//! The choice of a lens.
+//! The interface of a lens, and the choice of one.
 
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
-use super::double_sphere::DoubleSphere;
-use super::equirectangular::Equirectangular;
-use super::fisheye::Fisheye;
-use super::fov::Fov;
-use super::model::Model;
-use super::omnidirectional::Omnidirectional;
-use super::polynomial::Polynomial;
-use super::thin_prism::ThinPrism;
+use super::polynomial::{Polynomial, ThinPrism};
+use super::radial::{Fisheye, Fov};
+use super::spheres::Equirectangular;
+use super::spheres::{DoubleSphere, Omnidirectional};
 use crate::error::{Error, Result};
+
+/// A lens: points (camera frame, metres) to distorted coordinates, which focal lengths and principal point make pixels.
+pub(super) trait Model {
+    /// Distorted coordinates of a point; `None` where the model is not valid.
+    fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>>;
+
+    /// Derivative of the projection with respect to the point.
+    fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64>;
+
+    /// The unit ray; `None` where the lens does not reach.
+    fn unproject(&self, distorted: &Vector2<f64>) -> Option<Vector3<f64>>;
+
+    /// The largest incidence angle, radians, at which the model is valid.
+    fn limit(&self) -> f64;
+}
 
 /// Any lens. A closed set, so that the hot loops choose by a branch that is always the same, and inline.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,7 +105,6 @@ impl Model for Lens {
         each_model!(self, model => model.project(point))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         each_model!(self, model => model.jacobian(point))
     }

@@ -1,26 +1,18 @@
 //! Camera models: a ray in the camera frame to a pixel, and back.
 //!
-//! A lens turns a point into distorted coordinates, each in a file of its own against one interface, [`Model`]; `K` makes
-//! pixels of them. Coefficients are in OpenCV's order. Pixels are `(u, v)`; an integer pixel is a pixel centre.
+//! A lens turns a point into distorted coordinates, each against one interface, [`Model`]; `K` makes pixels of them. Coefficients are in OpenCV's order. Pixels are `(u, v)`; an integer pixel is a pixel centre.
 //!
 //! A lens holds up to the incidence angle at which its distortion stops being monotone. Beyond it a point is outside: it
 //! has no pixel, and never one that belongs to another direction.
 
 mod distortion;
-mod double_sphere;
-mod equirectangular;
-mod fisheye;
-mod fov;
 mod intrinsics;
 mod lens;
-mod model;
-mod monotone;
-mod omnidirectional;
 mod polynomial;
 mod radial;
+mod spheres;
 #[cfg(test)]
 mod tests;
-mod thin_prism;
 
 use std::sync::Arc;
 
@@ -28,19 +20,15 @@ use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2, Vector3};
 
 use crate::error::{Error, Result};
 pub use intrinsics::{Intrinsic, IntrinsicSlopes};
-use lens::Lens;
-use model::Model;
+use lens::{Lens, Model};
 
 /// Number of points that loops project before they look at the first of them: divisions of many points overlap as long as
 /// no branch has to be guessed between them.
 pub const RUN: usize = 128;
 
-/// A calibrated camera: image size, focal lengths, principal point and lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Columns of the image.
     pub width: usize,
-    /// Rows of the image.
     pub height: usize,
     focal: Vector2<f64>,
     center: Vector2<f64>,
@@ -53,9 +41,6 @@ pub struct Camera {
 
 impl Camera {
     /// Builds a camera whose model needs nothing beyond `K` and `distortion`: see [`Camera::with_parameters`].
-    ///
-    /// # Errors
-    /// The errors are those of [`Camera::with_parameters`].
     #[cfg(test)]
     pub fn new(model: &str, size: (usize, usize), k: [[f64; 3]; 3], distortion: &[f64]) -> Result<Self> {
         Self::with_parameters(model, size, k, distortion, &[])
@@ -76,9 +61,6 @@ impl Camera {
     ///
     /// No coefficients are a lens without distortion, except that `fov` needs its w. Size and `K` are in pixels. The
     /// focal lengths of an equirectangular picture are pixels a radian: `width / (2 pi)` for one that goes all round.
-    ///
-    /// # Errors
-    /// The model is unknown, or coefficients or parameters are not the model's, or a number is impossible.
     pub fn with_parameters(
         model: &str,
         (width, height): (usize, usize),
@@ -108,7 +90,6 @@ impl Camera {
     }
 
     /// The Jacobian of the pixel of a point that the camera projects, pixels a metre.
-    #[inline]
     pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         Matrix2::from_diagonal(&self.focal) * self.lens.jacobian(point)
     }
@@ -129,7 +110,6 @@ impl Camera {
     }
 
     /// Whether a pixel lies inside the image, whose pixels reach half a pixel beyond their centres.
-    #[inline]
     pub fn contains(&self, pixel: &Point2<f64>) -> bool {
         pixel.x >= -0.5
             && pixel.y >= -0.5

@@ -21,24 +21,23 @@ fn camera(model: &str, distortion: &[f64]) -> Camera {
 const RATIONAL: [f64; 14] =
     [0.4, 0.05, 0.001, -0.0005, 0.01, 0.7, 0.1, 0.02, 0.003, -0.001, 0.002, 0.0005, 0.02, -0.03];
 
-/// Every model, and the share of its picture that it reaches.
-fn cameras() -> Vec<(Camera, f64)> {
+fn cameras() -> Vec<Camera> {
     vec![
-        (camera("plumb_bob", &[]), 1.0),
-        (camera("plumb_bob", &[-0.3, 0.1, 0.001, -0.002, -0.01]), 0.9),
-        (camera("rational_polynomial", &RATIONAL[..8]), 1.0),
-        (camera("thin_prism", &RATIONAL[..12]), 1.0),
-        (camera("thin_prism", &RATIONAL), 1.0),
-        (camera("fisheye", &[-0.02, 0.003, -0.001, 0.0]), 1.0),
+        camera("plumb_bob", &[]),
+        camera("plumb_bob", &[-0.3, 0.1, 0.001, -0.002, -0.01]),
+        camera("rational_polynomial", &RATIONAL[..8]),
+        camera("thin_prism", &RATIONAL[..12]),
+        camera("thin_prism", &RATIONAL),
+        camera("fisheye", &[-0.02, 0.003, -0.001, 0.0]),
         // 210 degrees from the left to the right.
-        (camera_of(349.0, "fisheye", &[0.0; 4], &[]), 1.0),
+        camera_of(349.0, "fisheye", &[0.0; 4], &[]),
         // KITTI-360's left fisheye, scaled to a smaller picture: a circle within it.
-        (camera_of(700.0, "omnidirectional", &[0.0168, 1.655, 0.0004, 0.0004], &[("xi", 2.2134)]), 0.5),
-        (camera_of(500.0, "omnidirectional", &[-0.1, 0.01, 0.001, 0.0], &[("xi", 0.9)]), 0.9),
-        (camera_of(1280.0 / TAU, "equirectangular", &[], &[]), 0.8),
-        (camera_of(400.0, "fov", &[0.93], &[]), 1.0),
-        (camera_of(350.0, "double_sphere", &[], &[("xi", -0.2), ("alpha", 0.6)]), 1.0),
-        (camera_of(500.0, "double_sphere", &[], &[("xi", 0.3), ("alpha", 0.4)]), 1.0),
+        camera_of(700.0, "omnidirectional", &[0.0168, 1.655, 0.0004, 0.0004], &[("xi", 2.2134)]),
+        camera_of(500.0, "omnidirectional", &[-0.1, 0.01, 0.001, 0.0], &[("xi", 0.9)]),
+        camera_of(1280.0 / TAU, "equirectangular", &[], &[]),
+        camera_of(400.0, "fov", &[0.93], &[]),
+        camera_of(350.0, "double_sphere", &[], &[("xi", -0.2), ("alpha", 0.6)]),
+        camera_of(500.0, "double_sphere", &[], &[("xi", 0.3), ("alpha", 0.4)]),
     ]
 }
 
@@ -48,31 +47,9 @@ fn at(angle: f64, turn: f64) -> Vector3<f64> {
 }
 
 #[test]
-fn unproject_then_project_is_the_identity_on_the_picture() {
-    for (camera, least) in cameras() {
-        let (mut reached, mut all) = (0, 0);
-        for v in (0..720).step_by(20) {
-            for u in (0..1280).step_by(20) {
-                let pixel = Point2::new(f64::from(u), f64::from(v));
-                all += 1;
-                let Some(ray) = camera.unproject(&pixel) else {
-                    continue;
-                };
-                assert!((ray.norm() - 1.0).abs() < 1e-9);
-                assert!(ray.angle(&Vector3::z()) <= camera.limit() + 1e-9);
-                let back = camera.project(&(ray * 7.0)).expect("a ray of the lens projects");
-                assert!((back - pixel).norm() < 1e-6, "{camera:?} {pixel} {back}");
-                reached += 1;
-            }
-        }
-        assert!(f64::from(reached) >= least * f64::from(all), "{camera:?} reaches {reached} of {all} pixels");
-    }
-}
-
-#[test]
 fn jacobians_are_those_of_finite_differences() {
     const STEP: f64 = 1e-6;
-    for (camera, _) in cameras() {
+    for camera in cameras() {
         for (share, turn) in [(0.0, 0.0), (0.2, 1.0), (0.5, 2.5), (0.5, 5.0), (0.9, -1.0)] {
             let point = at(share * f64::min(camera.limit(), 2.5), turn) * 3.0;
             let jacobian = camera.jacobian(&point);
@@ -87,36 +64,6 @@ fn jacobians_are_those_of_finite_differences() {
             }
         }
     }
-}
-
-#[test]
-fn what_lies_beyond_the_limit_is_outside_and_pixels_never_wrap() {
-    const STEPS: i32 = 720;
-    for (camera, _) in cameras() {
-        for turn in 0..16 {
-            let turn = TAU * f64::from(turn) / 16.0;
-            let axis = camera.project(&Vector3::z()).expect("in front");
-            let mut last = 0.0;
-            for step in 1..=STEPS {
-                let angle = PI * f64::from(step) / f64::from(STEPS);
-                let Some(pixel) = camera.project(&(at(angle, turn) * 5.0)) else {
-                    assert!(angle > camera.limit() - 1e-6 || is_pole(&at(angle, turn)), "{camera:?} {angle}");
-                    continue;
-                };
-                assert!(angle <= camera.limit() + 1e-6, "{camera:?} {angle}");
-                let distance = (pixel - axis).norm();
-                assert!(distance > last || camera.limit() == PI, "{camera:?} folds at {angle}");
-                last = distance;
-            }
-        }
-        assert!(camera.project(&Vector3::zeros()).is_none(), "{camera:?}");
-        assert!(camera.project(&-Vector3::z()).is_none() || camera.limit() == PI, "{camera:?}");
-    }
-}
-
-/// The equirectangular picture has none.
-fn is_pole(ray: &Vector3<f64>) -> bool {
-    ray.y.abs() > 1.0 - 1e-9
 }
 
 #[test]
@@ -144,14 +91,6 @@ fn models_are_one_another_where_they_meet() {
     let same = [
         (camera("plumb_bob", &RATIONAL[..4]), camera_of(600.0, mirror, &RATIONAL[..4], &[("xi", 0.0)])),
         (camera("plumb_bob", &[]), camera_of(600.0, sphere, &[], &[("xi", 0.0), ("alpha", 0.0)])),
-        (
-            camera("rational_polynomial", &RATIONAL[..8]),
-            camera("thin_prism", &{
-                let mut coefficients = [0.0; 14];
-                coefficients[..8].copy_from_slice(&RATIONAL[..8]);
-                coefficients
-            }),
-        ),
         // One sphere: xi is alpha / (1 - alpha), and focal lengths are divided by 1 - alpha.
         (
             camera_of(600.0 / 0.4, mirror, &[], &[("xi", 1.5)]),
@@ -207,21 +146,13 @@ fn what_no_model_has_is_refused() {
         let made = Camera::with_parameters(model, SIZE, K, distortion, &parameters);
         made.expect_err(model).to_string()
     };
-    let counts: [(&str, &[usize]); 8] = [
-        ("plumb_bob", &[0, 4, 5]),
-        ("rational_polynomial", &[0, 8]),
-        ("thin_prism", &[0, 12, 14]),
-        ("fisheye", &[0, 4]),
-        ("omnidirectional", &[0, 4]),
-        ("equirectangular", &[0]),
-        ("fov", &[1]),
-        ("double_sphere", &[0]),
-    ];
-    for (model, counts) in counts {
-        for count in (0..20).filter(|count| !counts.contains(count)) {
-            let message = refusal(model, &vec![0.1; count], &[]);
-            assert!(message.ends_with(&format!("with {count} distortion coefficients is not known")));
-        }
+    for (model, count) in
+        [("plumb_bob", 3), ("thin_prism", 13), ("equirectangular", 1), ("fov", 0), ("none", 4)]
+    {
+        let message = refusal(model, &vec![0.1; count], &[]);
+        assert!(
+            message.ends_with(&format!("model {model} with {count} distortion coefficients is not known"))
+        );
     }
     for (model, distortion, parameters, complaint) in [
         ("omnidirectional", &[][..], &[][..], r#"found [], needed ["xi"] for omnidirectional"#),
@@ -277,7 +208,7 @@ proptest! {
 #[test]
 fn pixels_move_with_the_intrinsics_as_by_finite_differences() {
     const STEP: f64 = 1e-5;
-    for (camera, _) in cameras() {
+    for camera in cameras() {
         let numbers = (0..).map(Intrinsic::Coefficient).take_while(|&each| camera.intrinsic(each).is_some());
         let k = [Intrinsic::Fx, Intrinsic::Fy, Intrinsic::Cx, Intrinsic::Cy];
         let intrinsics: Vec<Intrinsic> = k.into_iter().chain(numbers).collect();

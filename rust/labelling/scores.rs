@@ -44,9 +44,6 @@ impl<'a> Scores<'a> {
     }
 
     /// Scores with the classes first: `num_classes * rows * columns` values.
-    ///
-    /// # Errors
-    /// As [`Scores::classes_last`].
     pub fn classes_first(
         values: &[f32],
         (num_classes, rows, columns): (usize, usize, usize),
@@ -78,20 +75,16 @@ impl<'a> Scores<'a> {
         Ok(Self { values, rows, columns, num_classes })
     }
 
-    /// The scores of a cell.
-    #[inline]
     fn at(&self, column: usize, row: usize) -> &[f32] {
         let first = (row * self.columns + column) * self.num_classes;
         &self.values[first..first + self.num_classes]
     }
 
-    /// The class of the highest score of each cell.
     fn highest(&self) -> Vec<u16> {
         self.values.par_chunks_exact(self.num_classes).with_min_len(CHUNK).map(highest).collect()
     }
 
     /// The class that is the highest in all four cells around a place, and so between them, if there is one.
-    #[inline]
     fn agreed(&self, cells: &[u16], [x, y]: [f32; 2]) -> Option<u16> {
         let ((left, right, _), (above, below, _)) = (between(x, self.columns), between(y, self.rows));
         let at = |column: usize, row: usize| cells[row * self.columns + column];
@@ -101,7 +94,6 @@ impl<'a> Scores<'a> {
     }
 
     /// Writes the scores at a place, bilinear between the centres of cells; beyond the outermost centres they stay.
-    #[inline]
     fn sample(&self, [x, y]: [f32; 2], scores: &mut [f32]) {
         let ((left, right, across), (above, below, down)) = (between(x, self.columns), between(y, self.rows));
         let (a, b) = (self.at(left, above), self.at(right, above));
@@ -116,7 +108,6 @@ impl<'a> Scores<'a> {
 }
 
 /// The two cells on a line of `count` beside a place, and its distance from the first.
-#[inline]
 fn between(place: f32, count: usize) -> (usize, usize, f32) {
     let inside = place.clamp(0.0, (count - 1) as f32);
     let first = inside.floor();
@@ -148,9 +139,6 @@ impl Places<'_> {
     /// The share of each class of each pixel, in 1/255, pixel by pixel; nothing where no view shows it.
     ///
     /// Scores are logits, of which the softmax is taken, or already in proportion to probabilities.
-    ///
-    /// # Errors
-    /// As [`Places::classes`].
     pub fn shares(&self, scores: &[Scores<'_>], are_logits: bool) -> Result<Vec<u8>> {
         let num_classes = self.check(scores)?;
         let mut shares = vec![0; self.views.len() * num_classes];
@@ -175,8 +163,6 @@ impl Places<'_> {
         Ok(num_classes.max(1))
     }
 
-    /// The view and the place of a pixel, if a view shows it.
-    #[inline]
     fn seen(&self, index: usize) -> Option<(usize, [f32; 2])> {
         let (view, place) = (self.views[index], self.places[index]);
         let is_seen = view != NO_VIEW && place.iter().all(|x| x.is_finite());
@@ -184,7 +170,6 @@ impl Places<'_> {
     }
 }
 
-#[inline]
 fn highest(scores: &[f32]) -> u16 {
     let mut best = 0;
     for (class, score) in scores.iter().enumerate() {
@@ -252,16 +237,6 @@ mod tests {
                 let most = sampled.iter().copied().fold(f32::MIN, f32::max);
                 prop_assert!(sampled[usize::from(class)] >= most);
             }
-        }
-
-        #[test]
-        fn the_likeliest_class_has_the_highest_score(logits in prop::collection::vec(-9f32..9f32, 4)) {
-            let scores = [Scores::classes_last(&logits, (1, 1, 4)).expect("whole")];
-            let pixel = Places { views: &[0], places: &[[0.0, 0.0]] };
-            let (class, shares) = (pixel.classes(&scores).expect("known")[0], pixel.shares(&scores, true).expect("known"));
-            prop_assert_eq!(shares[usize::from(class)], *shares.iter().max().expect("four"));
-            let sum: i32 = shares.iter().map(|share| i32::from(*share)).sum();
-            prop_assert!((sum - 255).abs() <= 2);
         }
     }
 }

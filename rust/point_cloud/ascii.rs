@@ -2,7 +2,7 @@
 
 use super::column::{Column, Scalar};
 use super::fields::Fields;
-use super::parsed::{Parsed, shown};
+use super::limit::{Parsed, shown};
 use super::table::Table;
 
 /// The part of a line that belongs to a field.
@@ -16,9 +16,6 @@ pub(super) enum Token {
 }
 
 /// Unpacks the fields in `found` of `num_records` lines that hold `tokens`.
-///
-/// # Errors
-/// As [`pack`].
 pub(super) fn parse<'a>(
     text: &[u8],
     num_records: usize,
@@ -42,9 +39,6 @@ fn count_taken(tokens: &[Token]) -> usize {
 }
 
 /// Packs the taken values of `num_records` lines as little-endian f64, line by line; blank lines do not count.
-///
-/// # Errors
-/// There are fewer lines, a line has another number of values, or a taken value is no number.
 fn pack(text: &[u8], num_records: usize, tokens: &[Token]) -> Parsed<Vec<u8>> {
     // Each value is at least a digit and a blank: a header that promises too much gets no memory.
     if num_records > text.len() / (2 * count_taken(tokens)).max(1) + 1 {
@@ -118,7 +112,6 @@ impl Line<'_> {
         Ok(())
     }
 
-    #[inline]
     fn number(&mut self) -> Parsed<f64> {
         self.skip_blanks()?;
         if let Ok((value, length)) = fast_float2::parse_partial::<f64, _>(self.0)

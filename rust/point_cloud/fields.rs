@@ -1,7 +1,7 @@
 //! The meaning of a cloud's named fields, for all formats with names.
 
 use super::column::Scalar;
-use super::parsed::{Parsed, shown};
+use super::limit::{Parsed, shown};
 
 /// One thing, such as a column, for each field that is used.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,9 +42,6 @@ impl<T> Fields<T> {
 }
 
 /// Finds the fields by their names, whatever their case and order; CloudCompare's prefix `scalar_` does not count.
-///
-/// # Errors
-/// x, y or z is not there.
 pub(super) fn find(names: &[&str]) -> Parsed<Fields<usize>> {
     let plain: Vec<String> = names.iter().map(|name| plain(name)).collect();
     let position = |wanted: &[&str]| wanted.iter().find_map(|w| plain.iter().position(|name| name == w));

@@ -2,8 +2,18 @@
 
 use std::ops::Range;
 
-use super::parsed::Parsed;
 use crate::file::{check_bytes, grouped};
+
+/// The result of a parser; its error says what was found and what is needed, and leaves the file's name to its caller.
+pub(super) type Parsed<T> = std::result::Result<T, String>;
+
+/// A quotation of a file for an error message: on one line, and short.
+pub(super) fn shown(bytes: &[u8]) -> String {
+    const LONGEST: usize = 40;
+    let text = String::from_utf8_lossy(bytes.get(..LONGEST).unwrap_or(bytes));
+    let more = if bytes.len() > LONGEST { "..." } else { "" };
+    format!("{}{more}", text.escape_debug())
+}
 
 /// Points of the largest sweep that is read where nothing else is asked for.
 pub const MAX_POINTS: usize = 10_000_000;

@@ -67,13 +67,6 @@ fn repeat(out: &mut [u8], end: usize, length: usize, distance: usize) -> Option<
 mod tests {
     use super::*;
 
-    #[test]
-    fn literals_and_repeats() {
-        // "abc", then 7 bytes from 3 before, then 16 from 1 before.
-        let stream = [2, b'a', b'b', b'c', 5 << 5, 2, 7 << 5, 7, 0];
-        assert_eq!(decompress(&stream, 26).as_deref(), Ok(&b"abcabcabcaaaaaaaaaaaaaaaaa"[..]));
-    }
-
     /// Repeats at every distance and length, near the end of the room and far from it, as a loop over bytes would do them.
     #[test]
     fn repeats_of_every_kind() {

@@ -3,32 +3,55 @@
 //! Each format's parser finds out where in the file's bytes which column lies; [`table`] goes on from there.
 
 mod ascii;
-mod cloud;
 mod column;
 mod fields;
-mod kitti;
-mod labels;
 mod limit;
 pub mod lzf;
 mod npy;
-mod npz;
-mod parsed;
 mod pcd;
 mod ply;
+mod raw;
 mod table;
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::classes::ClassShares;
 use crate::error::{Error, Result};
 use crate::file::{Opened, extension};
 use crate::probabilities;
-use parsed::Parsed;
+use limit::Parsed;
 use table::Table;
 
-pub use cloud::{PointCloud, to_f64};
 pub use limit::{Limit, MAX_POINTS};
+
+/// A point as read, for geometry.
+pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
+    Vector3::new(f64::from(point[0]), f64::from(point[1]), f64::from(point[2]))
+}
+
+/// A sweep without its "no return" entries.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointCloud {
+    /// `x y z` in metres, LiDAR frame.
+    pub points: Vec<[f32; 3]>,
+    /// As recorded, where the format has it.
+    pub intensity: Option<Vec<f32>>,
+    /// The beam, where the cloud has a field of whole numbers for it.
+    pub ring: Option<Vec<u16>>,
+    /// Seconds, from whatever moment the recorder counts.
+    pub time: Option<Vec<f64>>,
+    /// Raw class ids, of the label file or else of the cloud's own label field.
+    pub labels: Option<Vec<u16>>,
+    /// Probabilities of raw class ids instead, where a network gave them.
+    pub label_shares: Option<ClassShares>,
+    /// Entries that were not finite or all zero, and were left out.
+    pub num_no_returns: usize,
+    /// Which of the file's entries are points.
+    pub is_return: Vec<bool>,
+}
 
 /// How a point cloud lies in a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,12 +94,12 @@ impl Format {
 
     fn parse(self, bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
         match self {
-            Self::Kitti => kitti::parse(bytes, 4, limit),
-            Self::NuScenes => kitti::parse(bytes, 5, limit),
+            Self::Kitti => raw::parse(bytes, 4, limit),
+            Self::NuScenes => raw::parse(bytes, 5, limit),
             Self::Pcd => pcd::parse(bytes, limit),
             Self::Ply => ply::parse(bytes, limit),
             Self::Npy => npy::parse(bytes, limit),
-            Self::Npz => npz::parse(bytes, limit),
+            Self::Npz => npy::parse_archive(bytes, limit),
         }
     }
 }
@@ -110,7 +133,7 @@ fn judge((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) -> Result<
     }
     let unpacked = match Format::of(points) {
         Ok(Format::Pcd) => pcd::unpacked_bytes(points),
-        Ok(Format::Npz) => npz::unpacked_bytes(points),
+        Ok(Format::Npz) => npy::unpacked_bytes(points),
         _ => None,
     };
     Ok(sum.saturating_add(unpacked.unwrap_or_default()))
@@ -153,10 +176,10 @@ pub fn read_as(
         return Ok(cloud);
     }
     let file = Opened::open(path)?;
-    labels::check_size(path, file.size(), table.num_records(), points)?;
+    raw::check_size(path, file.size(), table.num_records(), points)?;
     let label_bytes = file.bytes()?;
-    let labels = labels::parse(path, &label_bytes).map_err(|reason| Error::file(path, reason))?;
-    labels::check_count(path, labels.num_records(), table.num_records(), points)?;
+    let labels = raw::parse_labels(path, &label_bytes).map_err(|reason| Error::file(path, reason))?;
+    raw::check_count(path, labels.num_records(), table.num_records(), points)?;
     cloud.labels = Some(labels.ids(&returns).map_err(|reason| Error::file(path, reason))?);
     Ok(cloud)
 }
@@ -186,5 +209,3 @@ fn check_returns(cloud: &PointCloud) -> Parsed<()> {
 
 #[cfg(test)]
 mod hostile_tests;
-#[cfg(test)]
-mod tests;

@@ -9,9 +9,8 @@ use std::path::Path;
 use super::ascii::{self, Token};
 use super::column::{Column, Kind, Scalar};
 use super::fields::{find, seconds_per_tick};
-use super::limit::Limit;
+use super::limit::{Limit, Parsed, shown};
 use super::lzf;
-use super::parsed::{Parsed, shown};
 use super::table::Table;
 use crate::file::Opened;
 
@@ -75,7 +74,6 @@ pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
 }
 
 impl Field {
-    /// The type of a field that is used.
     fn scalar(&self) -> Parsed<Scalar> {
         let kind = match self.kind.as_str() {
             "F" => Some(Kind::Float),

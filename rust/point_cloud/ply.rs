@@ -5,8 +5,7 @@
 use super::ascii::{self, Line, Token};
 use super::column::{Column, Kind, Scalar};
 use super::fields::{find, seconds_per_tick};
-use super::limit::Limit;
-use super::parsed::{Parsed, shown};
+use super::limit::{Limit, Parsed, shown};
 use super::table::Table;
 
 #[derive(Clone, Copy, PartialEq)]

@@ -2,10 +2,10 @@
 
 use std::borrow::Cow;
 
-use super::cloud::PointCloud;
+use super::PointCloud;
 use super::column::{Column, Scalar};
 use super::fields::{Fields, seconds_per_tick};
-use super::parsed::Parsed;
+use super::limit::Parsed;
 
 /// Columns of a cloud, over the bytes of its file or over bytes unpacked from it.
 #[derive(Debug)]
@@ -34,8 +34,6 @@ pub(super) struct Returns {
 const LARGEST_TIME_S: f64 = 1e15;
 
 impl<'a> Table<'a> {
-    /// # Errors
-    /// The columns reach beyond the bytes.
     pub(super) fn new(
         bytes: impl Into<Cow<'a, [u8]>>,
         num_records: usize,
@@ -47,15 +45,11 @@ impl<'a> Table<'a> {
         Ok(Self { bytes, num_records, columns, seconds_per_tick })
     }
 
-    /// The same over bytes of its own.
     pub(super) fn into_owned(self) -> Table<'static> {
         Table { bytes: Cow::Owned(self.bytes.into_owned()), ..self }
     }
 
     /// Takes in the bytes of another column, and tells where it then lies.
-    ///
-    /// # Errors
-    /// It has another number of values than there are entries.
     pub(super) fn join(&mut self, values: &Values<'_>) -> Parsed<Column> {
         if values.num_records != self.num_records {
             return Err(format!("has {} values for {} points", values.num_records, self.num_records));
@@ -81,7 +75,6 @@ impl<'a> Table<'a> {
         columns.label = label.or(columns.label);
     }
 
-    /// Entries, no-returns included.
     pub(super) fn num_records(&self) -> usize {
         self.num_records
     }
@@ -133,23 +126,17 @@ impl<'a> Table<'a> {
 }
 
 impl<'a> Values<'a> {
-    /// # Errors
-    /// The column reaches beyond the bytes.
     pub(super) fn new(bytes: impl Into<Cow<'a, [u8]>>, num_records: usize, column: Column) -> Parsed<Self> {
         let bytes = bytes.into();
         column.check(num_records, bytes.len())?;
         Ok(Self { bytes, num_records, column })
     }
 
-    /// Entries, no-returns included.
     pub(super) fn num_records(&self) -> usize {
         self.num_records
     }
 
     /// The ids of the returns.
-    ///
-    /// # Errors
-    /// A label is no class id.
     pub(super) fn ids(&self, returns: &Returns) -> Parsed<Vec<u16>> {
         whole_numbers(&self.column, &self.bytes, returns)
             .map_err(|value| format!("holds the label {value}, a class id is an integer from 0 to 65535"))
@@ -157,13 +144,11 @@ impl<'a> Values<'a> {
 }
 
 impl Returns {
-    /// Tells for each entry whether it is a return.
     pub(super) fn keep(&self) -> &[bool] {
         &self.keep
     }
 
     /// The values of the returns, from their bytes.
-    #[inline]
     fn take<const N: usize, T>(&self, column: &Column, bytes: &[u8], decode: impl Fn([u8; N]) -> T) -> Vec<T>
     where
         T: Copy + Default,
@@ -172,8 +157,6 @@ impl Returns {
         compact(values.zip(self.keep.iter().copied()), self.count)
     }
 
-    /// The values of the returns.
-    #[inline]
     fn gather<T>(&self, column: &Column, bytes: &[u8], mut convert: impl FnMut(f64) -> T) -> Vec<T> {
         let mut values = Vec::with_capacity(self.count);
         let mut keep = self.keep.iter();
@@ -204,7 +187,6 @@ fn is_return([x, y, z]: [f32; 3]) -> bool {
 
 /// The values that are kept, of which there are at most `capacity`. Each is written and some are written over, because
 /// nobody could predict which.
-#[inline]
 fn compact<T: Copy + Default>(pairs: impl Iterator<Item = (T, bool)>, capacity: usize) -> Vec<T> {
     let (mut kept, mut count) = (vec![T::default(); capacity], 0);
     for (value, is_kept) in pairs {
@@ -217,7 +199,6 @@ fn compact<T: Copy + Default>(pairs: impl Iterator<Item = (T, bool)>, capacity: 
     kept
 }
 
-/// The values of the returns.
 fn floats(column: &Column, bytes: &[u8], returns: &Returns) -> Vec<f32> {
     match (column.scalar, column.is_big_endian) {
         (Scalar::F32, false) => returns.take(column, bytes, f32::from_le_bytes),

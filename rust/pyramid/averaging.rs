@@ -1,7 +1,6 @@
 //! Averages over blocks of a label image, and the little that pixels along the borders of classes count.
 
-use crate::class_shares::{ClassShares, Share};
-use crate::classes::NO_CLASS;
+use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
 
 /// Weight, of 255, of pixels in the band along the borders of classes.
@@ -34,7 +33,6 @@ impl Averaged {
         Self { shares: ClassShares::with_capacity(num_blocks), only: Vec::with_capacity(num_blocks) }
     }
 
-    #[inline]
     fn push_whole(&mut self, class: u8) {
         self.only.push(class);
         self.shares.push_with(|_| {});
@@ -114,7 +112,6 @@ impl Default for Tally {
 }
 
 impl Tally {
-    #[inline]
     fn add(&mut self, class: u8, amount: u64) {
         if let Some(sum) = self.sums.get_mut(usize::from(class)) {
             if *sum == 0 {

@@ -7,7 +7,7 @@ mod share_map;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-use crate::class_shares::ClassShares;
+use crate::classes::ClassShares;
 use crate::label_image::LabelImage;
 
 pub use sampled::Sampled;
@@ -16,7 +16,6 @@ pub use share_map::ShareMap;
 /// A label image, and its levels, which the stages of a calibration look at again and again.
 #[derive(Debug)]
 pub struct LabelPyramid {
-    /// One class for each pixel.
     pub classes: Arc<LabelImage<u8>>,
     /// Shares of classes of each pixel, where a network gave them; the classes are then the largest. A pixel without a
     /// class carries no information, whatever its shares are.
@@ -36,7 +35,6 @@ struct Level {
 }
 
 impl LabelPyramid {
-    /// A pyramid without levels as yet.
     pub fn new(classes: Arc<LabelImage<u8>>, shares: Option<Arc<ClassShares>>) -> Self {
         Self { classes, shares, levels: Mutex::default() }
     }

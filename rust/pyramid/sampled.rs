@@ -2,8 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::class_shares::Share;
-use crate::classes::NO_CLASS;
+use crate::classes::{NO_CLASS, Share};
 
 /// The surroundings of a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -15,8 +14,6 @@ pub enum Sampled<'a> {
 }
 
 impl Sampled<'_> {
-    /// The share that is labelled.
-    #[inline]
     pub fn total(&self) -> f64 {
         match self {
             Self::Uniform(_) => 1.0,
@@ -42,7 +39,6 @@ impl Sampled<'_> {
     }
 
     /// Adds `weight` to the classes, in proportion to their shares; nothing if none is labelled.
-    #[inline]
     pub fn add_to(&self, classes: &mut [f64], weight: f64) {
         match self {
             Self::Uniform(class) => classes[usize::from(*class)] += weight,
@@ -68,13 +64,10 @@ pub struct Shares<'a> {
 }
 
 impl Shares<'_> {
-    /// The share that is labelled.
-    #[inline]
     pub fn total(&self) -> f64 {
         self.total
     }
 
-    #[inline]
     fn add_to(&self, classes: &mut [f64], weight: f64) {
         let scale = weight / (255.0 * self.total);
         for (corner, weight) in self.corners.iter().zip(self.weights) {
@@ -90,7 +83,6 @@ impl Shares<'_> {
     ///
     /// With weights `w` and labelled shares `a` of the blocks, `share_y = sum w a_y / T` and
     /// `d share_y = sum (dw - w dT / T) a_y / T`, where `T = sum w a`.
-    #[inline]
     pub fn for_blocks(&self, mut with: impl FnMut(&[Share], [f64; 3])) {
         let (r, d) = (self.right, self.down);
         let total = 1.0 / (255.0 * self.total);
@@ -108,7 +100,6 @@ impl Shares<'_> {
     }
 
     /// The gradient, per pixel, of `sum_y values[y] share_y / sum_y share_y`; some share has to be labelled.
-    #[inline]
     pub fn gradient(&self, values: &[f64]) -> Vector2<f64> {
         // The sum over classes, and the labelled share, of each corner.
         let sums = self.corners.map(|corner| {

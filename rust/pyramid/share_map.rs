@@ -7,11 +7,9 @@ use nalgebra::Point2;
 
 use super::averaging::{Averaged, FAINT, FAINT_AMOUNT, WHOLE, amounts, averaged_classes, averaged_shares};
 use super::sampled::{Sampled, Shares};
-use crate::class_shares::{ClassShares, Share};
-use crate::classes::NO_CLASS;
+use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
 
-/// The class shares of one label image at one level, for sampling.
 #[derive(Clone, Debug)]
 pub struct ShareMap {
     blocks_per_pixel: f64,
@@ -32,7 +30,6 @@ enum Blocks {
 }
 
 impl Blocks {
-    #[inline]
     fn at(&self, index: usize) -> &[Share] {
         match self {
             Self::Pixels(image) => {
@@ -52,7 +49,6 @@ impl Blocks {
     }
 
     /// The labelled share, in 1/255.
-    #[inline]
     fn amount(&self, index: usize) -> u16 {
         match self {
             Self::Pixels(image) | Self::Banded { image, .. } if image.ids[index] == NO_CLASS => 0,
@@ -65,7 +61,6 @@ impl Blocks {
     }
 
     /// The class of each block that is all of it and counts in full; [`NO_CLASS`] where that is not so.
-    #[inline]
     fn only(&self) -> &[u8] {
         match self {
             Self::Pixels(image) => &image.ids,
@@ -74,7 +69,6 @@ impl Blocks {
     }
 
     /// The class of four blocks that are all of it; [`NO_CLASS`] where that is not so.
-    #[inline]
     fn only_class(&self, around: [usize; 4]) -> u8 {
         let only = self.only();
         let [a, b, c, d] = around.map(|index| only[index]);
@@ -120,7 +114,6 @@ impl ShareMap {
 
     /// The shares at a pixel of the full-resolution picture, bilinear between the centres of blocks, and continued
     /// beyond the outermost ones.
-    #[inline]
     pub fn at(&self, pixel: &Point2<f64>) -> Sampled<'_> {
         let (column, right) = self.between(pixel.x, self.columns);
         let (row, down) = self.between(pixel.y, self.rows);
@@ -166,7 +159,6 @@ impl ShareMap {
     }
 
     /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
-    #[inline]
     fn between(&self, pixel: f64, count: usize) -> (usize, Option<f64>) {
         let place = (pixel + 0.5) * self.blocks_per_pixel - 0.5;
         // Conversions of 32 bits are faster than those of 64, and no picture is as wide.
@@ -181,7 +173,6 @@ impl ShareMap {
 }
 
 /// Whether neighbouring bytes all have a value.
-#[inline]
 fn are_all(bytes: &[u8], line: Range<usize>, value: u8) -> bool {
     match bytes[line.start..].first_chunk() {
         // A few at once, without a branch: the first of a word is its lowest byte.
@@ -229,18 +220,6 @@ mod tests {
         assert!((total - (3.0 + three_quarters) / 4.0).abs() < 1e-12);
         assert!((classes[0] - 2.0 / (3.0 + three_quarters)).abs() < 1e-12);
         assert!((classes.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_line_is_of_one_class_only_if_each_of_its_blocks_is() {
-        let mut bytes = vec![3; 40];
-        bytes[20] = 4;
-        for start in 0..30 {
-            for len in 1..=10 {
-                let line = start..start + len;
-                assert_eq!(are_all(&bytes, line.clone(), 3), !line.contains(&20), "{line:?}");
-            }
-        }
     }
 
     #[test]

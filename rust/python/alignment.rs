@@ -1,26 +1,111 @@
-//! Mutual information over SE(3): ascent, polish and sensitivity.
+//! Agreement at a pose, and mutual information over SE(3): ascent, polish and sensitivity.
 
 use nalgebra::{DMatrix, Vector6};
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::agreement::PyHeldOutGain;
-use super::arrays::matrix_6x6;
-use super::errors::value_error;
+use super::arrays::{Pose, matrix_6x6};
+use super::calls::{detached, value_error};
+use super::configs::PolishConfig;
 use super::observations::PyObservations;
-use super::poses::{isometry, matrix};
-use super::threads::detached;
+use crate::agreement::{HeldOut, HeldOutGain, held_out_gain as measure_gain, measure as measure_agreement};
 use crate::alignment::{
-    self, Aligned, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, MAX_VARIABLES,
-    PolishConfig, Sensitivity, SensitivityConfig, Variables, Way,
+    self, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, MAX_VARIABLES, Sensitivity,
+    SensitivityConfig, Variables, Way,
 };
 use crate::camera::{Camera, Intrinsic};
 use crate::observation::Observations;
 
+#[pyclass(name = "Agreement", frozen, get_all)]
+pub(super) struct PyAgreement {
+    mutual_information: f64,
+    bias: f64,
+    sigma: f64,
+    label_agreement: f64,
+    overlap: f64,
+    num_inside: usize,
+    num_hidden: usize,
+    joint: Py<PyArray2<f64>>,
+    frame_joints: Py<PyArray3<f64>>,
+}
+
+#[pyclass(name = "HeldOutGain", frozen, get_all)]
+pub(super) struct PyHeldOutGain {
+    gain: f64,
+    sigma: f64,
+}
+
+#[pymethods]
+impl PyHeldOutGain {
+    /// The sum of the gains of independent parts, with its standard error.
+    #[staticmethod]
+    fn of_parts(gains: Vec<f64>) -> Self {
+        HeldOutGain::of_parts(gains).into()
+    }
+}
+
+impl From<HeldOutGain> for PyHeldOutGain {
+    fn from(found: HeldOutGain) -> Self {
+        Self { gain: found.gain, sigma: found.sigma }
+    }
+}
+
+#[pyfunction]
+pub(super) fn agreement(
+    py: Python<'_>,
+    observations: &PyObservations,
+    t_camera_lidar: Pose,
+) -> PyResult<PyAgreement> {
+    let found = detached(py, || measure_agreement(&observations.0, &t_camera_lidar.0));
+    let shape = [observations.0.num_point_classes, observations.0.num_image_classes];
+    let joint = PyArray1::from_slice(py, &found.joint.weights).reshape(shape)?;
+    let of_frames: Vec<f64> =
+        found.frame_joints.iter().flat_map(|frame| frame.weights.iter().copied()).collect();
+    let frame_joints =
+        PyArray1::from_vec(py, of_frames).reshape([found.frame_joints.len(), shape[0], shape[1]])?;
+    Ok(PyAgreement {
+        mutual_information: found.joint.mutual_information(),
+        bias: found.joint.bias(),
+        sigma: found.sigma,
+        label_agreement: found.label_agreement(),
+        overlap: found.overlap,
+        num_inside: found.num_inside,
+        num_hidden: found.num_hidden,
+        joint: joint.unbind(),
+        frame_joints: frame_joints.unbind(),
+    })
+}
+
+#[pyfunction]
+#[pyo3(signature = (observations, held_out, before, after, seen_after=None))]
+pub(super) fn held_out_gain(
+    py: Python<'_>,
+    observations: &PyObservations,
+    held_out: &PyObservations,
+    before: Pose,
+    after: Pose,
+    seen_after: Option<(PyRef<'_, PyObservations>, PyRef<'_, PyObservations>)>,
+) -> PyResult<PyHeldOutGain> {
+    let (observations, held_out) = (&observations.0, &held_out.0);
+    let seen = seen_after.as_ref().map(|(observations, held_out)| (&observations.0, &held_out.0));
+    let (observations_after, held_out_after) = seen.unwrap_or((observations, held_out));
+    let num_classes =
+        |observations: &Observations| (observations.num_point_classes, observations.num_image_classes);
+    if [held_out, observations_after, held_out_after]
+        .iter()
+        .any(|each| num_classes(each) != num_classes(observations))
+    {
+        return Err(value_error("the held-out observations have other numbers of classes"));
+    }
+    let before = HeldOut { observations, held_out, pose: &before.0 };
+    let after = HeldOut { observations: observations_after, held_out: held_out_after, pose: &after.0 };
+    Ok(detached(py, || measure_gain(before, after)).into())
+}
+
 #[pyclass(name = "Ascended", frozen, get_all)]
 pub(super) struct PyAscended {
     #[pyo3(name = "T_camera_lidar")]
-    t_camera_lidar: Py<PyArray2<f64>>,
+    t_camera_lidar: Pose,
     num_points: usize,
     drift: f64,
 }
@@ -28,27 +113,16 @@ pub(super) struct PyAscended {
 #[pyclass(name = "Aligned", frozen, get_all)]
 pub(super) struct PyAligned {
     #[pyo3(name = "T_camera_lidar")]
-    t_camera_lidar: Py<PyArray2<f64>>,
+    t_camera_lidar: Pose,
     mutual_information: f64,
     num_points: usize,
     drift: f64,
 }
 
-impl PyAligned {
-    fn new(py: Python<'_>, found: &Aligned) -> PyResult<Self> {
-        Ok(Self {
-            t_camera_lidar: matrix(py, &found.pose)?.unbind(),
-            mutual_information: found.mutual_information,
-            num_points: found.num_points,
-            drift: found.drift,
-        })
-    }
-}
-
 #[pyclass(name = "Polished", frozen, get_all)]
 pub(super) struct PyPolished {
     #[pyo3(name = "T_camera_lidar")]
-    t_camera_lidar: Py<PyArray2<f64>>,
+    t_camera_lidar: Pose,
     moved_px: f64,
     inverse_curvature: Option<Py<PyArray2<f64>>>,
 }
@@ -83,7 +157,6 @@ impl PySensitivity {
     }
 }
 
-/// The entries of a matrix, row by row.
 fn rows_of(matrix: &DMatrix<f64>) -> Vec<f64> {
     matrix.transpose().iter().copied().collect()
 }
@@ -97,18 +170,17 @@ fn to_matrix(py: Python<'_>, matrix: &DMatrix<f64>) -> PyResult<Py<PyArray2<f64>
 pub(super) fn ascend(
     py: Python<'_>,
     observations: &PyObservations,
-    t_camera_lidar: PyReadonlyArray2<f64>,
+    t_camera_lidar: Pose,
     config: AlignmentConfig,
     factor: usize,
     visible_only: bool,
     seed: u64,
 ) -> PyResult<PyAscended> {
     check_factor(factor, &observations.0.camera)?;
-    let start = isometry(&t_camera_lidar)?;
-    let counted = counted(visible_only);
+    let (start, counted) = (t_camera_lidar.0, counted(visible_only));
     let Ascended { pose, drift, num_points } =
         detached(py, || alignment::ascend(&observations.0, &start, factor, counted, &config, seed));
-    Ok(PyAscended { t_camera_lidar: matrix(py, &pose)?.unbind(), num_points, drift })
+    Ok(PyAscended { t_camera_lidar: Pose(pose), num_points, drift })
 }
 
 #[pyfunction]
@@ -116,17 +188,22 @@ pub(super) fn ascend(
 pub(super) fn align(
     py: Python<'_>,
     observations: &PyObservations,
-    poses: Vec<PyReadonlyArray2<f64>>,
+    poses: Vec<Pose>,
     config: AlignmentConfig,
     factor: usize,
     visible_only: bool,
     seed: u64,
 ) -> PyResult<Vec<PyAligned>> {
     check_factor(factor, &observations.0.camera)?;
-    let starts = poses.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
-    let counted = counted(visible_only);
+    let (starts, counted): (Vec<_>, _) = (poses.iter().map(|pose| pose.0).collect(), counted(visible_only));
     let found = detached(py, || alignment::align(&observations.0, &starts, factor, counted, &config, seed));
-    found.iter().map(|aligned| PyAligned::new(py, aligned)).collect()
+    let aligned = |(Ascended { pose, drift, num_points }, mutual_information)| PyAligned {
+        t_camera_lidar: Pose(pose),
+        mutual_information,
+        num_points,
+        drift,
+    };
+    Ok(found.into_iter().map(aligned).collect())
 }
 
 #[pyfunction]
@@ -134,17 +211,16 @@ pub(super) fn align(
 pub(super) fn polish(
     py: Python<'_>,
     observations: &PyObservations,
-    t_camera_lidar: PyReadonlyArray2<f64>,
+    t_camera_lidar: Pose,
     config: PolishConfig,
     inverse_curvature: Option<PyReadonlyArray2<f64>>,
 ) -> PyResult<PyPolished> {
-    let start = isometry(&t_camera_lidar)?;
-    let inverse_curvature = inverse_curvature.map(|matrix| matrix_6x6(&matrix)).transpose()?;
-    let JointMaximum { estimate, moved_px, inverse_curvature } = detached(py, || {
-        alignment::polish(&observations.0, &start, inverse_curvature, Counted::Visible, &config)
-    })?;
+    let known = inverse_curvature.map(|matrix| matrix_6x6(&matrix)).transpose()?;
+    let (start, pose_alone) = (t_camera_lidar.0, Variables::default());
+    let JointMaximum { estimate, moved_px, inverse_curvature } =
+        detached(py, || alignment::maximise(&observations.0, &start, &pose_alone, known, &config.into()))?;
     let inverse_curvature = inverse_curvature.map(|found| to_matrix(py, &found)).transpose()?;
-    Ok(PyPolished { t_camera_lidar: matrix(py, &estimate.pose)?.unbind(), moved_px, inverse_curvature })
+    Ok(PyPolished { t_camera_lidar: Pose(estimate.pose), moved_px, inverse_curvature })
 }
 
 #[pyfunction]
@@ -152,22 +228,22 @@ pub(super) fn polish(
 pub(super) fn sensitivity(
     py: Python<'_>,
     observations: &PyObservations,
-    t_camera_lidar: PyReadonlyArray2<f64>,
+    t_camera_lidar: Pose,
     config: SensitivityConfig,
     intrinsics: Vec<String>,
     twists_per_s: Option<Vec<[f64; 6]>>,
 ) -> PyResult<Option<PySensitivity>> {
-    let pose = isometry(&t_camera_lidar)?;
     check_factor(config.factor, &observations.0.camera)?;
     let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
-    let found = detached(py, || alignment::sensitivity(&observations.0, &pose, &variables, &config));
+    let found =
+        detached(py, || alignment::sensitivity(&observations.0, &t_camera_lidar.0, &variables, &config));
     found.map(|found| PySensitivity::new(py, &found)).transpose()
 }
 
 #[pyclass(name = "JointMaximum", frozen, get_all)]
 pub(super) struct PyJointMaximum {
     #[pyo3(name = "T_camera_lidar")]
-    t_camera_lidar: Py<PyArray2<f64>>,
+    t_camera_lidar: Pose,
     changes: Vec<f64>,
     offset_s: f64,
     moved_px: f64,
@@ -178,12 +254,11 @@ pub(super) struct PyJointMaximum {
 pub(super) fn maximise(
     py: Python<'_>,
     observations: &PyObservations,
-    t_camera_lidar: PyReadonlyArray2<f64>,
+    t_camera_lidar: Pose,
     config: JointConfig,
     intrinsics: Vec<String>,
     twists_per_s: Option<Vec<[f64; 6]>>,
 ) -> PyResult<PyJointMaximum> {
-    let start = isometry(&t_camera_lidar)?;
     let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
     let camera = &observations.0.camera;
     config.factors.iter().try_for_each(|&factor| check_factor(factor, camera))?;
@@ -192,11 +267,11 @@ pub(super) fn maximise(
         return Err(value_error("radial moves points as no lens does, needed intrinsics of the camera"));
     }
     let JointMaximum { estimate, moved_px, .. } =
-        detached(py, || alignment::maximise(&observations.0, &start, &variables, &config))?;
+        detached(py, || alignment::maximise(&observations.0, &t_camera_lidar.0, &variables, None, &config))?;
     let value = |camera: &Camera, each: &Intrinsic| camera.intrinsic(*each).unwrap_or(0.0);
     let change = |each: &Intrinsic| value(&estimate.camera, each) - value(camera, each);
     Ok(PyJointMaximum {
-        t_camera_lidar: matrix(py, &estimate.pose)?.unbind(),
+        t_camera_lidar: Pose(estimate.pose),
         changes: variables.intrinsics.iter().map(change).collect(),
         offset_s: estimate.offset_s,
         moved_px,
@@ -252,37 +327,35 @@ pub(super) fn counted(visible_only: bool) -> Counted {
 pub(super) fn information_along(
     py: Python<'_>,
     observations: &PyObservations,
-    anchor: PyReadonlyArray2<f64>,
+    anchor: Pose,
     ways: Vec<([f64; 6], Vec<f64>)>,
-) -> PyResult<Vec<Vec<f64>>> {
-    let anchor = isometry(&anchor)?;
-    let ways: Vec<Way> =
-        ways.into_iter().map(|(twist, offsets)| Way { twist: twist.into(), offsets }).collect();
-    Ok(detached(py, || alignment::information_along(&observations.0, &anchor, &ways)))
+) -> Vec<Vec<f64>> {
+    let way = |(twist, offsets): ([f64; 6], Vec<f64>)| Way { twist: twist.into(), offsets };
+    let ways: Vec<Way> = ways.into_iter().map(way).collect();
+    detached(py, || alignment::information_along(&observations.0, &anchor.0, &ways))
 }
 
 #[pyfunction]
 pub(super) fn information(
     py: Python<'_>,
     observations: &PyObservations,
-    t_camera_lidar: PyReadonlyArray2<f64>,
+    t_camera_lidar: Pose,
     edge_band_px: usize,
-) -> PyResult<Vec<([u32; 3], f64, f64)>> {
-    let pose = isometry(&t_camera_lidar)?;
-    let found = detached(py, || alignment::information(&observations.0, &pose, edge_band_px));
-    Ok(found.into_iter().map(|(square, found)| (square, found.sum, found.weight)).collect())
+) -> Vec<([u32; 3], f64, f64)> {
+    let found = detached(py, || alignment::information(&observations.0, &t_camera_lidar.0, edge_band_px));
+    found.into_iter().map(|(square, found)| (square, found.sum, found.weight)).collect()
 }
 
 #[pyfunction]
 pub(super) fn information_gains(
     py: Python<'_>,
     observations: &PyObservations,
-    before: PyReadonlyArray2<f64>,
-    after: Vec<PyReadonlyArray2<f64>>,
+    before: Pose,
+    after: Vec<Pose>,
     edge_band_px: usize,
-) -> PyResult<Vec<PyHeldOutGain>> {
-    let before = isometry(&before)?;
-    let after = after.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
-    let found = detached(py, || alignment::information_gains(&observations.0, &before, &after, edge_band_px));
-    Ok(found.into_iter().map(PyHeldOutGain::from).collect())
+) -> Vec<PyHeldOutGain> {
+    let after: Vec<_> = after.iter().map(|pose| pose.0).collect();
+    let found =
+        detached(py, || alignment::information_gains(&observations.0, &before.0, &after, edge_band_px));
+    found.into_iter().map(PyHeldOutGain::from).collect()
 }

@@ -6,11 +6,9 @@ use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyA
 use pyo3::prelude::*;
 
 use super::alignment::{check_factor, counted};
-use super::arrays::{Array2, to_array2};
-use super::errors::value_error;
+use super::arrays::{Affine, Array2, Pose, to_array2};
+use super::calls::{detached, value_error};
 use super::observations::PyObservations;
-use super::poses::{affine, isometry};
-use super::threads::detached;
 use crate::alignment::{Anchored, MiniBatch};
 
 #[pyclass(name = "AnchoredPoints", frozen)]
@@ -21,8 +19,8 @@ impl PyAnchoredPoints {
     #[new]
     #[pyo3(signature = (observations, anchor, *, factor, edge_band_px, visible_only, max_points=usize::MAX, constant_radius=0))]
     fn new(
-        observations: &PyObservations,
-        anchor: PyReadonlyArray2<f64>,
+        observations: PyRef<'_, PyObservations>,
+        anchor: Pose,
         factor: usize,
         edge_band_px: usize,
         visible_only: bool,
@@ -30,20 +28,10 @@ impl PyAnchoredPoints {
         constant_radius: usize,
     ) -> PyResult<Self> {
         check_factor(factor, &observations.0.camera)?;
-        let py = anchor.py();
-        let (anchor, counted) = (isometry(&anchor)?, counted(visible_only));
-        let new = || {
-            Anchored::new(
-                Arc::clone(&observations.0),
-                factor,
-                edge_band_px,
-                max_points,
-                &anchor,
-                counted,
-                constant_radius,
-            )
-        };
-        Ok(Self(detached(py, new)))
+        let (seen, counted) = (Arc::clone(&observations.0), counted(visible_only));
+        let choose =
+            || Anchored::new(seen, factor, edge_band_px, max_points, &anchor.0, counted, constant_radius);
+        Ok(Self(detached(observations.py(), choose)))
     }
 
     #[getter]
@@ -62,11 +50,11 @@ impl PyAnchoredPoints {
         &self,
         py: Python<'_>,
         indices: PyReadonlyArray1<i64>,
-        t_camera_lidar: PyReadonlyArray2<f64>,
+        t_camera_lidar: Affine,
     ) -> PyResult<PyMiniBatch> {
-        let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
+        let indices = self.indices(&indices)?;
         // On this thread: what threads take turns at takes longer than a mini-batch where other work shares the cores.
-        Ok(PyMiniBatch(py.detach(|| self.0.sample(&indices, &t_camera_lidar))))
+        Ok(PyMiniBatch(py.detach(|| self.0.sample(&indices, &t_camera_lidar.0))))
     }
 }
 

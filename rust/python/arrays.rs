@@ -1,18 +1,16 @@
-//! Rows, images and matrices from NumPy and to it.
+//! Rows, images, matrices and rigid transforms from NumPy and to it.
 
 use std::borrow::Cow;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Isometry3, Matrix3x4, Rotation3, Translation3, UnitQuaternion};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::errors::value_error;
+use super::calls::value_error;
 use crate::label_image::LabelImage;
 
-/// A matrix to NumPy.
 pub(super) type Array2<'py> = Bound<'py, PyArray2<f64>>;
 
-/// A matrix from NumPy.
 pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<DMatrix<f64>> {
     let matrix = matrix.as_array();
     if matrix.shape() != [6, 6] {
@@ -24,7 +22,6 @@ pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<DMatrix<f64
     Ok(DMatrix::from_fn(6, 6, |row, column| matrix[[row, column]]))
 }
 
-/// Rows from NumPy, copied.
 pub(super) fn rows<const N: usize, T: Copy + numpy::Element>(
     name: &str,
     array: &PyReadonlyArray2<T>,
@@ -61,7 +58,55 @@ pub(super) fn dense_image(array: &PyReadonlyArray2<u8>) -> LabelImage<u8> {
     LabelImage { width, height, ids }
 }
 
-/// A label image to NumPy.
 pub(super) fn image_array(py: Python<'_>, image: LabelImage<u8>) -> PyResult<Bound<'_, PyArray2<u8>>> {
     image.ids.into_pyarray(py).reshape([image.height, image.width])
+}
+
+/// `T_camera_lidar`, which is taken to be rigid, (4, 4) in Python.
+#[derive(Clone, Copy)]
+pub(super) struct Pose(pub Isometry3<f64>);
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Pose {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let Affine(m) = object.extract()?;
+        let rotation = Rotation3::from_matrix_unchecked(m.fixed_columns::<3>(0).into_owned());
+        let translation = Translation3::from(m.column(3).into_owned());
+        Ok(Self(Isometry3::from_parts(translation, UnitQuaternion::from_rotation_matrix(&rotation))))
+    }
+}
+
+impl<'py> IntoPyObject<'py> for Pose {
+    type Target = PyArray2<f64>;
+    type Output = Bound<'py, Self::Target>;
+    type Error = PyErr;
+
+    fn into_pyobject(self, py: Python<'py>) -> PyResult<Self::Output> {
+        let rows: [[f64; 4]; 4] = self.0.to_homogeneous().transpose().into();
+        to_array2(py, &rows)
+    }
+}
+
+/// The first three rows of a transform that needs not be rigid.
+pub(super) struct Affine(pub Matrix3x4<f64>);
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Affine {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let matrix: PyReadonlyArray2<f64> = object.extract()?;
+        let m = matrix.as_array();
+        if m.dim() != (4, 4) || m.iter().any(|x| !x.is_finite()) {
+            return Err(value_error("T_camera_lidar needs to be a finite 4 x 4 matrix"));
+        }
+        Ok(Self(Matrix3x4::from_fn(|i, j| m[[i, j]])))
+    }
+}
+
+#[pyfunction]
+pub(super) fn quaternion(t: Pose) -> [f64; 4] {
+    let rotation = t.0.rotation.into_inner().normalize();
+    let canonical = if rotation.w < 0.0 { -rotation } else { rotation };
+    canonical.coords.into()
 }

@@ -7,9 +7,8 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-use super::arrays::{Array2, rows, to_array2};
-use super::poses::isometry;
-use super::threads::detached;
+use super::arrays::{Array2, Pose, rows, to_array2};
+use super::calls::detached;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::visibility;
@@ -33,7 +32,6 @@ impl PyCamera {
         Ok(Self(Camera::with_parameters(model, (width, height), k, &distortion, &parameters)?))
     }
 
-    /// Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold.
     fn project<'py>(&self, py: Python<'py>, points_camera: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
         let points: Vec<[f64; 3]> = rows("points_camera", &points_camera)?;
         let pixel = |&p: &[f64; 3]| match self.0.project(&Vector3::from(p)) {
@@ -43,7 +41,6 @@ impl PyCamera {
         to_array2(py, &points.iter().map(pixel).collect::<Vec<_>>())
     }
 
-    /// Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach.
     fn unproject<'py>(&self, py: Python<'py>, pixels: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
         let pixels: Vec<[f64; 2]> = rows("pixels", &pixels)?;
         let ray = |&p: &[f64; 2]| self.0.unproject(&p.into()).map_or([f64::NAN; 3], Into::into);
@@ -51,13 +48,11 @@ impl PyCamera {
         to_array2(py, &rays)
     }
 
-    /// The largest incidence angle, radians, at which the model holds.
     #[getter]
     fn limit(&self) -> f64 {
         self.0.limit()
     }
 
-    /// Columns a radian on the optical axis.
     #[getter]
     fn pixels_per_radian(&self) -> f64 {
         self.0.pixels_per_radian()
@@ -76,13 +71,13 @@ pub(super) fn project_points(
     py: Python<'_>,
     camera: &PyCamera,
     points: PyReadonlyArray2<f32>,
-    t_camera_lidar: PyReadonlyArray2<f64>,
+    t_camera_lidar: Pose,
 ) -> PyResult<PyProjected> {
-    let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
+    let points = rows("points", &points)?;
     let (mut pixels, mut ranges, mut is_hidden) =
         (vec![[f64::NAN; 2]; points.len()], vec![f64::NAN; points.len()], vec![false; points.len()]);
     detached(py, || {
-        let projected = visibility::project_points(&camera.0, &points, 0..points.len(), &pose);
+        let projected = visibility::project_points(&camera.0, &points, 0..points.len(), &t_camera_lidar.0);
         for (point, hidden) in projected.iter().zip(visibility::hidden(&camera.0, &points, &projected)) {
             pixels[point.index] = point.pixel.into();
             ranges[point.index] = point.p_camera.norm();

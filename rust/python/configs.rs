@@ -6,17 +6,16 @@ use std::fmt::Debug;
 use pyo3::conversion::FromPyObjectOwned;
 use pyo3::prelude::*;
 
-use super::errors::value_error;
-use crate::alignment::{AlignmentConfig, JointConfig, PolishConfig, SensitivityConfig};
+use super::calls::value_error;
+use crate::alignment::{AlignmentConfig, JointConfig, SensitivityConfig};
 use crate::labelling::Neighbors;
 use crate::registration::RegistrationConfig;
 use crate::segmentation::SegmentationConfig;
 use crate::semantic_distance::DescentConfig;
 use crate::shutter::{Direction, Shutter};
-use crate::world::{Lidar, ScanPattern};
+use crate::world::{Lidar, Pattern};
 use crate::zoom::Zoom;
 
-/// What a setting has to be.
 struct Needs<T> {
     holds: fn(&T) -> bool,
     words: &'static str,
@@ -49,30 +48,53 @@ where
 }
 
 /// Fills structs from the attributes of a Python object that are named after their fields, and checks them. `step_rad:
-/// step_deg` takes an angle from an attribute of another name, in degrees.
+/// step_deg => radians` takes a field from an attribute of another name, and converts it.
 macro_rules! from_attributes {
-    ($($config:ident { $($field:ident $(: $degrees:ident)? $([$needs:ident])?),+ $(,)? })+) => {
+    ($($config:ident { $($field:ident $(: $other:ident $(=> $convert:ident)?)? $([$needs:ident])?),+ $(,)? })+) => {
         $(impl<'py> FromPyObject<'_, 'py> for $config {
             type Error = PyErr;
 
             fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-                Ok(Self { $($field: from_attributes!(@read object, $field $(: $degrees)?, [$($needs)?])),+ })
+                Ok(Self {
+                    $($field: {
+                        let value = attribute(object, name!($field $($other)?), needs!($($needs)?))?;
+                        $($(let value = $convert(value);)?)?
+                        value
+                    }),+
+                })
             }
         })+
 
         /// The attributes that each of the core's settings is read from.
         static ATTRIBUTES: &[(&str, &[&str])] =
-            &[$((stringify!($config), &[$(from_attributes!(@name $field $($degrees)?)),+])),+];
+            &[$((stringify!($config), &[$(name!($field $($other)?)),+])),+];
     };
-    (@read $object:ident, $field:ident, []) => { attribute($object, stringify!($field), None)? };
-    (@read $object:ident, $field:ident, [$needs:ident]) => {
-        attribute($object, stringify!($field), Some(&$needs))?
+}
+
+macro_rules! name {
+    ($field:ident) => {
+        stringify!($field)
     };
-    (@read $object:ident, $field:ident : $degrees:ident, [$needs:ident]) => {
-        f64::to_radians(attribute($object, stringify!($degrees), Some(&$needs))?)
+    ($field:ident $other:ident) => {
+        stringify!($other)
     };
-    (@name $field:ident) => { stringify!($field) };
-    (@name $field:ident $degrees:ident) => { stringify!($degrees) };
+}
+
+macro_rules! needs {
+    () => {
+        None
+    };
+    ($needs:ident) => {
+        Some(&$needs)
+    };
+}
+
+fn radians(degrees: f64) -> f64 {
+    degrees.to_radians()
+}
+
+fn seconds(milliseconds: f64) -> f64 {
+    1e-3 * milliseconds
 }
 
 from_attributes! {
@@ -102,13 +124,13 @@ from_attributes! {
     }
     RegistrationConfig {
         zoom,
-        coarse_cell: coarse_cell_deg [ABOVE_ZERO],
-        fine_cell: fine_cell_deg [ABOVE_ZERO],
-        max_roll: max_roll_deg [NOT_BELOW_ZERO],
-        roll_step: roll_step_deg [ABOVE_ZERO],
+        coarse_cell: coarse_cell_deg => radians [ABOVE_ZERO],
+        fine_cell: fine_cell_deg => radians [ABOVE_ZERO],
+        max_roll: max_roll_deg => radians [NOT_BELOW_ZERO],
+        roll_step: roll_step_deg => radians [ABOVE_ZERO],
         min_cells_of_most,
         num_hypotheses,
-        separation: separation_deg [NOT_BELOW_ZERO],
+        separation: separation_deg => radians [NOT_BELOW_ZERO],
     }
     SegmentationConfig {
         ground_tolerance_m,
@@ -119,14 +141,14 @@ from_attributes! {
         min_points,
     }
     DescentConfig {
-        step_rad: step_deg [ABOVE_ZERO],
+        step_rad: step_deg => radians [ABOVE_ZERO],
         step_m,
         tolerance,
         max_rounds,
         max_restarts,
         max_points [AT_LEAST_ONE],
     }
-    LidarSettings {
+    Lidar {
         pattern,
         channels,
         columns,
@@ -136,87 +158,65 @@ from_attributes! {
         dropout,
         max_range_m,
         sweep_s,
-        lidar_tilt_deg,
+        tilt_deg: lidar_tilt_deg,
     }
-    ShutterSettings { delay_ms, readout_ms, readout_direction }
+    Shutter { delay_s: delay_ms => seconds, readout_s: readout_ms => seconds, direction: readout_direction }
 }
 
-/// The attributes that each of the core's settings is read from, by the name of the setting.
 #[pyfunction]
 pub(super) fn config_attributes() -> Vec<(&'static str, Vec<&'static str>)> {
     ATTRIBUTES.iter().map(|(config, names)| (*config, names.to_vec())).collect()
 }
 
-impl<'py> FromPyObject<'_, 'py> for Zoom {
-    type Error = PyErr;
+/// The settings of a polish: the same ascent over the pose alone, in full resolution.
+pub(super) struct PolishConfig {
+    edge_band_px: usize,
+    max_rounds: usize,
+    max_steps: usize,
+    tolerance_px: f64,
+    max_baseline_m: f64,
+}
 
-    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        let name: String = object.extract()?;
-        match name.as_str() {
-            "exact" => Ok(Self::Exact),
-            "paper" => Ok(Self::Paper),
-            other => {
-                let message = format!("zoom '{other}' is not known, needs exact or paper");
-                Err(value_error(message))
-            }
+impl From<PolishConfig> for JointConfig {
+    fn from(config: PolishConfig) -> Self {
+        let PolishConfig { edge_band_px, max_rounds, max_steps, tolerance_px: tolerance, max_baseline_m } =
+            config;
+        Self {
+            factors: vec![1],
+            edge_band_px,
+            max_coarse_points: usize::MAX,
+            max_rounds,
+            max_steps,
+            tolerance,
+            max_baseline_m,
+            changes: Vec::new(),
+            sigmas: Vec::new(),
+            evidence: 1.0,
         }
     }
 }
 
-/// A LiDAR as a synthetic drive describes it.
-struct LidarSettings {
-    pattern: String,
-    channels: usize,
-    columns: usize,
-    fov_up_deg: f64,
-    fov_down_deg: f64,
-    range_noise_m: f64,
-    dropout: f64,
-    max_range_m: f64,
-    sweep_s: f64,
-    lidar_tilt_deg: f64,
+/// Reads variants from their names.
+macro_rules! from_names {
+    ($($kind:ident { $($name:literal => $variant:ident),+ })+) => {
+        $(impl<'py> FromPyObject<'_, 'py> for $kind {
+            type Error = PyErr;
+
+            fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+                match object.extract::<String>()?.as_str() {
+                    $($name => Ok(Self::$variant),)+
+                    other => {
+                        let (kind, needed) = (stringify!($kind).to_lowercase(), [$($name),+].join(" or "));
+                        Err(value_error(format!("{kind} '{other}' is not known, needs {needed}")))
+                    }
+                }
+            }
+        })+
+    };
 }
 
-impl<'py> FromPyObject<'_, 'py> for Lidar {
-    type Error = PyErr;
-
-    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        let LidarSettings { pattern, channels, columns, fov_up_deg, fov_down_deg, .. } = object.extract()?;
-        let LidarSettings { range_noise_m, dropout, max_range_m, sweep_s, lidar_tilt_deg, .. } =
-            object.extract()?;
-        let pattern = match pattern.as_str() {
-            "spinning" => ScanPattern::Spinning { channels, columns, fov_up_deg, fov_down_deg },
-            "rosette" => ScanPattern::Rosette { points: channels * columns, fov_up_deg, fov_down_deg },
-            other => return Err(value_error(format!("pattern '{other}' is not known"))),
-        };
-        Ok(Self { pattern, range_noise_m, dropout, max_range_m, sweep_s, tilt_deg: lidar_tilt_deg })
-    }
-}
-
-/// A shutter as a synthetic drive describes it.
-struct ShutterSettings {
-    delay_ms: f64,
-    readout_ms: f64,
-    readout_direction: String,
-}
-
-impl<'py> FromPyObject<'_, 'py> for Shutter {
-    type Error = PyErr;
-
-    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        let ShutterSettings { delay_ms, readout_ms, readout_direction } = object.extract()?;
-        let direction = direction(&readout_direction)?;
-        Ok(Self { delay_s: 1e-3 * delay_ms, readout_s: 1e-3 * readout_ms, direction })
-    }
-}
-
-/// The way in which a shutter rolls, by its name.
-pub(super) fn direction(name: &str) -> PyResult<Direction> {
-    match name {
-        "down" => Ok(Direction::Down),
-        "up" => Ok(Direction::Up),
-        "right" => Ok(Direction::Right),
-        "left" => Ok(Direction::Left),
-        other => Err(value_error(format!("readout direction '{other}' is not known"))),
-    }
+from_names! {
+    Zoom { "exact" => Exact, "paper" => Paper }
+    Pattern { "spinning" => Spinning, "rosette" => Rosette }
+    Direction { "down" => Down, "up" => Up, "right" => Right, "left" => Left }
 }

@@ -4,8 +4,7 @@ use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyA
 use pyo3::prelude::*;
 
 use super::arrays::borrowed_rows;
-use super::errors::value_error;
-use super::threads::detached;
+use super::calls::{detached, value_error};
 use crate::error::Result;
 use crate::labelling::{Neighbors, Places, Projection, RangeView, Scores};
 

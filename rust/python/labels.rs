@@ -1,4 +1,4 @@
-//! Class shares and label images.
+//! Sweeps, class shares and label images, as they are read from files.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,13 +11,68 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 
 use super::arrays::dense_image;
-use super::errors::value_error;
-use super::threads::detached;
-use crate::class_shares::ClassShares;
-use crate::class_table::{self, NUM_IDS};
+use super::calls::{detached, value_error};
+use crate::classes::{self, ClassShares, NUM_IDS};
 use crate::label_image::{Encoding, LabelImage};
+use crate::point_cloud::{self, Limit, MAX_POINTS, PointCloud};
 use crate::probabilities;
 use crate::speckle::despeckled;
+
+#[pyclass(name = "PointCloud", frozen, get_all)]
+pub(super) struct PyPointCloud {
+    points: Py<PyArray2<f32>>,
+    intensity: Option<Py<PyArray1<f32>>>,
+    ring: Option<Py<PyArray1<u16>>>,
+    time: Option<Py<PyArray1<f64>>>,
+    labels: Option<Py<PyArray1<u16>>>,
+    label_shares: Option<Py<PyClassShares>>,
+    num_no_returns: usize,
+    is_return: Py<PyArray1<bool>>,
+}
+
+impl PyPointCloud {
+    fn new(py: Python<'_>, cloud: PointCloud) -> PyResult<Self> {
+        let count = cloud.points.len();
+        Ok(Self {
+            points: cloud.points.into_flattened().into_pyarray(py).reshape([count, 3])?.unbind(),
+            intensity: cloud.intensity.map(|x| x.into_pyarray(py).unbind()),
+            ring: cloud.ring.map(|x| x.into_pyarray(py).unbind()),
+            time: cloud.time.map(|x| x.into_pyarray(py).unbind()),
+            labels: cloud.labels.map(|x| x.into_pyarray(py).unbind()),
+            label_shares: cloud
+                .label_shares
+                .map(|shares| Py::new(py, PyClassShares(shares.into())))
+                .transpose()?,
+            num_no_returns: cloud.num_no_returns,
+            is_return: cloud.is_return.into_pyarray(py).unbind(),
+        })
+    }
+}
+
+#[pyfunction]
+#[pyo3(signature = (paths, max_points=MAX_POINTS))]
+pub(super) fn read_point_clouds(
+    py: Python<'_>,
+    paths: Vec<(PathBuf, Option<PathBuf>)>,
+    max_points: usize,
+) -> PyResult<Vec<PyPointCloud>> {
+    let clouds = detached(py, || point_cloud::read_all(&paths, Limit { max_points }))?;
+    clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()
+}
+
+#[pyfunction]
+#[pyo3(signature = (path, npy, labels, max_points=MAX_POINTS))]
+pub(super) fn parse_point_cloud(
+    py: Python<'_>,
+    path: PathBuf,
+    npy: &[u8],
+    labels: Option<PathBuf>,
+    max_points: usize,
+) -> PyResult<PyPointCloud> {
+    let (format, limit) = (point_cloud::Format::Npy, Limit { max_points });
+    let cloud = detached(py, || point_cloud::read_as(format, &path, npy, labels.as_deref(), limit))?;
+    PyPointCloud::new(py, cloud)
+}
 
 #[pyclass(name = "ClassShares", frozen)]
 pub(super) struct PyClassShares(pub(super) Arc<ClassShares>);
@@ -101,7 +156,7 @@ pub(super) fn seen_ids<'py>(
     ids: Vec<PyReadonlyArrayDyn<u16>>,
 ) -> PyResult<Bound<'py, PyArray1<bool>>> {
     let frames = ids.iter().map(PyReadonlyArrayDyn::as_slice).collect::<Result<Vec<_>, _>>()?;
-    Ok(detached(py, || class_table::seen(&frames)).into_pyarray(py))
+    Ok(detached(py, || classes::seen(&frames)).into_pyarray(py))
 }
 
 #[pyfunction]
@@ -113,7 +168,7 @@ pub(super) fn look_up_classes<'py>(
     let table: &[u8; NUM_IDS] =
         table.as_slice()?.try_into().map_err(|_| value_error(format!("table needs {NUM_IDS} classes")))?;
     let values = ids.as_slice()?;
-    detached(py, || class_table::look_up(values, table)).into_pyarray(py).reshape(ids.shape())
+    detached(py, || classes::look_up(values, table)).into_pyarray(py).reshape(ids.shape())
 }
 
 #[pyfunction]

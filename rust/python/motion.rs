@@ -1,13 +1,14 @@
-//! The LiDAR's motion.
+//! The LiDAR's motion, and compensation of it in sweeps and for a rolling shutter.
 
-use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::{borrowed_rows, to_array2};
-use super::errors::value_error;
-use super::poses::isometry;
-use super::threads::detached;
+use super::arrays::{Pose, borrowed_rows, to_array2};
+use super::calls::{detached, value_error};
+use super::camera::PyCamera;
+use crate::error::Result;
 use crate::motion::Trajectory;
+use crate::shutter::{Direction, Rolling, Shutter};
 
 #[pyclass(name = "Trajectory", frozen)]
 pub(super) struct PyTrajectory(pub(super) Trajectory);
@@ -20,8 +21,8 @@ impl PyTrajectory {
     }
 
     #[staticmethod]
-    fn through(stamps: Vec<f64>, poses: Vec<PyReadonlyArray2<f64>>) -> PyResult<Self> {
-        let poses = poses.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
+    fn through(stamps: Vec<f64>, poses: Vec<Pose>) -> Result<Self> {
+        let poses: Vec<_> = poses.iter().map(|pose| pose.0).collect();
         Ok(Self(Trajectory::through(&stamps, &poses)?))
     }
 
@@ -45,4 +46,29 @@ impl PyTrajectory {
             .map_err(|time| value_error(format!("nothing is known of the motion at {time} s")))?;
         to_array2(py, &moved)
     }
+}
+
+type Moved<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray1<f64>>);
+
+#[pyfunction]
+pub(super) fn unroll<'py>(
+    py: Python<'py>,
+    camera: &PyCamera,
+    readout: (f64, Direction),
+    points: PyReadonlyArray2<f32>,
+    seen_s: PyReadonlyArray1<f64>,
+    twist_per_s: [f64; 6],
+    t_camera_lidar: Pose,
+) -> PyResult<Moved<'py>> {
+    let shutter = Shutter { delay_s: 0.0, readout_s: readout.0, direction: readout.1 };
+    shutter.check()?;
+    let (twist_per_s, pose) = (twist_per_s.into(), t_camera_lidar.0);
+    let rolling = Rolling { camera: &camera.0, shutter, twist_per_s, pose };
+    let (points, seen_s) = (borrowed_rows("points", &points)?, seen_s.as_slice()?);
+    if points.len() != seen_s.len() {
+        return Err(value_error(format!("{} points need as many times", points.len())));
+    }
+    let (moved, exposed_s): (Vec<_>, Vec<_>) =
+        detached(py, || rolling.unroll(&points, seen_s)).into_iter().unzip();
+    Ok((to_array2(py, &moved)?, exposed_s.into_pyarray(py)))
 }

@@ -6,14 +6,14 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::arrays::{dense_image, rows};
+use super::calls::value_error;
 use super::camera::PyCamera;
-use super::errors::value_error;
 use super::labels::PyClassShares;
 use super::segmentation::PyPartitions;
-use crate::class_shares::ClassShares;
+use crate::classes::ClassShares;
 use crate::label_image::LabelImage;
+use crate::observation::Partitions;
 use crate::observation::{Frame, Observations};
-use crate::partitions::Partitions;
 use crate::pyramid::LabelPyramid;
 use crate::visibility::Sweep;
 
@@ -46,9 +46,6 @@ impl PyLabelledCloud {
 
 impl PyLabelledCloud {
     /// The points and their classes.
-    ///
-    /// # Errors
-    /// They are not as many.
     pub(super) fn arrays(&self) -> PyResult<(&[[f32; 3]], &[u8])> {
         let (points, classes) = (self.points.len(), self.classes.len());
         if points != classes {
@@ -96,7 +93,6 @@ impl PyObservations {
 }
 
 impl PyLabelledImage {
-    /// The classes of the pixels.
     pub(super) fn classes(&self) -> &LabelImage<u8> {
         &self.pyramid.classes
     }

@@ -1,17 +1,71 @@
-//! The registration of label images with spherical images, and the correspondences from it.
+//! Spherical images and their grids, the registration of label images with them, and the correspondences from it.
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::{image_array, to_array2};
-use super::errors::value_error;
+use super::arrays::{Pose, borrowed_rows, image_array, to_array2};
+use super::calls::{detached, value_error};
 use super::observations::PyObservations;
-use super::poses::isometry;
-use super::spherical::PySphericalImages;
-use super::threads::detached;
 use crate::correspondences::{self, Correspondence};
+use crate::error::Result;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
+use crate::spherical::{self, SphericalGrid, SphericalImages};
 use crate::zoom::{self, Zoom, Zoomed};
+
+#[pyclass(name = "Grid", frozen, get_all)]
+pub(super) struct PyGrid {
+    rows: usize,
+    columns: usize,
+    top: f64,
+    cell_height: f64,
+}
+
+impl PyGrid {
+    fn new(grid: SphericalGrid) -> Self {
+        let SphericalGrid { rows, columns, top, cell_height } = grid;
+        Self { rows, columns, top, cell_height }
+    }
+
+    fn core(&self) -> SphericalGrid {
+        let Self { rows, columns, top, cell_height } = *self;
+        SphericalGrid { rows, columns, top, cell_height }
+    }
+}
+
+#[pyclass(name = "SphericalImages", frozen)]
+pub(super) struct PySphericalImages(pub(super) SphericalImages);
+
+#[pymethods]
+impl PySphericalImages {
+    #[new]
+    fn new(py: Python<'_>, observations: &PyObservations, grid: &PyGrid) -> Self {
+        Self(detached(py, || SphericalImages::new(&observations.0, grid.core())))
+    }
+
+    #[getter]
+    fn grid(&self) -> PyGrid {
+        PyGrid::new(self.0.grid)
+    }
+
+    fn classes<'py>(&self, py: Python<'py>, frame: usize) -> PyResult<Bound<'py, PyArray2<u8>>> {
+        if frame >= self.0.returns.len() {
+            return Err(value_error(format!("frame {frame} is not one of {}", self.0.returns.len())));
+        }
+        image_array(py, self.0.label_image(frame))
+    }
+}
+
+#[pyfunction]
+pub(super) fn scan_grid(channels: usize, columns: usize, fov_up: f64, fov_down: f64) -> Result<PyGrid> {
+    SphericalGrid::from_scan(channels, columns, fov_up, fov_down).map(PyGrid::new)
+}
+
+#[pyfunction]
+pub(super) fn estimate_grid(py: Python<'_>, points: Vec<PyReadonlyArray2<f32>>) -> PyResult<PyGrid> {
+    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
+    Ok(PyGrid::new(detached(py, || spherical::estimate(&sweeps))?))
+}
 
 #[pyclass(name = "Hypothesis", frozen)]
 pub(super) struct PyHypothesis(pub(super) Hypothesis);
@@ -66,12 +120,9 @@ pub(super) fn register(
     observations: &PyObservations,
     images: &PySphericalImages,
     config: RegistrationConfig,
-    around: Option<(PyReadonlyArray2<f64>, f64)>,
+    around: Option<(Pose, f64)>,
 ) -> PyResult<Vec<PyHypothesis>> {
-    let around = match &around {
-        Some((pose, angle)) => Some((isometry(pose)?.rotation.to_rotation_matrix(), *angle)),
-        None => None,
-    };
+    let around = around.map(|(pose, angle)| (pose.0.rotation.to_rotation_matrix(), angle));
     let found = detached(py, || registration::register(&observations.0, &images.0, &config, around))?;
     Ok(found.into_iter().map(PyHypothesis).collect())
 }

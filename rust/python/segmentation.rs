@@ -7,9 +7,8 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::arrays::borrowed_rows;
-use super::errors::value_error;
-use super::threads::detached;
-use crate::partitions::Partitions;
+use super::calls::{detached, value_error};
+use crate::observation::Partitions;
 use crate::segmentation::{self, SegmentationConfig, SegmentedSweep};
 
 #[pyclass(name = "Up", frozen, get_all)]

@@ -2,20 +2,19 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray2, PyReadonlyArray2};
+use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
-use super::arrays::rows;
+use super::arrays::{Pose, rows};
+use super::calls::{detached, value_error};
 use super::camera::PyCamera;
-use super::errors::value_error;
-use super::poses::{isometry, matrix};
-use super::threads::detached;
+use crate::error::Result;
 use crate::semantic_distance::{ClassInFrame, DescentConfig, SemanticDistance};
 
 #[pyclass(name = "DistanceMinimum", frozen, get_all)]
 pub(super) struct PyDistanceMinimum {
     #[pyo3(name = "T_camera_lidar")]
-    t_camera_lidar: Py<PyArray2<f64>>,
+    t_camera_lidar: Pose,
     cost_px: f64,
     num_evaluations: usize,
     converged: bool,
@@ -45,21 +44,19 @@ impl PySemanticDistance {
         Ok(Self(SemanticDistance::new(camera.0.clone(), parts?, block)))
     }
 
-    fn at(&self, py: Python<'_>, t_camera_lidar: PyReadonlyArray2<f64>) -> PyResult<f64> {
-        let pose = isometry(&t_camera_lidar)?;
-        Ok(detached(py, || self.0.at(&pose)))
+    fn at(&self, py: Python<'_>, t_camera_lidar: Pose) -> f64 {
+        detached(py, || self.0.at(&t_camera_lidar.0))
     }
 
     fn minimize(
         &self,
         py: Python<'_>,
-        t_camera_lidar: PyReadonlyArray2<f64>,
+        t_camera_lidar: Pose,
         config: DescentConfig,
-    ) -> PyResult<PyDistanceMinimum> {
-        let start = isometry(&t_camera_lidar)?;
-        let found = detached(py, || self.0.minimize(&start, &config))?;
+    ) -> Result<PyDistanceMinimum> {
+        let found = detached(py, || self.0.minimize(&t_camera_lidar.0, &config))?;
         Ok(PyDistanceMinimum {
-            t_camera_lidar: matrix(py, &found.pose)?.unbind(),
+            t_camera_lidar: Pose(found.pose),
             cost_px: found.cost_px,
             num_evaluations: found.num_evaluations,
             converged: found.converged,

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::errors::value_error;
+use super::calls::value_error;
 use crate::distributions;
 
 #[pyfunction]

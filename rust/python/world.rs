@@ -1,13 +1,12 @@
 //! Synthetic streets.
 
 use nalgebra::Vector6;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::to_array2;
+use super::arrays::{Pose, to_array2};
+use super::calls::detached;
 use super::camera::PyCamera;
-use super::poses::isometry;
-use super::threads::detached;
 use crate::world::{Class, Frame, Lidar, Renderer, Rig, Shutter, Visibility};
 
 #[pyclass(name = "Renderer", frozen)]
@@ -23,12 +22,11 @@ impl PyRenderer {
     fn new(
         py: Python<'_>,
         camera: &PyCamera,
-        t_camera_lidar: PyReadonlyArray2<f64>,
+        t_camera_lidar: Pose,
         config: &Bound<'_, PyAny>,
     ) -> PyResult<Self> {
         let (lidar, shutter): (Lidar, Shutter) = (config.extract()?, config.extract()?);
-        let rig =
-            Rig { lidar, camera: camera.0.clone(), t_camera_lidar: isometry(&t_camera_lidar)?, shutter };
+        let rig = Rig { lidar, camera: camera.0.clone(), t_camera_lidar: t_camera_lidar.0, shutter };
         let size = [camera.0.height, camera.0.width];
         Ok(Self { renderer: detached(py, || Renderer::new(rig))?, size })
     }

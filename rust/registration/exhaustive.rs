@@ -9,8 +9,8 @@ use std::ops::Range;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::config::{Around, RegistrationConfig};
-use super::downsampled::{Downsampled, downsampled};
+use super::local::{Downsampled, downsampled};
+use super::{Around, RegistrationConfig};
 use crate::error::{Error, Result};
 use crate::observation::Observations;
 use crate::point_cloud::to_f64;
@@ -20,7 +20,6 @@ use crate::zoom::{Placement, Zoomed};
 /// A placement of the exhaustive search with its score.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
-    /// Placement of the image.
     pub placement: Placement,
     /// Mutual information less its bias, nats.
     pub mutual_information: f64,
@@ -278,11 +277,7 @@ impl<'a> Counts<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::Camera;
-    use crate::label_image::LabelImage;
     use crate::mutual_information::JointHistogram;
-    use crate::observation::Frame;
-    use crate::spherical::from_angles;
     use crate::zoom::Zoom;
     use nalgebra::Rotation3;
     use proptest::prelude::*;
@@ -341,31 +336,5 @@ mod tests {
                 assert!(!narrowed.allows(&Placement::of_rotation(&turned(0.4))));
             }
         }
-    }
-
-    #[test]
-    fn a_sliver_is_no_candidate() {
-        let k = [[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]];
-        let camera = Camera::new("plumb_bob", (64, 48), k, &[]).expect("a valid camera");
-        let ids = (0..64 * 48).map(|i| u8::from(i % 64 > 40)).collect();
-        let image_classes = LabelImage { width: 64, height: 48, ids };
-        // A sweep over half of the horizon: most directions see its border only, or nothing.
-        let at = |i: u16| from_angles(f64::from(i % 90) * 0.035, f64::from(i / 90) * 0.02 - 0.2);
-        let points = (0..1800).map(|i| (at(i) * 9.0).cast::<f32>().into()).collect();
-        let point_classes = (0..1800).map(|i| u8::from(i % 90 > 50)).collect();
-        let frame = Frame::certain(points, point_classes, image_classes);
-        let observations = Observations::new(camera, vec![frame], 2, 2).expect("valid observations");
-        let grid = SphericalGrid::from_scan(20, 180, 0.2, -0.2).expect("a valid scan");
-        let images = SphericalImages::new(&observations, grid);
-        let zoomed = Zoomed::new(&observations.camera, Zoom::Exact).expect("a picture");
-        let num_cells = |min_cells_of_most| {
-            let config = RegistrationConfig { min_cells_of_most, ..CONFIG };
-            let found = search(&observations, &zoomed, &images, &images.grid.coarsened(0.05), &config, None);
-            found.expect("an overlap").iter().map(|c| c.num_cells).collect::<Vec<_>>()
-        };
-        let (all, enough) = (num_cells(0.0), num_cells(0.1));
-        let most = all.iter().copied().fold(0.0, f64::max);
-        assert!(all.iter().any(|&n| n < 0.1 * most));
-        assert!(enough.iter().all(|&n| n >= 0.1 * most) && enough.contains(&most));
     }
 }

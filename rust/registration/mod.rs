@@ -4,24 +4,19 @@
 //! over all azimuths, the elevations at which image and sweep overlap, and in-plane rotations is searched exhaustively
 //! on coarse cells. Powell's method on finer cells then refines the best placements that are well apart.
 
-mod config;
-mod downsampled;
 mod exhaustive;
-mod hypothesis;
 mod local;
 
 use nalgebra::Rotation3;
 use rayon::prelude::*;
 
 use crate::error::Result;
+use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::spherical::SphericalImages;
-use crate::zoom::{Placement, Zoomed};
+use crate::zoom::{Placement, Zoom, Zoomed};
 use exhaustive::Candidate;
 use local::Compared;
-
-pub use config::{Around, RegistrationConfig};
-pub use hypothesis::Hypothesis;
 
 /// Number of cells across the image: in the exhaustive search, and in Powell's method.
 const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
@@ -29,6 +24,34 @@ const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
 const REACH: f64 = 1.5;
 /// Number of hypotheses that fit side by side across the image.
 const SEPARATIONS_ACROSS: f64 = 4.0;
+
+/// Its fields are those of `InitializationConfig` in Python, which says what they mean; angles in radians.
+#[derive(Clone, Copy, Debug)]
+pub struct RegistrationConfig {
+    pub zoom: Zoom,
+    pub coarse_cell: f64,
+    pub fine_cell: f64,
+    pub max_roll: f64,
+    pub roll_step: f64,
+    pub min_cells_of_most: f64,
+    pub num_hypotheses: usize,
+    pub separation: f64,
+}
+
+/// A rotation of `T_camera_lidar`, and the angle (radians) from it within which others are searched.
+pub type Around = (Rotation3<f64>, f64);
+
+/// A placement of the image on the sphere, with the agreement of the labels there.
+#[derive(Clone, Debug)]
+pub struct Hypothesis {
+    pub placement: Placement,
+    /// Mutual information of the pooled histogram, nats, less its bias.
+    pub mutual_information: f64,
+    /// Number of labelled returns, among those used, on a labelled pixel, over all frames.
+    pub num_pairs: f64,
+    /// The pooled histogram.
+    pub joint: JointHistogram,
+}
 
 /// Finds the best well-separated placements, best first, among all or among those around one.
 ///

@@ -55,7 +55,6 @@ fn halved(
     Some((only_members(left), only_members(right)))
 }
 
-/// The first slice right of the best cut.
 fn best_cut(counts: &[usize; NUM_SLICES], min_points: usize) -> Option<usize> {
     let total: usize = counts.iter().sum();
     let thickness = |cut: usize| counts[cut - 1] + counts[cut];

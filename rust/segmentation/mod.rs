@@ -7,11 +7,8 @@
 //! returns, so that a pattern need be no range image. What is large is cut into pieces.
 
 mod components;
-mod config;
 mod cut;
 mod ground;
-mod plane;
-mod scan;
 #[cfg(test)]
 mod tests;
 mod turned;
@@ -20,7 +17,6 @@ mod up;
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
 use rayon::prelude::*;
 
-pub use config::SegmentationConfig;
 pub use turned::turned;
 pub use up::estimate_up;
 
@@ -37,7 +33,24 @@ const DENSE_SWEEP: f64 = 50_000.0;
 /// A segment needs this many points in any sweep.
 const FEWEST_POINTS: usize = 6;
 
-/// What a segment is part of.
+/// Its fields are those of `SegmentationConfig` in Python, which says what they mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SegmentationConfig {
+    pub ground_tolerance_m: f64,
+    pub ground_cell_m: f64,
+    pub object_gap_m: f64,
+    pub object_gap_rays: f64,
+    pub object_cell_m: f64,
+    pub min_points: usize,
+}
+
+impl SegmentationConfig {
+    /// The largest gap within an object, metres, where neighbouring rays are `rays` radians apart.
+    pub(super) fn gap(&self, range: f64, rays: f64) -> f64 {
+        self.object_gap_m + self.object_gap_rays * range * rays
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Kind {
@@ -47,12 +60,10 @@ pub enum Kind {
     Object = 1,
 }
 
-/// The segments of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentedSweep {
     /// Segment of each point, or [`NO_SEGMENT`]. Those of the ground come first.
     pub ids: Vec<u32>,
-    /// Kind of each segment.
     pub kinds: Vec<Kind>,
     /// Away from the ground, LiDAR frame; none where no ground was found, and everything is an object.
     pub up: Option<UnitVector3<f64>>,
@@ -104,11 +115,8 @@ pub fn is_return(point: &Vector3<f64>) -> bool {
     (MIN_RANGE_M..MAX_RANGE_M).contains(&point.norm())
 }
 
-/// Points that are returns.
 struct Returns {
-    /// Metres, LiDAR frame.
     points: Vec<Vector3<f64>>,
-    /// The index of each among all points.
     index: Vec<usize>,
 }
 
@@ -120,7 +128,6 @@ impl Returns {
     }
 }
 
-/// Segments, while they are found.
 struct Segments {
     ids: Vec<u32>,
     kinds: Vec<Kind>,

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{NO_SEGMENT, SegmentedSweep, upright};
 use crate::error::Result;
-use crate::partitions::Partitions;
+use crate::observation::Partitions;
 use crate::point_cloud::to_f64;
 use crate::spherical::{azimuth, elevation};
 
@@ -50,7 +50,6 @@ pub fn turned(
     sweeps.par_iter().zip(segmented).zip(&directions).map(partitions).collect()
 }
 
-/// A return that has a segment.
 struct Direction {
     point: usize,
     id: u32,

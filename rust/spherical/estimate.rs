@@ -81,19 +81,31 @@ mod tests {
 
     use super::*;
     use crate::spherical::EMPTY;
-    use crate::world::ScanPattern;
+    use crate::world::{Lidar, Pattern};
 
-    fn sweep(pattern: ScanPattern) -> Vec<[f32; 3]> {
+    fn sweep(lidar: Lidar) -> Vec<[f32; 3]> {
         let ranged =
             |(i, direction): (usize, Vector3<f64>)| (direction * (5.0 + (i % 17) as f64)).map(|x| x as f32);
-        pattern.directions(0).into_iter().enumerate().map(ranged).map(Into::into).collect()
+        lidar.directions(0).into_iter().enumerate().map(ranged).map(Into::into).collect()
+    }
+
+    fn rosette(columns: usize, fov_up_deg: f64, fov_down_deg: f64) -> Lidar {
+        Lidar {
+            pattern: Pattern::Rosette,
+            channels: 1,
+            columns,
+            fov_up_deg,
+            fov_down_deg,
+            ..Lidar::default()
+        }
     }
 
     #[test]
     fn channels_and_columns_are_found_in_the_points() {
         for (channels, columns) in [(16, 1800), (32, 1024), (64, 512), (128, 1024)] {
-            let sweep =
-                sweep(ScanPattern::Spinning { channels, columns, fov_up_deg: 15.0, fov_down_deg: -25.0 });
+            let lidar =
+                Lidar { channels, columns, fov_up_deg: 15.0, fov_down_deg: -25.0, ..Lidar::default() };
+            let sweep = sweep(lidar);
             let grid = estimate(&[&sweep]).expect("a grid");
             assert_eq!((grid.rows, grid.columns), (channels, columns));
             assert!((grid.top - 0.5 * grid.cell_height - 15f64.to_radians()).abs() < 1e-4);
@@ -103,7 +115,7 @@ mod tests {
     #[test]
     fn a_rosette_fills_its_cells() {
         let points = 40_000;
-        let sweep = sweep(ScanPattern::Rosette { points, fov_up_deg: 52.0, fov_down_deg: -7.0 });
+        let sweep = sweep(rosette(points, 52.0, -7.0));
         let grid = estimate(&[&sweep]).expect("a grid");
         let filled = grid.project(&sweep).iter().filter(|&&i| i != EMPTY).count();
         let cells = grid.rows * grid.columns;
@@ -114,7 +126,7 @@ mod tests {
     #[test]
     fn a_sparse_rosette_has_no_channels() {
         for points in [1000, 2000, 3000, 4000] {
-            let sweep = sweep(ScanPattern::Rosette { points, fov_up_deg: 10.0, fov_down_deg: -30.0 });
+            let sweep = sweep(rosette(points, 10.0, -30.0));
             let grid = estimate(&[&sweep]).expect("a grid");
             assert!(
                 (grid.cell_height - TAU / grid.columns as f64).abs() < 1e-3,

@@ -26,21 +26,15 @@ const MAX_PIXELS: usize = 1 << 24;
 /// right, from straight back over the left, front and right.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphericalGrid {
-    /// Cells from top to bottom.
     pub rows: usize,
-    /// Cells around.
     pub columns: usize,
     /// Elevation of the upper border, radians.
     pub top: f64,
-    /// Height of a cell, radians.
     pub cell_height: f64,
 }
 
 impl SphericalGrid {
     /// The grid of a spinning LiDAR, one row a channel; `fov_up` and `fov_down` are the outer channels' elevations.
-    ///
-    /// # Errors
-    /// There are fewer than two channels or four columns, or far too many, or the field of view is empty.
     pub fn from_scan(channels: usize, columns: usize, fov_up: f64, fov_down: f64) -> Result<Self> {
         let pixels = channels.checked_mul(columns).filter(|&n| n <= MAX_PIXELS);
         let upright = fov_up.partial_cmp(&fov_down) == Some(std::cmp::Ordering::Greater);
@@ -69,7 +63,6 @@ impl SphericalGrid {
     }
 
     /// The (row, column) a direction falls into, if it lies within the elevations.
-    #[inline]
     pub fn cell(&self, direction: &Vector3<f64>) -> Option<(usize, usize)> {
         let row = (self.top - elevation(direction)) / self.cell_height;
         if !(row >= 0.0 && row < self.rows as f64) {
@@ -80,7 +73,6 @@ impl SphericalGrid {
     }
 
     /// The unit direction (LiDAR frame) of a cell's centre.
-    #[inline]
     pub fn direction(&self, row: usize, column: usize) -> Vector3<f64> {
         let elevation = self.top - (row as f64 + 0.5) * self.cell_height;
         let azimuth = PI - (column as f64 + 0.5) / self.columns as f64 * TAU;
@@ -114,7 +106,6 @@ impl SphericalGrid {
 /// The spherical images of all frames (Alg. 2, line 1), as the labelled returns that win a pixel of the grid.
 #[derive(Clone, Debug)]
 pub struct SphericalImages {
-    /// What their pixels are.
     pub grid: SphericalGrid,
     /// Position (metres, LiDAR frame) and class of each, frame after frame.
     pub returns: Vec<Vec<LabelledReturn>>,
@@ -124,7 +115,6 @@ pub struct SphericalImages {
 pub type LabelledReturn = ([f32; 3], u8);
 
 impl SphericalImages {
-    /// Projects all frames.
     pub fn new(observations: &Observations, grid: SphericalGrid) -> Self {
         let labelled = |frame: &Frame| {
             let winners = grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY);
@@ -145,26 +135,22 @@ impl SphericalImages {
         LabelImage { width: self.grid.columns, height: self.grid.rows, ids }
     }
 
-    /// Returns of all frames.
     pub fn num_returns(&self) -> usize {
         self.returns.iter().map(Vec::len).sum()
     }
 }
 
 /// Angle from the x axis towards y, in (-pi, pi].
-#[inline]
 pub fn azimuth(direction: &Vector3<f64>) -> f64 {
     direction.y.atan2(direction.x)
 }
 
 /// Angle above the x-y plane.
-#[inline]
 pub fn elevation(direction: &Vector3<f64>) -> f64 {
     direction.z.atan2(direction.x.hypot(direction.y))
 }
 
 /// The unit vector of an azimuth and an elevation.
-#[inline]
 pub fn from_angles(azimuth: f64, elevation: f64) -> Vector3<f64> {
     Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
 }
@@ -182,14 +168,6 @@ mod tests {
     fn the_outer_channels_lie_in_the_outer_rows() {
         let at = |deg: f64| grid().cell(&from_angles(0.1, deg.to_radians())).map(|(row, _)| row);
         assert_eq!((at(10.0), at(-30.0), at(10.4), at(-30.4)), (Some(0), Some(63), None, None));
-    }
-
-    #[test]
-    fn nearest_return_wins_and_keeps_its_index() {
-        let point = |range: f32| [range, range * 1e-4, 0.0];
-        let index = grid().project(&[point(9.0), point(3.0), point(3.0), point(5.0)]);
-        let filled: Vec<u32> = index.into_iter().filter(|&i| i != EMPTY).collect();
-        assert_eq!(filled, [1]);
     }
 
     proptest! {

@@ -12,7 +12,6 @@ const FOUNDATION: f32 = -0.6;
 const DOOR: [f32; 3] = [0.25, 0.14, 0.08];
 const ROOF: [f32; 3] = [0.4, 0.2, 0.15];
 
-/// The outer size of a house.
 #[derive(Clone, Copy, Debug)]
 pub struct Size {
     pub width: f32,
@@ -20,7 +19,6 @@ pub struct Size {
     pub height: f32,
 }
 
-/// The paints of one house.
 struct Paints {
     wall: Paint,
     trim: Paint,

@@ -16,7 +16,6 @@ const MAX_COLUMN: f32 = 8.0;
 /// Grid lines nearer than this are one.
 const MERGE: f32 = 0.01;
 
-/// The paints of the ground's classes.
 struct Paints {
     road: Paint,
     line: Paint,
@@ -36,7 +35,6 @@ impl Paints {
     }
 }
 
-/// Adds the ground of a street.
 pub fn build(builder: &mut Builder, street: &Street) {
     let paints = Paints {
         road: builder.paint(Class::Road),

@@ -6,8 +6,8 @@ use rand::RngExt;
 
 use super::buildings::{self, Size};
 use super::mesh::Place;
-use super::site::{Site, near_branch};
-use super::{barriers, cycles, furniture, people, vegetation};
+use super::street::{Site, near_branch};
+use super::{furniture, people, vegetation};
 
 /// Lots are laid out along this much of the street, either way.
 const REACH: f32 = 92.0;
@@ -102,7 +102,7 @@ fn garden_house(site: &mut Site, lot: &Lot) {
     }
     let by_the_house = lot.front(site, 0.5 * share, 0.75 * setback);
     match site.builder.rng.random_range(0..3) {
-        0 => cycles::bicycle(&mut site.builder, &by_the_house),
+        0 => people::bicycle(&mut site.builder, &by_the_house),
         1 => furniture::wheeled_bins(&mut site.builder, &by_the_house),
         _ => people::pedestrian(&mut site.builder, &by_the_house),
     }
@@ -113,19 +113,19 @@ fn enclosure(site: &mut Site, lot: &Lot) {
     let (place, length) = lot.edge(site, 0.4);
     let b = &mut site.builder;
     match b.rng.random_range(0..5) {
-        0 | 1 => barriers::fence(b, &place, length),
+        0 | 1 => furniture::fence(b, &place, length),
         2 => {
             let height = b.rng.random_range(0.7..1.9);
-            barriers::wall(b, &place, length, height);
+            furniture::wall(b, &place, length, height);
         }
         3 => {
             let height = b.rng.random_range(0.8..1.7);
             vegetation::hedge(b, &place, length, height);
         }
         _ => {
-            barriers::wall(b, &place, length, 0.45);
+            furniture::wall(b, &place, length, 0.45);
             let above = Place { origin: place.at(0.0, 0.0, 0.5), ..place };
-            barriers::railing(b, &above, length);
+            furniture::railing(b, &above, length);
         }
     }
 }

@@ -4,36 +4,28 @@
 //! true parallax, and each [`Frame`] says which returns are hidden from the camera. A rig that moves fires every ray and
 //! exposes every line of the picture from where it is then, while the world stands still.
 
-mod barriers;
 mod buildings;
 mod classes;
-mod cycles;
 mod furniture;
 mod ground;
 mod layout;
 mod lots;
 mod mesh;
-mod noise;
-mod passage;
 mod people;
 mod picture;
 mod render;
 mod scene;
 mod sensors;
-mod shading;
-mod sight;
-mod site;
 mod street;
 mod surface;
-mod traffic;
 mod vegetation;
 mod vehicles;
 
 pub use crate::shutter::Shutter;
 pub use classes::Class;
+pub use picture::Visibility;
 pub use render::{Frame, Renderer};
-pub use sensors::{Lidar, Rig, ScanPattern};
-pub use sight::Visibility;
+pub use sensors::{Lidar, Pattern, Rig};
 
 /// No object comes nearer to the LiDAR's way than this, seen from above.
 const FREE_RADIUS_M: f32 = 2.5;

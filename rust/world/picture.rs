@@ -1,6 +1,6 @@
-//! The camera's side of a frame: one ray through the centre of each pixel.
+//! The camera's side of a frame: one ray through the centre of each pixel, and whether it sees a LiDAR return.
 
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use parry3d::math::Vec3;
 use rayon::prelude::*;
 
@@ -9,7 +9,7 @@ use super::layout::Stage;
 use super::mesh::GROUND;
 use super::scene::to_f32;
 use super::sensors::Rig;
-use super::shading::Spot;
+use super::surface::Spot;
 
 /// The camera sees no farther.
 const FAR_M: f32 = 500.0;
@@ -17,7 +17,6 @@ const FAR_M: f32 = 500.0;
 const SHADOW_OFFSET_M: f32 = 0.01;
 const SHADOW_REACH_M: f32 = 40.0;
 
-/// What a camera sees in one pixel.
 pub struct Pixel {
     pub label: u8,
     pub rgb: [u8; 3],
@@ -95,76 +94,57 @@ impl Neighbour {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use nalgebra::{Rotation3, UnitQuaternion, Vector6};
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
+/// A return is hidden when something stands this much nearer on the camera's line of sight.
+const HIDDEN_MARGIN_M: f64 = 0.1;
+/// When a rolling shutter exposes a point is known if it changes by less than this share of a line's time.
+const SETTLED_LINES: f64 = 0.1;
+/// A point whose line is not found in so many steps passes the camera faster than the shutter rolls.
+const MAX_STEPS: usize = 30;
 
-    use super::super::mesh::{Builder, Place};
-    use super::super::passage::Passage;
-    use super::super::scene::Scene;
-    use super::super::sensors::Lidar;
-    use super::super::shading::Light;
-    use super::*;
-    use crate::camera::Camera;
-    use crate::shutter::{Direction, Shutter};
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    Outside,
+    Hidden,
+    Visible,
+}
 
-    const FOCAL: f64 = 100.0;
-    const SIZE: [usize; 2] = [160, 120];
-    /// Metres to the rear of a post, which is its left edge, and speed to the left.
-    const RANGE_M: f32 = 10.0;
-    const SPEED_M_S: f64 = 15.0;
+/// What a ray of the LiDAR met.
+pub struct Target {
+    /// When it was fired, seconds from the middle of the sweep.
+    pub time_s: f64,
+    /// Where it was measured, LiDAR frame of that time.
+    pub measured: Vector3<f64>,
+    /// Where it truly is, LiDAR frame of that time.
+    pub truth: Vector3<f64>,
+}
 
-    /// The picture of a post that ends at the optical axis, from a rig that slides to its left.
-    fn slide_past_a_post(shutter: Shutter) -> Vec<Pixel> {
-        let axes = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
-        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
-        let k = [[FOCAL, 0.0, 79.5], [0.0, FOCAL, 59.5], [0.0, 0.0, 1.0]];
-        let camera = Camera::new("plumb_bob", (SIZE[0], SIZE[1]), k, &[]).expect("a valid camera");
-        let t_camera_lidar = Isometry3::from_parts(Vector3::zeros().into(), rotation);
-        let rig = Rig { lidar: Lidar::default(), camera, t_camera_lidar, shutter };
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let light = Light::random(&mut rng);
-        let mut builder = Builder::new(rng, vec![]);
-        let paint = builder.paint(Class::Pole);
-        let place = Place::new(Vec3::ZERO, 0.0);
-        builder.cuboid(paint, &place, [RANGE_M - 1.0, -50.0, -50.0], [RANGE_M, 0.0, 50.0]);
-        let twist = Vector6::new(0.0, SPEED_M_S, 0.0, 0.0, 0.0, 0.0);
-        let passage = Passage::new(twist, &rig).expect("a possible twist");
-        let stage = Stage::new(Scene::new(builder), light, Isometry3::identity(), passage);
-        let pixels: Vec<_> = (0..SIZE[0] * SIZE[1])
-            .map(|i| nalgebra::Point2::new((i % SIZE[0]) as f64, (i / SIZE[0]) as f64))
-            .map(|pixel| rig.camera.unproject(&pixel).map(|ray| ray.cast()))
-            .collect();
-        take(&stage, &rig, &pixels)
+/// Whether a rig's camera sees a return, at the time at which the line of its place in the picture is exposed.
+pub fn visibility(stage: &Stage, rig: &Rig, target: &Target) -> Visibility {
+    let Some(time_s) = exposure_time_s(stage, rig, target) else { return Visibility::Outside };
+    let camera_world = stage.t_world_lidar(time_s) * (rig.t_camera_lidar.inverse() * Point3::origin());
+    let sight = stage.t_world_lidar(target.time_s) * Point3::from(target.truth) - camera_world;
+    let limit = (sight.norm() - HIDDEN_MARGIN_M) as f32;
+    let (eye, sight) = (to_f32(&camera_world.coords), to_f32(&sight.normalize()));
+    match stage.scene.blocker(eye, sight, limit, None) {
+        Some(_) => Visibility::Hidden,
+        None => Visibility::Visible,
     }
+}
 
-    #[test]
-    fn a_post_leans_in_a_rolling_picture() {
-        let shutter = |direction| Shutter { delay_s: 0.02, readout_s: 0.1, direction };
-        for (direction, first, step) in [(Direction::Down, 0.5, 1.0), (Direction::Up, 119.5, -1.0)] {
-            let picture = slide_past_a_post(shutter(direction));
-            for v in 0..SIZE[1] {
-                let row = &picture[v * SIZE[0]..(v + 1) * SIZE[0]];
-                let sky = row.iter().filter(|pixel| pixel.label == Class::Sky.id()).count();
-                // The edge moves to the right by f v t / z until its line is exposed.
-                let time_s = 0.02 + 0.1 * (first + step * v as f64) / SIZE[1] as f64;
-                let edge = 80.0 + FOCAL * SPEED_M_S * time_s / f64::from(RANGE_M);
-                assert!((sky as f64 - edge).abs() <= 0.501, "row {v}: {sky} pixels, edge at {edge}");
-            }
+/// When the camera exposes the place at which a return lies in its picture; `None` if it lies outside.
+fn exposure_time_s(stage: &Stage, rig: &Rig, target: &Target) -> Option<f64> {
+    let (camera, shutter) = (&rig.camera, &rig.shutter);
+    let size = [camera.width, camera.height];
+    let settled_s = SETTLED_LINES * shutter.readout_s / shutter.num_lines(size) as f64;
+    let mut time_s = shutter.delay_s + 0.5 * shutter.readout_s;
+    for _ in 0..MAX_STEPS {
+        let seen = stage.passage.seen_at(target.measured.into(), target.time_s, time_s);
+        let pixel = camera.project(&(rig.t_camera_lidar * seen).coords)?;
+        let exposed_s = shutter.time_at_s(pixel.into(), size);
+        if (exposed_s - time_s).abs() <= settled_s {
+            return camera.contains(&pixel).then_some(time_s);
         }
+        time_s = exposed_s;
     }
-
-    #[test]
-    fn the_edge_of_a_post_is_met_where_its_column_is_exposed() {
-        // To the right, column u is exposed at 0.1 (u + 0.5) / 160 s, when the edge is at 80 + 150 t of 160 columns.
-        let shutter = Shutter { delay_s: 0.0, readout_s: 0.1, direction: Direction::Right };
-        let picture = slide_past_a_post(shutter);
-        let edge = 80.0 / (1.0 - FOCAL * SPEED_M_S * 0.1 / f64::from(RANGE_M) / SIZE[0] as f64);
-        for row in picture.chunks(SIZE[0]) {
-            let sky = row.iter().filter(|pixel| pixel.label == Class::Sky.id()).count();
-            assert!((sky as f64 - edge).abs() <= 0.501, "{sky} pixels, edge at {edge}");
-        }
-    }
+    None
 }

@@ -6,13 +6,11 @@ use parry3d::math::{Vec3, Vec3A};
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 
 use super::mesh::{Builder, Triangle};
-use super::shading::Spot;
-use super::surface::Surface;
+use super::surface::{Spot, Surface};
 
 /// Triangles that share an edge overlap by this share of their size, so that no ray slips through between them.
 const EDGE_OVERLAP: f32 = 1e-6;
 
-/// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     pub triangle: u32,
@@ -111,7 +109,6 @@ fn bounds(triangle: &Triangle) -> Aabb {
 }
 
 /// Möller and Trumbore's test, two-sided.
-#[inline]
 fn intersect(triangle: &Triangle, origin: Vec3, direction: Vec3) -> Option<f32> {
     let p = direction.cross(triangle.edge_2);
     let determinant = triangle.edge_1.dot(p);

@@ -1,12 +1,15 @@
-//! The rig: a LiDAR's firing pattern and flaws, and a camera beside it.
+//! The rig: a LiDAR's firing pattern and flaws, a camera beside it, and its way while one frame is measured.
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3, Vector6};
+use parry3d::math::Vec2;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::se3::exp;
 use crate::shutter::Shutter;
+use crate::spherical::from_angles;
 
 /// Turns of a rosette about z, and swings between its lowest and highest angle, per [`ROSETTE_PERIOD`] points. Neither
 /// ratio is rational, so that the pattern never repeats.
@@ -14,112 +17,42 @@ const ROSETTE_TURNS: f64 = 20.0 * 1.618_033_988_749_895;
 const ROSETTE_SWINGS: f64 = 700.0 * std::f64::consts::SQRT_2;
 const ROSETTE_PERIOD: f64 = 20_000.0;
 
-/// Where a LiDAR's rays point, in its own frame (x forward, y left, z up), in firing order.
+/// How a LiDAR's rays cover its field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ScanPattern {
+pub enum Pattern {
     /// Channels evenly spaced in elevation, turned through evenly spaced azimuths; column by column, from the top.
-    Spinning {
-        /// Rays of a column.
-        channels: usize,
-        /// Columns of a turn; the first looks along x, the next to its left.
-        columns: usize,
-        /// The highest channel's elevation.
-        fov_up_deg: f64,
-        /// The lowest channel's elevation, negative below the horizon.
-        fov_down_deg: f64,
-    },
+    Spinning,
     /// A flower all around the z axis, as a Livox Mid-360 draws: the ray swings in elevation while it turns, never
     /// along the same line again, so that every frame has other rays. It is no grid.
-    Rosette {
-        /// Rays of a frame.
-        points: usize,
-        /// The highest elevation.
-        fov_up_deg: f64,
-        /// The lowest elevation, negative below the horizon.
-        fov_down_deg: f64,
-    },
+    Rosette,
 }
 
-impl Default for ScanPattern {
-    fn default() -> Self {
-        Self::Spinning { channels: 64, columns: 800, fov_up_deg: 10.0, fov_down_deg: -30.0 }
-    }
-}
-
-impl ScanPattern {
-    /// The unit vectors of one frame's rays.
-    pub fn directions(&self, frame: u64) -> Vec<Vector3<f64>> {
-        match *self {
-            Self::Spinning { channels, columns, fov_up_deg, fov_down_deg } => {
-                let step = (fov_up_deg - fov_down_deg) / (channels.max(2) - 1) as f64;
-                let elevation = |channel: usize| (fov_up_deg - step * channel as f64).to_radians();
-                let azimuth = |column: usize| TAU * column as f64 / columns as f64;
-                (0..columns)
-                    .flat_map(|column| {
-                        (0..channels).map(move |channel| toward(azimuth(column), elevation(channel)))
-                    })
-                    .collect()
-            }
-            Self::Rosette { points, fov_up_deg, fov_down_deg } => {
-                let middle = 0.5 * (fov_up_deg + fov_down_deg);
-                let swing = 0.5 * (fov_up_deg - fov_down_deg);
-                let first = frame as f64 * points as f64;
-                (0..points)
-                    .map(|i| (first + i as f64) / ROSETTE_PERIOD)
-                    .map(|t| {
-                        let elevation = middle + swing * (TAU * (t * ROSETTE_SWINGS).fract()).sin();
-                        toward(TAU * (t * ROSETTE_TURNS).fract(), elevation.to_radians())
-                    })
-                    .collect()
-            }
-        }
-    }
-
-    /// The part of the sweep that is over when a ray is fired; the rays of a column are fired together.
-    pub(super) fn share_before(&self, ray: usize) -> f64 {
-        match *self {
-            Self::Spinning { channels, columns, .. } => (ray / channels) as f64 / columns as f64,
-            Self::Rosette { points, .. } => ray as f64 / points as f64,
-        }
-    }
-
-    fn is_valid(&self) -> bool {
-        let (rays, up, down) = match *self {
-            Self::Spinning { channels, columns, fov_up_deg, fov_down_deg } => {
-                (channels * columns, fov_up_deg, fov_down_deg)
-            }
-            Self::Rosette { points, fov_up_deg, fov_down_deg } => (points, fov_up_deg, fov_down_deg),
-        };
-        rays > 0 && (-90.0..=90.0).contains(&down) && (down..=90.0).contains(&up)
-    }
-}
-
-fn toward(azimuth: f64, elevation: f64) -> Vector3<f64> {
-    let (level, up) = (elevation.cos(), elevation.sin());
-    Vector3::new(level * azimuth.cos(), level * azimuth.sin(), up)
-}
-
-/// A LiDAR: its pattern and its flaws.
+/// A LiDAR: where its rays point, in its own frame (x forward, y left, z up), in firing order, and its flaws.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lidar {
-    /// Where its rays point.
-    pub pattern: ScanPattern,
-    /// Standard deviation of the range, along the ray.
+    pub pattern: Pattern,
+    pub channels: usize,
+    /// Columns of a turn; the first looks along x, the next to its left. A rosette has as many rays.
+    pub columns: usize,
+    pub fov_up_deg: f64,
+    pub fov_down_deg: f64,
     pub range_noise_m: f64,
-    /// The share of returns that are lost.
     pub dropout: f64,
-    /// Nothing farther returns.
     pub max_range_m: f64,
-    /// Seconds from the first ray of a sweep to that of the next.
     pub sweep_s: f64,
     /// How far the sensor's x axis is pitched below the vehicle's. The camera, mounted to the LiDAR, tilts with it.
     pub tilt_deg: f64,
 }
 
+#[cfg(test)]
 impl Default for Lidar {
     fn default() -> Self {
         Self {
-            pattern: ScanPattern::default(),
+            pattern: Pattern::Spinning,
+            channels: 64,
+            columns: 800,
+            fov_up_deg: 10.0,
+            fov_down_deg: -30.0,
             range_noise_m: 0.02,
             dropout: 0.05,
             max_range_m: 120.0,
@@ -130,19 +63,55 @@ impl Default for Lidar {
 }
 
 impl Lidar {
+    /// The unit vectors of one frame's rays.
+    pub fn directions(&self, frame: u64) -> Vec<Vector3<f64>> {
+        let Self { pattern, channels, columns, fov_up_deg, fov_down_deg, .. } = *self;
+        let points = channels * columns;
+        match pattern {
+            Pattern::Spinning => {
+                let step = (fov_up_deg - fov_down_deg) / (channels.max(2) - 1) as f64;
+                let elevation = |channel: usize| (fov_up_deg - step * channel as f64).to_radians();
+                let azimuth = |column: usize| TAU * column as f64 / columns as f64;
+                (0..points)
+                    .map(|ray| from_angles(azimuth(ray / channels), elevation(ray % channels)))
+                    .collect()
+            }
+            Pattern::Rosette => {
+                let middle = 0.5 * (fov_up_deg + fov_down_deg);
+                let swing = 0.5 * (fov_up_deg - fov_down_deg);
+                let first = frame as f64 * points as f64;
+                (0..points)
+                    .map(|i| (first + i as f64) / ROSETTE_PERIOD)
+                    .map(|t| {
+                        let elevation = middle + swing * (TAU * (t * ROSETTE_SWINGS).fract()).sin();
+                        from_angles(TAU * (t * ROSETTE_TURNS).fract(), elevation.to_radians())
+                    })
+                    .collect()
+            }
+        }
+    }
+
+    /// The part of the sweep that is over when a ray is fired; the rays of a column are fired together.
+    pub(super) fn share_before(&self, ray: usize) -> f64 {
+        match self.pattern {
+            Pattern::Spinning => (ray / self.channels) as f64 / self.columns as f64,
+            Pattern::Rosette => ray as f64 / (self.channels * self.columns) as f64,
+        }
+    }
+
     fn is_valid(&self) -> bool {
         let amounts = [self.range_noise_m, self.max_range_m, self.sweep_s];
         let sound = amounts.iter().all(|&x| x.is_finite() && x >= 0.0);
-        sound && (0.0..=1.0).contains(&self.dropout) && self.tilt_deg.is_finite() && self.pattern.is_valid()
+        let is_field = (-90.0..=90.0).contains(&self.fov_down_deg)
+            && (self.fov_down_deg..=90.0).contains(&self.fov_up_deg);
+        let has_rays = self.channels * self.columns > 0;
+        sound && (0.0..=1.0).contains(&self.dropout) && self.tilt_deg.is_finite() && has_rays && is_field
     }
 }
 
-/// A LiDAR and a camera, fixed to each other.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// The LiDAR.
     pub lidar: Lidar,
-    /// The camera.
     pub camera: Camera,
     /// `p_camera = t_camera_lidar * p_lidar`.
     pub t_camera_lidar: Isometry3<f64>,
@@ -151,7 +120,6 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Refuses a rig whose sensors cannot be.
     pub(super) fn check(&self) -> Result<()> {
         let lever = self.t_camera_lidar.inverse().translation.vector.norm();
         if !self.lidar.is_valid() {
@@ -165,5 +133,64 @@ impl Rig {
             )));
         }
         Ok(())
+    }
+}
+
+/// Spots that stand for a way lie no farther apart.
+const SPOT_GAP_M: f64 = 0.5;
+/// No rig is faster, metres or radians a second.
+const MAX_RATE: f64 = 100.0;
+
+/// How a rig passes through the scene of a frame. Times are seconds from the middle of the sweep.
+#[derive(Clone, Debug)]
+pub struct Passage {
+    /// Its twist, metres and radians a second in the LiDAR frame; `None` if it stands still.
+    twist_per_s: Option<Vector6<f64>>,
+    /// The first and the last time at which something is measured.
+    pub(super) ends_s: [f64; 2],
+}
+
+impl Passage {
+    pub const STILL: Self = Self { twist_per_s: None, ends_s: [0.0; 2] };
+
+    /// The passage of a rig with one twist.
+    pub fn new(twist_per_s: Vector6<f64>, rig: &Rig) -> Result<Self> {
+        if !twist_per_s.iter().all(|rate| rate.abs() <= MAX_RATE) {
+            let found: [f64; 6] = twist_per_s.into();
+            return Err(Error::Input(format!(
+                "found a twist of {found:?} a second, needed at most {MAX_RATE}"
+            )));
+        }
+        let (half_sweep, shutter) = (0.5 * rig.lidar.sweep_s, &rig.shutter);
+        let ends_s =
+            [shutter.delay_s.min(-half_sweep), (shutter.delay_s + shutter.readout_s).max(half_sweep)];
+        Ok(Self { twist_per_s: Some(twist_per_s), ends_s })
+    }
+
+    pub fn is_moving(&self) -> bool {
+        self.twist_per_s.is_some()
+    }
+
+    /// The LiDAR's pose in the world at a time, for its pose at time zero.
+    pub fn carry(&self, t_world_lidar: &Isometry3<f64>, time_s: f64) -> Isometry3<f64> {
+        // At rest the pose stays as it is to the bit.
+        self.twist_per_s.map_or(*t_world_lidar, |twist| t_world_lidar * exp(&(twist * time_s)))
+    }
+
+    /// A point of the LiDAR's frame at one time, in its frame at another.
+    pub fn seen_at(&self, point: Point3<f64>, from_s: f64, to_s: f64) -> Point3<f64> {
+        self.twist_per_s.map_or(point, |twist| exp(&(twist * (from_s - to_s))) * point)
+    }
+
+    /// Spots of the LiDAR along the way, seen from above; the one at time zero is `spot`.
+    pub fn spots(&self, spot: Vec2, t_world_lidar: &Isometry3<f64>) -> Vec<Vec2> {
+        let Some(twist) = self.twist_per_s else { return vec![spot] };
+        let [from, to] = self.ends_s;
+        let steps = (twist.fixed_rows::<3>(0).norm() * (to - from) / SPOT_GAP_M).ceil().max(1.0) as usize;
+        (0..=steps)
+            .map(|step| from + (to - from) * step as f64 / steps as f64)
+            .map(|time_s| self.carry(t_world_lidar, time_s).translation.vector.cast::<f32>())
+            .map(|center| Vec2::new(center.x, center.y))
+            .collect()
     }
 }

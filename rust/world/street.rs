@@ -7,8 +7,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::classes::Class;
-use super::mesh::Place;
-use super::noise;
+use super::mesh::{Builder, Place};
+use super::{FREE_RADIUS_M, surface};
 
 /// Widths of painted lines.
 pub const LINE_WIDTH: f32 = 0.14;
@@ -182,16 +182,14 @@ impl Street {
         }
     }
 
-    /// The height of the ground without its kerbs: hills and roughness.
     pub fn relief(&self, s: f32, d: f32) -> f32 {
         let p = self.at(s, d);
         let wild = (self.beyond_pavement(s, d) / TERRAIN_RAMP).clamp(0.0, 1.0);
         let roughness = ROAD_ROUGHNESS + (self.terrain_roughness - ROAD_ROUGHNESS) * wild;
-        let bumps = 0.7 * noise::smooth(p / 2.5, self.seed) + 0.3 * noise::smooth(p / 0.9, self.seed ^ 1);
-        HILL_HEIGHT * noise::smooth(p / HILL_LENGTH, self.seed ^ 2) + roughness * bumps
+        let bumps = 0.7 * surface::smooth(p / 2.5, self.seed) + 0.3 * surface::smooth(p / 0.9, self.seed ^ 1);
+        HILL_HEIGHT * surface::smooth(p / HILL_LENGTH, self.seed ^ 2) + roughness * bumps
     }
 
-    /// Metres from the nearest paved ground; none or less on it.
     pub fn beyond_pavement(&self, s: f32, d: f32) -> f32 {
         let side = usize::from(d > 0.0);
         let from_street = d.abs() - self.frontage_at(side);
@@ -209,4 +207,66 @@ impl Street {
 
 fn is_dash(along: f32) -> bool {
     (along / DASH).floor() as i32 % 2 == 0
+}
+
+/// Objects are placed along this much of the street, either way.
+pub const REACH: f32 = 80.0;
+
+/// A scene under construction: the street, its triangles, and the ground that is taken.
+pub struct Site {
+    pub builder: Builder,
+    pub street: Street,
+    /// Spots along the rig's way.
+    way: Vec<Vec2>,
+    taken: Vec<(Vec2, f32)>,
+}
+
+impl Site {
+    /// Bare ground, of which the rig has its own: spots along its way.
+    pub fn new(builder: Builder, street: Street, way: Vec<Vec2>) -> Self {
+        let taken = way.iter().map(|&spot| (spot, FREE_RADIUS_M)).collect();
+        Self { builder, street, way, taken }
+    }
+
+    /// Takes a disc of ground, if all of it is free; `(s, d)` in street coordinates.
+    pub fn claim(&mut self, s: f32, d: f32, radius: f32) -> bool {
+        let spot = self.street.at(s, d);
+        let free = self.taken.iter().all(|(other, size)| spot.distance(*other) > radius + size);
+        if free {
+            self.taken.push((spot, radius));
+        }
+        free
+    }
+
+    /// Takes ground for something long, lying at `yaw` to the street.
+    ///
+    /// `gap` is what must lie between it and the rig's way.
+    pub fn claim_long(
+        &mut self,
+        s: f32,
+        d: f32,
+        yaw: f32,
+        [half_length, half_width]: [f32; 2],
+        gap: f32,
+    ) -> bool {
+        let steps = (half_length / half_width).ceil() as i32;
+        let spots: Vec<_> = (-steps..=steps)
+            .map(|i| (half_length - half_width).max(0.0) * i as f32 / steps as f32)
+            .map(|along| (self.street.at(s + along * yaw.cos(), d + along * yaw.sin()), half_width))
+            .collect();
+        let free = |(spot, size): &(Vec2, f32)| {
+            let clear = self.taken.iter().all(|(other, radius)| spot.distance(*other) > size + radius);
+            clear && self.way.iter().all(|rig| spot.distance(*rig) > size + gap)
+        };
+        let all_free = spots.iter().all(free);
+        if all_free {
+            self.taken.extend(spots);
+        }
+        all_free
+    }
+}
+
+/// Whether `s` lies in the mouth of the side street, or within a margin of it.
+pub fn near_branch(street: &Street, side: usize, s: f32, margin: f32) -> bool {
+    street.branch(side).is_some_and(|branch| (s - branch.s).abs() < branch.half_width + margin)
 }

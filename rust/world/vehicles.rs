@@ -40,7 +40,6 @@ pub fn car(b: &mut Builder, place: &Place) {
     car_of_shape(b, place, &SHAPES[shape]);
 }
 
-/// A delivery van.
 pub fn van(b: &mut Builder, place: &Place) {
     car_of_shape(b, place, &SHAPES[VAN]);
 }
@@ -195,7 +194,6 @@ fn stakes(
     }
 }
 
-/// A city bus.
 pub fn bus(b: &mut Builder, place: &Place) {
     b.begin_object();
     let length: f32 = b.rng.random_range(9.5..12.0);

@@ -1,26 +1,49 @@
-//! Files of one class id for each entry of a cloud.
+//! Files without a header: KITTI's `.bin` (x y z intensity, float32) and nuScenes' `.pcd.bin` (x y z intensity ring,
+//! float32), and files of one class id for each entry of a cloud.
 //!
 //! `.label`: SemanticKITTI's uint32, the low 16 bits are the class and the high ones an instance. `.bin`: nuScenes' lidarseg,
-//! uint8. `.npy`: any integers.
+//! uint8. `.npy`: any integers. Sources: the development kits of KITTI's object benchmark and of nuScenes
+//! (`LidarPointCloud.from_file`).
 
 use std::path::Path;
 
 use super::column::{Column, Scalar};
-use super::kitti::count_records;
+use super::fields::Fields;
+use super::limit::{Limit, Parsed};
 use super::npy;
-use super::parsed::Parsed;
-use super::table::Values;
+use super::table::{Table, Values};
 use crate::error::{Error, Result};
 use crate::file::{check_bytes, extension};
 use crate::npy::LONGEST_HEADER;
+
+/// 4 or 5 float32 columns.
+pub(super) fn parse(bytes: &[u8], num_columns: usize, limit: Limit) -> Parsed<Table<'_>> {
+    let num_records = count_records(bytes, 4 * num_columns)?;
+    limit.check_points(num_records)?;
+    let column = |index: usize| Column::little_endian(4 * index, 4 * num_columns, Scalar::F32);
+    let columns = Fields {
+        xyz: [column(0), column(1), column(2)],
+        intensity: Some(column(3)),
+        ring: (num_columns > 4).then(|| column(4)),
+        time: None,
+        label: None,
+    };
+    Table::new(bytes, num_records, columns, 1.0)
+}
+
+/// How many records of a size there are: a whole number of them.
+pub(super) fn count_records(bytes: &[u8], record_bytes: usize) -> Parsed<usize> {
+    if bytes.len().is_multiple_of(record_bytes) {
+        Ok(bytes.len() / record_bytes)
+    } else {
+        Err(format!("{} bytes is not a multiple of {record_bytes}", bytes.len()))
+    }
+}
 
 /// Bytes of the widest number in a `.npy`.
 const MAX_ITEM_BYTES: usize = 8;
 
 /// Refuses a file whose size says that it has more labels than there are points.
-///
-/// # Errors
-/// It has.
 pub(super) fn check_size(path: &Path, size: u64, num_points: usize, points: &Path) -> Result<()> {
     let item_bytes = match extension(path).as_str() {
         "label" => 4,
@@ -38,9 +61,6 @@ pub(super) fn check_size(path: &Path, size: u64, num_points: usize, points: &Pat
 }
 
 /// Refuses another number of labels than of points.
-///
-/// # Errors
-/// They differ.
 pub(super) fn check_count(path: &Path, found: usize, needed: usize, points: &Path) -> Result<()> {
     if found == needed {
         return Ok(());
@@ -48,7 +68,7 @@ pub(super) fn check_count(path: &Path, found: usize, needed: usize, points: &Pat
     Err(Error::file(path, format!("{found} labels for the {needed} points of {}", points.display())))
 }
 
-pub(super) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Parsed<Values<'a>> {
+pub(super) fn parse_labels<'a>(path: &Path, bytes: &'a [u8]) -> Parsed<Values<'a>> {
     match extension(path).as_str() {
         "label" => Values::new(bytes, count_records(bytes, 4)?, Column::little_endian(0, 4, Scalar::U16)),
         "bin" => Values::new(bytes, bytes.len(), Column::little_endian(0, 1, Scalar::U8)),

@@ -1,10 +1,12 @@
-//! Errors of the core as Python's exceptions.
+//! How calls of the core run: on which threads, and what becomes of its errors.
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
+use rayon::ThreadPool;
 
 use crate::error::Error;
 
@@ -36,4 +38,34 @@ fn of_system(message: String, path: PathBuf, source: &io::Error) -> PyErr {
 
 pub(super) fn value_error(message: impl Into<String>) -> PyErr {
     PyValueError::new_err(message.into())
+}
+
+/// The threads of every parallel call; rayon's own default until [`set_num_threads`] is called.
+static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
+
+/// Runs `f` without the GIL, on the chosen number of threads.
+pub(super) fn detached<T: Send>(py: Python<'_>, f: impl Send + FnOnce() -> T) -> T {
+    py.detach(|| {
+        let pool = POOL.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        match pool {
+            Some(pool) => pool.install(f),
+            None => f(),
+        }
+    })
+}
+
+/// More threads than any machine has cores: a pool of a thousand million is never done.
+const MAX_THREADS: usize = 4096;
+
+#[pyfunction]
+pub(super) fn set_num_threads(num_threads: usize) -> PyResult<()> {
+    if num_threads > MAX_THREADS {
+        return Err(value_error(format!("found {num_threads} threads, needed at most {MAX_THREADS}")));
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(num_threads)
+        .build()
+        .map_err(|e| value_error(e.to_string()))?;
+    *POOL.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(pool));
+    Ok(())
 }
