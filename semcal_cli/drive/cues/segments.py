@@ -2,7 +2,7 @@
 
 Networks that label pictures travel well between cameras; those that label sweeps are trained for one LiDAR. Mutual
 information asks for no names: each cell of the ground and each object of each sweep is a class of its own. What it
-tells is counted above null partitions, see `rust/partitions.rs`. The initial calibration needs classes that frames
+tells is counted above null partitions, see `rust/observation.rs`. The initial calibration needs classes that frames
 share, and takes the two kinds of segments: ground and objects.
 """
 
