@@ -80,7 +80,7 @@ class Network:
             found = self.session.run(list(names), {self.input.name: tensor})
         except Exception as error:  # onnxruntime has an exception of its own for each kind of failure.
             shape = " x ".join(map(str, tensor.shape))
-            raise InputError(f"{self.path}: failed on an input of {shape}: {reason_of(error)}") from None
+            raise InputError(f"{self.path}: failed on an input of {shape}: {_reason(error)}") from None
         return dict(zip(names, map(np.asarray, found), strict=True))
 
 
@@ -114,7 +114,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
     except Exception as error:
-        raise InputError(f"{path}: found no model that onnxruntime can open: {reason_of(error)}") from None
+        raise InputError(f"{path}: found no model that onnxruntime can open: {_reason(error)}") from None
     inputs, outputs = (tuple(map(_port, ports)) for ports in (session.get_inputs(), session.get_outputs()))
     if len(inputs) != 1:
         names = ", ".join(port.name for port in inputs) or "none"
@@ -122,8 +122,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
     return Network(path, session, inputs[0], outputs)
 
 
-def reason_of(error: Exception) -> str:
-    """Say in one line why onnxruntime failed."""
+def _reason(error: Exception) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     return re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", text)[:300]
 

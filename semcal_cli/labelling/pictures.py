@@ -71,7 +71,7 @@ class PictureLabeller:
         """
         outputs = self._run(picture)
         if self.model.card.kind == "ids":
-            found = self._picked([self._ids(output) for output in outputs])
+            found = self._ids_of_pixels(outputs)
         else:
             scores, places, are_first = self._scores(outputs)
             with about(self.model.network.path):
@@ -96,7 +96,16 @@ class PictureLabeller:
             raise InputError(
                 f"--probabilities: found {num_classes} classes of {path}, needed at most {MAX_SHARES}"
             )
-        are_logits = kind == "logits" or (kind is None and not _are_probabilities(scores, are_first))
+        # Probabilities go from 0 to 1, and have the sum 1 in each cell.
+        are_logits = kind == "logits" or (
+            kind is None
+            and any(
+                each.min() < 0.0
+                or each.max() > 1.0 + SUM_TOLERANCE
+                or not np.abs(each.sum(0 if are_first else 2) - 1.0).max() <= SUM_TOLERANCE
+                for each in scores
+            )
+        )
         with about(path):
             found = _core.shares_of_scores(scores, self.views.views, places, are_first, are_logits)
         return np.asarray(found, np.uint8).reshape(self.camera.height, self.camera.width, num_classes)
@@ -121,9 +130,8 @@ class PictureLabeller:
         for output in outputs:
             classes, masks = (output[name] for name in names)
             if classes.ndim != 3 or masks.ndim != 4 or classes.shape[1] != masks.shape[1]:
-                raise network.unfit(
-                    f"classes of {classes.shape} and masks of {masks.shape}", "as many of both"
-                )
+                found = f"classes of {classes.shape} and masks of {masks.shape}"
+                raise network.unfit(found, "as many of both")
         return [joined_masks(output) for output in outputs]
 
     def _scores(self, outputs: Sequence[npt.NDArray[Any]]) -> tuple[Scores, npt.NDArray[np.float32], bool]:
@@ -136,7 +144,16 @@ class PictureLabeller:
             raise network.unfit(f"output of {outputs[0].dtype}", "float")
         are_first = self._are_classes_first(shape[1:])
         num_classes, rows, columns = shape[1:] if are_first else (shape[3], *shape[1:3])
-        _check_num_classes(self.model, num_classes)
+        if num_classes < 2:
+            raise network.unfit(f"scores of {num_classes} class", "two or more")
+        listed = self.model.card.classes
+        if isinstance(listed, tuple) and len(listed) != num_classes:
+            needed = f"{num_classes}, one for each score of {network.path}"
+            raise wrong_key(self.model.card_path, "classes", f"{len(listed)} names", needed)
+        highest = max((value for ids in self.model.classes.values() for value in ids), default=0)
+        if highest >= num_classes:
+            needed = f"at most {num_classes - 1}, the last score of {network.path}"
+            raise wrong_key(self.model.card_path, "classes", f"id {highest}", needed)
         scores = [np.ascontiguousarray(output[0], np.float32) for output in outputs]
         return scores, self._places_on(columns, rows), are_first
 
@@ -154,15 +171,14 @@ class PictureLabeller:
             raise self.model.network.unfit(found, "rows and columns of one stride")
         return first and not (last and self.model.card.layout == "channels_last")
 
-    def _ids(self, output: npt.NDArray[Any]) -> npt.NDArray[np.uint16]:
-        """Arrange an output as ids (h, w)."""
-        axes = [size for size in output.shape if size != 1]
-        if len(axes) != 2:
-            raise self.model.network.unfit(f"ids of {output.shape}", "rows x columns")
-        return self.model.network.as_ids(output).reshape(axes)
-
-    def _picked(self, ids: Sequence[npt.NDArray[np.uint16]]) -> npt.NDArray[np.uint16]:
+    def _ids_of_pixels(self, outputs: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint16]:
         """Pick the id of the cell of each pixel."""
+        network, ids = self.model.network, []
+        for output in outputs:
+            axes = [size for size in output.shape if size != 1]
+            if len(axes) != 2:
+                raise network.unfit(f"ids of {output.shape}", "rows x columns")
+            ids.append(network.as_ids(output).reshape(axes))
         rows, columns = ids[0].shape
         places = self._places_on(columns, rows)
         cells = np.clip(np.floor(places + 0.5), 0, [columns - 1, rows - 1]).astype(np.intp)
@@ -170,35 +186,6 @@ class PictureLabeller:
         found = np.full(len(seen), _core.NO_ID, np.uint16)
         found[seen] = np.stack(ids)[self.views.views[seen], cells[seen, 1], cells[seen, 0]]
         return found
-
-
-def _check_num_classes(model: Model[CompletePictureCard], num_classes: int) -> None:
-    """Check that a number of scores is that of the classes.
-
-    Raises:
-        InputError: there are too few, or names that are a list are not as many.
-    """
-    network, listed = model.network, model.card.classes
-    if num_classes < 2:
-        raise network.unfit(f"scores of {num_classes} class", "two or more")
-    if isinstance(listed, tuple) and len(listed) != num_classes:
-        needed = f"{num_classes}, one for each score of {network.path}"
-        raise wrong_key(model.card_path, "classes", f"{len(listed)} names", needed)
-    highest = max((value for ids in model.classes.values() for value in ids), default=0)
-    if highest >= num_classes:
-        needed = f"at most {num_classes - 1}, the last score of {network.path}"
-        raise wrong_key(model.card_path, "classes", f"id {highest}", needed)
-
-
-def _are_probabilities(scores: Scores, are_first: bool) -> bool:
-    """Tell whether scores are probabilities: from 0 to 1, and of sum 1 in each cell."""
-    axis = 0 if are_first else 2
-    return all(
-        each.min() >= 0.0
-        and each.max() <= 1.0 + SUM_TOLERANCE
-        and np.abs(each.sum(axis) - 1.0).max() <= SUM_TOLERANCE
-        for each in scores
-    )
 
 
 def joined_masks(outputs: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.float32]:
@@ -223,14 +210,9 @@ def describe_model(network: Network, card: str | None) -> list[tuple[str, str]]:
     if isinstance(stated, PointCard):
         return point_model(network, card).describe()
     model = picture_model(network, card)
-    return [*model.describe(), ("tried", _tried(model))]
-
-
-def _tried(model: Model[CompletePictureCard]) -> str:
-    """Run a network on a grey picture, and describe the labels that it gives."""
     width, height = SHOWN if model.card.size is None else model.card.size
     K = ((float(width), 0.0, width / 2.0), (0.0, float(width), height / 2.0), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
     ids = PictureLabeller(model, camera).ids(np.full((height, width, 3), MIDDLE_GRAY, np.uint8))
     found = ", ".join(map(str, np.unique(ids)[:8]))
-    return f"labels of a grey picture of {width} x {height}: ids {found}"
+    return [*model.describe(), ("tried", f"labels of a grey picture of {width} x {height}: ids {found}")]

@@ -107,7 +107,11 @@ def make_views(
     Raises:
         InputError: tiles would be too many.
     """
-    sources = list(_rectified(camera)) if is_rectified else [_raw(camera)]
+    if is_rectified:
+        sources = list(_rectified(camera))
+    else:
+        pixels = _pixels(camera)
+        sources = [Shown(camera.size, lambda picture: picture, pixels, np.zeros(len(pixels)))]
     best = np.argmax([source.merit for source in sources], axis=0)
     num_pixels = camera.width * camera.height
     views, places = np.full(num_pixels, _core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
@@ -135,11 +139,6 @@ def make_views(
 def _pixels(camera: Camera) -> Places:
     columns, rows = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     return np.stack([columns.ravel(), rows.ravel()], axis=1)
-
-
-def _raw(camera: Camera) -> Shown:
-    places = _pixels(camera)
-    return Shown((camera.width, camera.height), lambda picture: picture, places, np.zeros(len(places)))
 
 
 # Rectified pictures
