@@ -38,7 +38,7 @@ UNMOVED = 0.95
 
 @pytest.fixture(scope="module")
 def seen(street: Path) -> Observations:
-    return observe_edges(read_drive(street), EDGES)
+    return observe_edges(read_drive(street))
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def without(drive: Path, *keys: str) -> Path:
 def test_points_with_and_without_edges(street: Path) -> None:
     drive = read_drive(street)
     clouds = read_clouds(drive)
-    found = edges_of_sweeps(clouds, EDGES)
+    found = edges_of_sweeps(clouds)
     assert found.names[0] == "no edge"
     assert len(found.names) == 7
     for cloud, classes, to_steps in zip(clouds, found.classes, found.to_steps_m, strict=True):
@@ -85,7 +85,7 @@ def test_without_intensities_only_ranges_step(street: Path, tmp_path: Path) -> N
     points = read_clouds(drive)[0].points
     np.save(tmp_path / "bare.npy", points)
     (cloud,) = _core.read_point_clouds([(tmp_path / "bare.npy", None)], len(points))
-    assert edges_of_sweeps([cloud], EDGES).names == [
+    assert edges_of_sweeps([cloud]).names == [
         "no edge",
         *(f"range step {level}" for level in (1, 2, 3)),
     ]
@@ -99,7 +99,7 @@ def test_exposure_and_light_change_no_level(street: Path, seen: Observations, tm
     assert picture is not None
     light = np.linspace(1.0, 0.7, picture.shape[1])[:, None]
     cv2.imwrite(path, (picture * light).round().astype(np.uint8))
-    dark = observe_edges(drive.model_copy(update={"frames": drive.frames[:1]}), EDGES)
+    dark = observe_edges(drive.model_copy(update={"frames": drive.frames[:1]}))
     before, after = seen.images[0].classes, dark.images[0].classes
     assert np.mean(np.abs(before.astype(int) - after.astype(int)) <= 1) > UNMOVED
 

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
 from semcal_cli.config import CalibrationConfig, RefinementConfig
-from semcal_cli.drive.cues.features import FEATURES, observe_features
+from semcal_cli.drive.cues.features import observe_features
 from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive
@@ -62,7 +62,7 @@ def test_vectors_of_blocks_are_those_of_their_pixels(drive: Drive, tmp_path: Pat
     whole = np.load(drive.resolve(str(frame.image_features)))
     np.save(tmp_path / "small.npy", whole[::4, ::4])
     small = frame.model_copy(update={"image_features": str(tmp_path / "small.npy")})
-    found = observe_features(drive.model_copy(update={"frames": (small,)}), FEATURES)
+    found = observe_features(drive.model_copy(update={"frames": (small,)}))
     assert found.images[0].vectors.shape == (90, 160, 16)
     assert found.images[0].classes.shape == (360, 640)
 
@@ -93,17 +93,17 @@ def test_wrong_features_are_said(
     file.write_bytes(b"nothing") if array is None else np.save(file, array)
     frame = drive.frames[0].model_copy(update={key: str(file)})
     with pytest.raises(InputError, match=complaint):
-        observe_features(drive.model_copy(update={"frames": (frame,)}), FEATURES)
+        observe_features(drive.model_copy(update={"frames": (frame,)}))
 
 
 def test_features_that_say_nothing(drive: Drive, tmp_path: Path) -> None:
     np.save(tmp_path / "flat.npy", np.ones((360, 640, 2)))
     frame = drive.frames[0].model_copy(update={"image_features": str(tmp_path / "flat.npy")})
     with pytest.raises(CalibrationError, match="features of pixels are all the same"):
-        observe_features(drive.model_copy(update={"frames": (frame,)}), FEATURES)
+        observe_features(drive.model_copy(update={"frames": (frame,)}))
     bare = drive.frames[0].model_copy(update={"point_features": None})
     with pytest.raises(InputError, match=r"point_features: found nothing, needed a .npy file of features"):
-        observe_features(drive.model_copy(update={"frames": (bare,)}), FEATURES)
+        observe_features(drive.model_copy(update={"frames": (bare,)}))
 
 
 def test_the_exact_histogram_is_refused(drive: Drive, observations: Observations, street_truth: Pose) -> None:
@@ -121,7 +121,5 @@ def test_features_of_returns_that_were_left_out_are_left_out(drive: Drive, tmp_p
     np.save(tmp_path / "p.npy", np.insert(features, 10, 99.0, axis=0))
     names = {"points": str(tmp_path / "p.bin"), "point_features": str(tmp_path / "p.npy")}
     one = drive.model_copy(update={"frames": (frame.model_copy(update=names),)})
-    found, before = (
-        observe_features(each, FEATURES) for each in (one, drive.model_copy(update={"frames": (frame,)}))
-    )
+    found, before = (observe_features(each) for each in (one, drive.model_copy(update={"frames": (frame,)})))
     np.testing.assert_allclose(found.clouds[0].vectors, before.clouds[0].vectors, atol=0.05)

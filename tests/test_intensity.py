@@ -30,7 +30,7 @@ UNMOVED = 0.9
 
 @pytest.fixture(scope="module")
 def seen(street: Path) -> Observations:
-    return observe_intensity(read_drive(street), INTENSITY)
+    return observe_intensity(read_drive(street))
 
 
 def changed(
@@ -65,11 +65,9 @@ def test_light_and_exposure_change_no_level(street: Path, seen: Observations, tm
         """Darker, and towards the right more so."""
         return picture * np.linspace(0.9, 0.6, picture.shape[1])[:, None] + 5.0
 
-    dark = observe_intensity(changed(street, tmp_path / "dusk", picture=dusk), INTENSITY)
+    dark = observe_intensity(changed(street, tmp_path / "dusk", picture=dusk))
     assert near(seen.images[0].classes, dark.images[0].classes) > UNMOVED
-    negative = observe_intensity(
-        changed(street, tmp_path / "negative", picture=lambda p: 255.0 - p), INTENSITY
-    )
+    negative = observe_intensity(changed(street, tmp_path / "negative", picture=lambda p: 255.0 - p))
     assert near(seen.images[0].classes, INTENSITY.num_levels - 1 - negative.images[0].classes) > UNMOVED
 
 
@@ -80,10 +78,8 @@ def test_range_and_gain_change_no_level(street: Path, seen: Observations, tmp_pa
         azimuth = np.arctan2(cloud[:, 1], cloud[:, 0])
         return np.column_stack([cloud[:, :3], cloud[:, 3] * 200.0 * (1.0 + 0.5 * np.sin(azimuth))])
 
-    one = observe_intensity(
-        read_drive(street).model_copy(update={"frames": read_drive(street).frames[:1]}), INTENSITY
-    )
-    found = observe_intensity(changed(street, tmp_path / "weaker", cloud=weaker), INTENSITY)
+    one = observe_intensity(read_drive(street).model_copy(update={"frames": read_drive(street).frames[:1]}))
+    found = observe_intensity(changed(street, tmp_path / "weaker", cloud=weaker))
     assert near(one.clouds[0].classes, found.clouds[0].classes) > UNMOVED
 
 
@@ -125,7 +121,7 @@ def test_frames_without_labels_are_chosen_evenly(street: Path) -> None:
 
 def test_cues_together_add_up(street: Path, street_observations: Observations, street_truth: Pose) -> None:
     """The block of each has its share w of the pairs: I = sum w I_i - sum w log w."""
-    intensity = observe_intensity(read_drive(street), INTENSITY)
+    intensity = observe_intensity(read_drive(street))
     both = _core.agreement(summed(street_observations, intensity).core, street_truth)
     parts = [_core.agreement(each.core, street_truth) for each in (street_observations, intensity)]
     weights = np.array([part.joint.sum() for part in parts]) / both.joint.sum()
@@ -153,12 +149,12 @@ def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"frames\[points/000000.bin\].image: found nothing, needed a picture"
     ):
-        observe_intensity(bare, INTENSITY)
+        observe_intensity(bare)
     np.save(tmp_path / "xyz.npy", np.ones((50, 3), np.float32))
     blank = drive.frames[0].model_copy(update={"points": str(tmp_path / "xyz.npy"), "point_labels": None})
     blind = drive.model_copy(update={"frames": (blank,)})
     with pytest.raises(InputError, match=r"xyz.npy: found no intensity, needed that of each point"):
-        observe_intensity(blind, INTENSITY)
+        observe_intensity(blind)
     flat = changed(street, tmp_path / "flat", picture=lambda picture: np.full_like(picture, 90.0))
     with pytest.raises(CalibrationError, match="grey is nearly the same everywhere"):
-        observe_intensity(flat, INTENSITY)
+        observe_intensity(flat)

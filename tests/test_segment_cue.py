@@ -35,7 +35,7 @@ FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 
 @pytest.fixture(scope="module")
 def seen(street: Path) -> Observations:
-    return observe_segments(read_drive(street), SEGMENTS)
+    return observe_segments(read_drive(street))
 
 
 @pytest.fixture

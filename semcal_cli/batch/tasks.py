@@ -73,11 +73,7 @@ def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
 
 
 def _listed(content: bytes, source: str) -> list[str]:
-    """Names of drives, one on each line; empty lines and lines that begin with # are ignored.
-
-    Raises:
-        InputError: a line is no text; the message names it.
-    """
+    """Names of drives, one on each line; empty lines and lines that begin with # are ignored."""
     if len(content) > MAX_DOCUMENT_BYTES:
         raise InputError(f"{source}: found more than {MAX_DOCUMENT_BYTES >> 20} MiB, needed a list of drives")
     names = []
@@ -90,22 +86,17 @@ def _listed(content: bytes, source: str) -> list[str]:
 
 
 def _checked(name: str, where: str = "") -> str:
-    """Check that a name can stand in a line of the summary and of the terminal.
-
-    Raises:
-        InputError: it is too long, is not UTF-8, or has a line break or a NUL.
-    """
-    if (num_bytes := len(name.encode(errors="surrogateescape"))) > MAX_NAME_BYTES:
-        raise InputError(f"{where}found a name of {num_bytes:,} bytes, needed at most {MAX_NAME_BYTES:,}")
+    """Check that a name can stand in a line of the summary and of the terminal."""
     text = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
-    if text != name:
-        found = "a name that is not UTF-8"
-    elif "\0" in name or name.splitlines() not in ([name], []):
-        found = "a NUL or a line break in a name"
-    else:
+    if (
+        text == name
+        and "\0" not in name
+        and len(name.splitlines()) <= 1
+        and len(name.encode()) <= MAX_NAME_BYTES
+    ):
         return name
-    shown = printable(text[:MAX_SHOWN])
-    raise InputError(f"{where}{shown}: found {found}, needed one line of UTF-8 text")
+    needed = f"needed one of at most {MAX_NAME_BYTES:,} bytes in one line of UTF-8 text"
+    raise InputError(f"{where}{printable(text[:MAX_SHOWN])}: found a name that no file has, {needed}")
 
 
 def _matches(name: str) -> list[str]:

@@ -67,17 +67,17 @@ def with_pictures(
 
 def range_and_intensity(drive: Drive) -> Observations:
     """Steps in range and in intensity along the scan: the cue."""
-    return observe_edges(drive, EDGES)
+    return observe_edges(drive)
 
 
 def range_alone(drive: Drive) -> Observations:
     """Steps in range along the scan."""
-    return observe_edges(drive, replace(EDGES, intensity_shares=()))
+    return observe_edges(drive, config=replace(EDGES, intensity_shares=()))
 
 
 def intensity_alone(drive: Drive) -> Observations:
     """Steps in intensity along the scan."""
-    return observe_edges(drive, replace(EDGES, range_steps_m=()))
+    return observe_edges(drive, config=replace(EDGES, range_steps_m=()))
 
 
 def any_gradient(drive: Drive) -> Observations:

@@ -46,13 +46,12 @@ class FeaturesConfig:
 FEATURES = FeaturesConfig()
 
 
-def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None = None) -> Observations:
+def observe_features(
+    drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: FeaturesConfig = FEATURES
+) -> Observations:
     """Load every frame of a drive with its features, scaled to unit variance, and with their codes as classes.
 
-    Args:
-        drive: The drive; each frame needs features of points and of pixels.
-        config: Settings of the cue.
-        sweeps: Sweeps that have already been read.
+    Each frame needs features of points and of pixels; there are no raw ones.
 
     Raises:
         InputError: a file is missing or wrong.
@@ -145,8 +144,4 @@ def _coded(
         return list(pool.map(of_frame, vectors))
 
 
-CUE = Cue(
-    observe=lambda drive, sweeps, _: observe_features(drive, FEATURES, sweeps),
-    files=("point_features", "image_features"),
-    config=FEATURES,
-)
+CUE = Cue(observe=observe_features, files=("point_features", "image_features"), config=FEATURES)

@@ -60,16 +60,12 @@ INTENSITY = IntensityConfig()
 
 
 def observe_intensity(
-    drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None, *, is_raw: bool = False
+    drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: IntensityConfig = INTENSITY
 ) -> Observations:
     """Load every frame of a drive, with levels of intensity as classes.
 
-    Args:
-        drive: The drive; each frame needs an image, and each cloud needs intensities.
-        config: Settings of the cue.
-        sweeps: Sweeps that have already been read.
-        is_raw: Whether intensities and grey values are taken as they are, and not beside their surroundings. They are
-            vectors of one number then, of which each side has unit variance over all frames.
+    Each frame needs an image, and each cloud intensities. Raw intensities and grey values are taken as they are, and
+    not beside their surroundings; they are vectors of one number then, of unit variance over all frames on each side.
 
     Raises:
         InputError: a file is missing or wrong, a frame has no image, or a cloud has no intensity.
@@ -215,9 +211,4 @@ def _limits(drive: Drive, side: str, values: Values, config: IntensityConfig) ->
     return limits
 
 
-CUE = Cue(
-    observe=lambda drive, sweeps, is_raw: observe_intensity(drive, INTENSITY, sweeps, is_raw=is_raw),
-    files=("image",),
-    config=INTENSITY,
-    starts=STARTS,
-)
+CUE = Cue(observe=observe_intensity, files=("image",), config=INTENSITY, starts=STARTS)

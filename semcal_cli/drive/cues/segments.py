@@ -63,15 +63,11 @@ SEGMENTS = SegmentsConfig()
 
 
 def observe_segments(
-    drive: Drive, config: SegmentsConfig, sweeps: Sweeps | None = None, *, is_raw: bool = False
+    drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: SegmentsConfig = SEGMENTS
 ) -> Observations:
     """Load every frame of a drive, with segments of its sweep instead of labels of points.
 
-    Args:
-        drive: The drive; each frame needs a label image.
-        config: Settings of the cue.
-        sweeps: Sweeps that have already been read.
-        is_raw: Whether isolated pixels of the label images stay as they are.
+    Each frame needs a label image, whose isolated pixels stay as they are in raw ones.
 
     Returns:
         Observations whose points have the kind of their segment as class, and the segments as partitions.
@@ -88,10 +84,12 @@ def observe_segments(
     if not any(sweep.num_segments for sweep in segmented):
         raise CalibrationError(f"{drive.path}: found no segments in any sweep, needed ground or objects")
     partitions = _core.turned_partitions(points, segmented, config.num_turns)
-    labelled = [
-        LabelledCloud(each, _kinds(sweep), partitions=partition)
-        for each, sweep, partition in zip(points, segmented, partitions, strict=True)
-    ]
+    labelled = []
+    for each, sweep, partition in zip(points, segmented, partitions, strict=True):
+        # The last kind is that of points without a segment.
+        kinds = np.append(sweep.kinds, NO_CLASS).astype(np.uint8)
+        classes = kinds[np.minimum(sweep.ids, sweep.num_segments)]
+        labelled.append(LabelledCloud(each, classes, partitions=partition))
     names = (list(KINDS.values()), image_class_names)
     found = make_observations(drive, clouds, moved, labelled, images, names)
     return found if is_raw else mend(found)
@@ -101,12 +99,6 @@ def kinds_of_segments(points: npt.NDArray[np.float32]) -> tuple[str, ...]:
     """Name the kinds of segments that a sweep (N, 3) in metres shows."""
     (sweep,) = _core.segment_sweeps([points], SegmentsConfig().segmentation)
     return tuple(name for kind, name in KINDS.items() if kind in sweep.kinds)
-
-
-def _kinds(sweep: _core.SegmentedSweep) -> npt.NDArray[np.uint8]:
-    """Kind of the segment of each point (N,), or `NO_CLASS`."""
-    kinds = np.append(sweep.kinds, NO_CLASS).astype(np.uint8)
-    return np.asarray(kinds[np.minimum(sweep.ids, sweep.num_segments)])
 
 
 STARTS = StartsConfig(
@@ -121,9 +113,4 @@ STARTS = StartsConfig(
 """The initial calibration, by kinds of segments, ends up to 3 degrees off. Of ten runs on a real jam by segments and
 intensity, from 2 degrees and 0.2 m, 8 came back with six starts at first, and 6 with one. Intensity alone takes the
 same starts, with which it was not measured."""
-CUE = Cue(
-    observe=lambda drive, sweeps, is_raw: observe_segments(drive, SEGMENTS, sweeps, is_raw=is_raw),
-    files=("image_labels",),
-    config=SEGMENTS,
-    starts=STARTS,
-)
+CUE = Cue(observe=observe_segments, files=("image_labels",), config=SEGMENTS, starts=STARTS)
