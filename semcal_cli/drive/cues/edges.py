@@ -129,7 +129,7 @@ class SweepEdges(NamedTuple):
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
 
 
-def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig) -> SweepEdges:
+def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig = EDGES) -> SweepEdges:
     """Find the edges of sweeps, as they were scanned."""
     given = [cloud.intensity for cloud in clouds]
     found = [np.nan_to_num(each.astype(np.float32)) for each in given if each is not None]
