@@ -24,6 +24,7 @@ from refined import with_camera
 from semcal_cli.batch.folders import MARKER
 from semcal_cli.batch.records import worst
 from semcal_cli.batch.tasks import Task, describe_result, find_drives, folder_of
+from semcal_cli.errors import InputError
 from semcal_cli.files.writing import locked
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import compare_poses
@@ -252,7 +253,7 @@ def test_where_drives_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert find_drives(["b/2", "./b/2/", "b/2/drive.yaml"], None) == ["b/2"]
     assert find_drives(["missing"], None) == ["missing"]  # a line of the summary, not the end of all
     for names in (["c/*"], ["-"]):
-        with pytest.raises(Exception, match="found no"):
+        with pytest.raises(InputError, match="found no"):
             find_drives(names, None)
     folders = [folder_of(name) for name in ("b/2", "b/2/drive.yaml", "/data/x", "../y", ".")]
     assert list(map(str, folders)) == ["b/2", "b/2", "data/x", "__/y", "_"]

@@ -172,7 +172,7 @@ def test_a_motion_that_cannot_be_is_refused(
         load(tmp_path, skewed, motion)
 
 
-def test_times_of_another_unit_are_refused(tmp_path: Path, skewed: dict[str, Any]) -> None:
+def test_times_of_another_unit_or_clock_are_refused(tmp_path: Path, skewed: dict[str, Any]) -> None:
     records = np.load(skewed["frames"][0]["points"])
     microseconds = records.astype(
         [(name, "u4" if name == "time" else kind) for name, kind in records.dtype.descr]
@@ -185,14 +185,11 @@ def test_times_of_another_unit_are_refused(tmp_path: Path, skewed: dict[str, Any
     ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
     assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0}).motion_error_px is None
-
-
-def test_a_picture_of_another_time_is_refused(tmp_path: Path, skewed: dict[str, Any]) -> None:
-    frames = [skewed["frames"][0] | {"image_stamp": STAMPS["image_stamp"] + 1000.0}]
+    late = [skewed["frames"][0] | {"image_stamp": STAMPS["image_stamp"] + 1000.0}]
     with pytest.raises(
         InputError, match=r"image_stamp: found 1000\.06 s after points_stamp, needed at most 1 s"
     ):
-        load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
+        load(tmp_path, skewed | {"frames": late}, {"twist": TWIST})
 
 
 @pytest.mark.parametrize("key", ["points_stamp", "image_stamp"])
@@ -248,21 +245,16 @@ def test_sweeps_without_times_move_as_a_whole(late: Path, tmp_path: Path) -> Non
     ):
         assert one.twist_per_s == other.twist_per_s
         assert (one.is_rigid, other.is_rigid) == (index in frames, False)
+    # `point_times` says nothing of points without times.
+    drive = read_drive(without_times(tmp_path / "all", late, range(6)))
+    motion = drive.motion and drive.motion.model_copy(update={"point_times": "absolute"})
+    absolute = read_observations(drive.model_copy(update={"motion": motion}))
+    assert offsets_m(absolute, read_observations(drive)).max() == 0.0
     note = (
         f"{len(frames)} of 6 sweeps have no times of points, and are taken to be compensated to points_stamp"
     )
     assert LoadedDrive(drive, found).notes == (note,)
     assert LoadedDrive(drive, timed).notes == ()
-
-
-def test_a_sweep_without_times_needs_no_match_of_times(late: Path, tmp_path: Path) -> None:
-    """`point_times` says nothing of points without times."""
-    drive = without_times(tmp_path / "drive", late, range(6))
-    document = read_document(drive / DRIVE_FILE)
-    relative = read_observations(read_drive(drive))
-    document["motion"]["point_times"] = "absolute"
-    write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
-    assert offsets_m(read_observations(read_drive(drive)), relative).max() == 0.0
 
 
 def test_the_clock_is_checked_and_estimated_without_times(

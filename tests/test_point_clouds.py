@@ -294,11 +294,10 @@ def test_every_reader_reads_the_same_cloud(
     assert str(complaint.value) == f"{tmp_path}/ids.npy: 39 labels for the 40 points of {path}"
 
 
-@pytest.mark.parametrize("write", [write for write, _ in WRITERS.values()], ids=WRITERS.keys())
-def test_damaged_files_are_a_cloud_or_one_line(
-    tmp_path_factory: pytest.TempPathFactory, write: Callable[[np.ndarray, Path], Path]
-) -> None:
-    path = write(little_cloud(), tmp_path_factory.mktemp("damaged") / "a")
+@pytest.mark.parametrize("name", ["PCD binary_compressed", "LAS 1.2", "LAZ 1.4"])
+def test_damaged_files_are_a_cloud_or_one_line(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
+    """The core's own readers are fuzzed in Rust."""
+    path = WRITERS[name][0](little_cloud(), tmp_path_factory.mktemp("damaged") / "a")
     whole = path.read_bytes()
     place = st.integers(0, len(whole) - 1)
 
