@@ -69,7 +69,7 @@ Inputs: TypeAlias = dict[str, FileState | None]
 class RecordedOutcome(Outcome):
     """An outcome in a record, whose covariance is that of a calibration."""
 
-    covariance: Covariance | None
+    covariance: Covariance | None = None
 
 
 class Record(StrictModel):

@@ -166,17 +166,17 @@ class Outcome(StrictModel):
     """Sentences that say why it is not trusted or has failed."""
     topics: Annotated[tuple[Topic, ...], length(0)] = ()
     """Topic of each of the reasons: its entry in docs/troubleshooting.md; none for one that has failed."""
-    stamp: Stamp | None
+    stamp: Stamp | None = None
     """Stamp of the first frame in seconds, if it has one."""
-    T_camera_lidar: Transform | None
+    T_camera_lidar: Transform | None = None
     """(4, 4) rows of the transform."""
-    covariance: CovarianceEntries | None
+    covariance: CovarianceEntries | None = None
     """(6, 6) covariance of xi = (rho, phi), camera frame, left perturbation."""
-    mutual_information_nats: Figure | None
+    mutual_information_nats: Figure | None = None
     """Mutual information at the transform."""
-    camera: Annotated[str, Field(pattern=r"\S")] | None
+    camera: Annotated[str, Field(pattern=r"\S")] | None = None
     """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
-    result: FileName | None
+    result: FileName | None = None
     """File of the result, relative to the folder of the batch."""
     covariance_of_intrinsics: Covariance | None = None
     """(6, 6) part of the covariance by errors of K, which all drives of a camera share."""
@@ -187,17 +187,11 @@ class Outcome(StrictModel):
         return self
 
 
-NOT_KNOWN: dict[str, Any] = dict.fromkeys(
-    ("stamp", "T_camera_lidar", "covariance", "mutual_information_nats", "camera", "result")
-)
-"""What an outcome says of a drive without an answer."""
-
-
 def failed(drive: str, reason: str) -> Outcome:
     """Make the outcome of a drive that has no answer; its reason is one line that any file can hold."""
     text = reason.encode(errors="backslashreplace").decode()
     reasons = (" ".join(text.splitlines()),)
-    return Outcome(drive=drive, status="failed", exit_code=1, reasons=reasons, **NOT_KNOWN)
+    return Outcome(drive=drive, status="failed", exit_code=1, reasons=reasons)
 
 
 def describe_result(task: Task, exit_code: int) -> Outcome:
@@ -210,7 +204,7 @@ def describe_result(task: Task, exit_code: int) -> Outcome:
     Raises:
         InputError: the file is not a result of the command.
     """
-    known: dict[str, Any] = {**NOT_KNOWN, "drive": task.drive, "exit_code": exit_code}
+    known: dict[str, Any] = {"drive": task.drive, "exit_code": exit_code}
     known["stamp"] = first_stamp(read_drive(Path(task.path)))
     known["result"] = str(folder_of(task.drive) / task.result.name)
     if task.command == "calibrate":

@@ -142,14 +142,9 @@ def _point_side(
     *,
     no_return: int,
 ) -> Side:
-    """Make a side of labels of points.
+    """Make a side of labels of points; `no_return` is the id of entries of a file that are no points.
 
-    Args:
-        classes: Ids of each name.
-        ignore: Ids that carry no information.
-        settings: All that the labels depend on besides the sweep.
-        label_points: Labels the points of a sweep: (N,), in SemanticKITTI's layout.
-        no_return: Id of the entries of a file that are no points.
+    `label_points` gives labels (N,) in SemanticKITTI's layout for the points of a sweep.
     """
 
     def label(drive: Drive, frame: Frame) -> bytes:

@@ -58,18 +58,6 @@ class Shown(NamedTuple):
     """(N,) how well this picture shows each pixel of the camera's; minus infinity where it does not."""
 
 
-class Window(NamedTuple):
-    """A part of a picture, and its place in the network's: columns and rows each."""
-
-    start: tuple[int, int]
-    """First pixel in the picture."""
-    size: tuple[int, int]
-    scaled: tuple[int, int]
-    """Size in the network's picture."""
-    corner: tuple[int, int]
-    """First pixel in the network's picture."""
-
-
 @dataclass(frozen=True, eq=False)
 class Views:
     """What a network sees of a camera's picture."""
@@ -121,8 +109,7 @@ def make_views(
         if not is_here.any():
             continue
         merit = np.full(num_pixels, -np.inf)
-        for window in _windows(source.size, size, fit):
-            view = _through(window, source, size, padding)
+        for view in _parts(source, size, fit, padding):
             is_better = is_here & (view.merit > merit)
             if not is_better.any():
                 continue
@@ -200,20 +187,21 @@ def _pinhole(
 # The network's size
 
 
-def _windows(whole: tuple[int, int], size: tuple[int, int], fit: Fit) -> Iterator[Window]:
-    """Yield the parts of a picture that the network sees, one after the other."""
-    (width, height), (columns, rows) = whole, size
+def _parts(source: Shown, size: tuple[int, int], fit: Fit, padding: Sequence[int]) -> Iterator[Shown]:
+    """Yield the network's pictures of a picture, or of its parts."""
+    (width, height), (columns, rows) = source.size, size
     if fit == "tiles":
         tile = min(columns, width), min(rows, height)
         for left in _starts(width, columns):
             for top in _starts(height, rows):
-                yield Window((left, top), tile, tile, (0, 0))
+                yield _part(source, (left, top), tile, tile, (0, 0), size, padding)
         return
     across, down = columns / width, rows / height
     if fit == "letterbox":
         across = down = min(across, down)
     scaled = (min(max(round(width * across), 1), columns), min(max(round(height * down), 1), rows))
-    yield Window((0, 0), whole, scaled, ((columns - scaled[0]) // 2, (rows - scaled[1]) // 2))
+    corner = (columns - scaled[0]) // 2, (rows - scaled[1]) // 2
+    yield _part(source, (0, 0), source.size, scaled, corner, size, padding)
 
 
 def _starts(length: int, side: int) -> list[int]:
@@ -224,29 +212,36 @@ def _starts(length: int, side: int) -> list[int]:
     return [round(place) for place in np.linspace(0, length - side, count)]
 
 
-def _through(window: Window, source: Shown, size: tuple[int, int], padding: Sequence[int]) -> Shown:
-    """Make the network's picture of a part of a picture."""
-    (left, top), (width, height) = window.start, window.size
-    start, extent = np.array(window.start), np.array(window.size)
-    places = source.places - start
-    inside = ((places >= -0.5) & (places < extent - 0.5)).all(axis=1)
-    # The window whose border is farthest away shows a pixel best; the picture's own border is no window's.
-    to_start = np.where(start == 0, np.inf, places + 0.5)
-    to_end = np.where(start + extent >= source.size, np.inf, extent - 0.5 - places)
+def _part(
+    source: Shown,
+    start: tuple[int, int],
+    extent: tuple[int, int],
+    scaled: tuple[int, int],
+    corner: tuple[int, int],
+    size: tuple[int, int],
+    padding: Sequence[int],
+) -> Shown:
+    """Make the network's picture, of a size, of the part of a picture that begins at `start`; columns stand first.
+
+    The part is scaled from `extent` pixels to `scaled` ones, and begins at `corner` there.
+    """
+    (left, top), (width, height) = start, extent
+    places = source.places - np.array(start)
+    inside = ((places >= -0.5) & (places < np.array(extent) - 0.5)).all(axis=1)
+    # The part whose border is farthest away shows a pixel best; the picture's own border is no part's.
+    to_start = np.where(np.array(start) == 0, np.inf, places + 0.5)
+    to_end = np.where(np.add(start, extent) >= source.size, np.inf, np.array(extent) - 0.5 - places)
     merit = np.where(inside, np.minimum(to_start, to_end).min(axis=1), -np.inf)
-    scaled = (places + 0.5) * (np.array(window.scaled) / extent) - 0.5 + np.array(window.corner)
-    shrinks = window.scaled[0] < width or window.scaled[1] < height
-    before = window.corner
-    after = size[0] - before[0] - window.scaled[0], size[1] - before[1] - window.scaled[1]
+    moved = (places + 0.5) * (np.array(scaled) / np.array(extent)) - 0.5 + np.array(corner)
+    borders = (corner[1], size[1] - corner[1] - scaled[1], corner[0], size[0] - corner[0] - scaled[0])
+    how = cv2.INTER_AREA if scaled[0] < width or scaled[1] < height else cv2.INTER_LINEAR
 
     def draw(picture: Picture) -> Picture:
         drawn: Any = source.draw(picture)[top : top + height, left : left + width]
-        if window.scaled != window.size:
-            how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-            drawn = cv2.resize(drawn, window.scaled, interpolation=how)
-        if any((*before, *after)):
-            sides = (before[1], after[1], before[0], after[0])
-            drawn = cv2.copyMakeBorder(drawn, *sides, cv2.BORDER_CONSTANT, value=tuple(padding))
+        if scaled != extent:
+            drawn = cv2.resize(drawn, scaled, interpolation=how)
+        if any(borders):
+            drawn = cv2.copyMakeBorder(drawn, *borders, cv2.BORDER_CONSTANT, value=tuple(padding))
         return np.asarray(drawn, np.uint8)
 
-    return Shown(size, draw, scaled, merit)
+    return Shown(size, draw, moved, merit)
