@@ -46,18 +46,16 @@ LENS_NAMES: dict[CameraModel, str] = {
     "fisheye": "equidistant",
 }
 """distortion_model of each camera model. One of 12 or 14 coefficients has the name of the rational one."""
-DOCUMENT_END = re.compile(r"^---[ \t]*$")
+DOCUMENT_END = re.compile(r"^---[ \t]*$", re.MULTILINE)
 
 
 def first_document(text: str) -> str:
     """Keep the first message of `ros2 topic echo`, which ends each message with `---`."""
-    lines = text.split("\n")
-    started = False
-    for index, line in enumerate(lines):
-        if started and DOCUMENT_END.match(line.rstrip()):
-            return "\n".join(lines[:index])
-        started = started or (bool(line.strip()) and not line.startswith(("%", "#", "---")))
-    return text
+    documents = DOCUMENT_END.split(text)
+    has_content = (
+        any(line.strip() and line[0] not in "%#" for line in part.splitlines()) for part in documents
+    )
+    return next((part for part, is_one in zip(documents, has_content, strict=True) if is_one), text)
 
 
 def ros_intrinsics(document: Node) -> Intrinsics:
@@ -116,11 +114,10 @@ def _read(source: Source, options: FormatOptions) -> Pose:
 def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     """Set the intrinsics: of all that a file has, or of a new one."""
     camera, where = options.intrinsics, str(options.file) if document else f"--to {NAME}"
-    if camera is None and document:
-        needed = "needed IN to be a calibration that estimated and kept its camera's"
-        raise InputError(f"{where}: found a {NAME}, which holds intrinsics alone, {needed}")
     if camera is None:
-        raise InputError(f"{where}: found no camera, needed IN to be a calibration of semcal's or a drive")
+        found = f"a {NAME}, which holds intrinsics alone" if document else "no camera"
+        needed = "that estimated and kept its camera's" if document else "of semcal's or a drive"
+        raise InputError(f"{where}: found {found}, needed IN to be a calibration {needed}")
     check_lens(where, camera, LENS_NAMES)
     if document:
         _set(Node(where, document), camera, options)
@@ -151,15 +148,13 @@ def _matrix(rows: int, data: list[float]) -> dict[str, Any]:
 
 def _set(document: Node, camera: Camera, options: FormatOptions) -> None:
     """Replace K and the coefficients of a file, in its own layout."""
-    sides = [
-        next((document.value[name] for name in NAMES[side] if name in document.value), None)
-        for side in ("width", "height")
-    ]
+    K, distortion, width, height = (
+        document.first(NAMES[key]) for key in ("K", "distortion", "width", "height")
+    )
     lens, needed = document.at(LENS), LENS_NAMES[camera.model]
-    check_same_camera(options, camera, sides)
-    if MODELS.get(str(lens.value)) != MODELS[needed]:
-        raise lens.mismatch(repr(needed))
-    K, distortion = (document.first(NAMES[key]) for key in ("K", "distortion"))
+    known = needed if MODELS.get(str(lens.value)) == MODELS[needed] else lens.value
+    sides = ((width.key, width.value, camera.width), (height.key, height.value, camera.height))
+    check_same_camera(options, *sides, (LENS, known, needed))
     after = [numbers_of(camera), _coefficients(with_count(camera, len(distortion.data())))]
     for node, before, numbers in zip((K, distortion), (K.data(), distortion.data()), after, strict=True):
         if isinstance(node.value, dict) and len(numbers) != len(before):

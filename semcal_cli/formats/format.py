@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -140,12 +142,36 @@ class Source:
         return ""
 
     @property
+    def xml(self) -> ET.Element:
+        """Content of the file as XML, without declarations, so that no small file can grow into a large document.
+
+        Raises:
+            InputError: the content is not well-formed, or declares entities or a document type.
+        """
+        if found := DECLARATION.search(self.text):
+            raise InputError(f"{self.path}: found <!{found.group(1)}, needed XML without declarations")
+        try:
+            return ET.fromstring(self.text.lstrip())
+        except ET.ParseError as error:
+            line = error.position[0]
+            raise InputError(f"{self.path}: line {line}: found no well-formed XML, needed it") from None
+        except RecursionError:
+            raise InputError(f"{self.path}: nested too deeply") from None
+        except ValueError as error:
+            raise InputError(f"{self.path}: {error}") from None
+
+    def looks_like_xml(self, element: str) -> bool:
+        """Tell whether the file begins as XML does and has such an element, without parsing it."""
+        return self.start.startswith("<") and f"<{element}" in self.start
+
+    @property
     def _readable(self) -> Any:
         with suppress(InputError):
             return self.document
         return None
 
 
+DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 MAX_YAML_BYTES = 1_000_000
 """Largest size of a YAML file with a transform."""
 

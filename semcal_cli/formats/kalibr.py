@@ -99,11 +99,12 @@ def _set_lens(entry: dict[str, Any], camera: Camera, options: FormatOptions, is_
         return
     if not {"camera_model", "intrinsics"} <= entry.keys():
         return
-    sides, coefficients = entry.get("resolution"), entry.get("distortion_coeffs")
+    coefficients = entry.get("distortion_coeffs")
     count = len(coefficients) if isinstance(coefficients, list) else 0
     found = _entry(str(options.file), with_count(camera, count))
-    names = [(key, entry.get(key, found[key]), found[key]) for key in ("camera_model", "distortion_model")]
-    check_same_camera(options, camera, sides if isinstance(sides, list) else [sides], *names)
+    names = ("camera_model", "distortion_model")
+    stated = [("resolution", entry.get("resolution")), *((key, entry.get(key, found[key])) for key in names)]
+    check_same_camera(options, *((key, value, found[key]) for key, value in stated))
     entry |= found
     tell(options, camera)
 

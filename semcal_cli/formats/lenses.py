@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
@@ -112,32 +112,22 @@ def check_lens(where: str, camera: Camera, known: Mapping[CameraModel, object]) 
         raise UnnamedLensError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(known)}")
 
 
-def check_same_camera(
-    options: FormatOptions, camera: Camera, sides: Sequence[object], *names: tuple[str, object, str]
-) -> None:
+def check_same_camera(options: FormatOptions, *stated: tuple[str, object, object]) -> None:
     """Check that a file of the user's is of the camera that is set in it.
 
     Args:
         options: Options with the file.
-        camera: The camera.
-        sides: Width and height in the file.
-        names: Key, name in the file and name of the camera's, of each name of the lens.
+        stated: Key, value in the file and value of the camera's, of each value that has to be the same.
 
     Raises:
         InputError: the file is of pictures of another size, or of another lens.
     """
-    if list(sides) != [camera.width, camera.height]:
-        known = [describe(side) for side in sides if side is not None]
-        found = f"pictures of {' x '.join(known)} pixels" if known else "no size of pictures"
-        raise InputError(
-            f"{options.file}: found {found}, needed {camera.width} x {camera.height}: the camera "
-            "that was estimated with the transform is of those; --to semcal writes the transform alone"
-        )
-    for key, found_name, needed in names:
-        if found_name != needed:
+    for key, found, needed in stated:
+        if found != needed:
+            text = str(found)[:40] if isinstance(found, list) else describe(found)
             raise InputError(
-                f"{options.file}: {key}: found {describe(found_name)}, needed {needed!r}, as the camera "
-                "that was estimated with the transform has it"
+                f"{options.file}: {key}: found {text}, needed {needed!r}, as the camera that was estimated with the "
+                "transform has it; --to semcal writes the transform alone"
             )
 
 

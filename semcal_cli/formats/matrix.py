@@ -21,6 +21,7 @@ from semcal_cli.geometry.poses import Pose
 
 SHAPES = ((3, 4), (4, 4))
 NPY = b"\x93NUMPY"
+TUM_NUMBERS = (*PLACE, *XYZW)
 SEPARATORS = re.compile(r"[,;\[\]()]")
 
 
@@ -75,6 +76,16 @@ def _lines(source: Source) -> list[str]:
     return [line for line in lines if line.strip()]
 
 
+def _counts(source: Source) -> list[int]:
+    """Count of numbers on each line; empty if the text holds anything else."""
+    with suppress(InputError):
+        lines = _lines(source)
+        counts = [len(line.split()) for line in lines]
+        parse_numbers(source.path, "", " ".join(lines), sum(counts))
+        return counts
+    return []
+
+
 def _read_text(source: Source, options: FormatOptions) -> Pose:
     values = parse_numbers(source.path, "matrix", " ".join(_lines(source)), 12, 16)
     return from_rows(str(source.path), values, options)
@@ -89,21 +100,12 @@ def _read_tum(source: Source, options: FormatOptions) -> Pose:
     if len(lines) != 1:
         raise InputError(f"{source.path}: found {len(lines)} lines, needed one: stamp x y z qx qy qz qw")
     _, *values = parse_numbers(source.path, "line 1", lines[0], 8).tolist()
-    return pose_of(str(source.path), dict(zip((*PLACE, *XYZW), values, strict=True)), options)
+    return pose_of(str(source.path), dict(zip(TUM_NUMBERS, values, strict=True)), options)
 
 
 def _make_tum(T: Pose, options: FormatOptions) -> bytes:
     values = numbers_of(T)
-    return (" ".join(["0.0", *(repr(values[name]) for name in (*PLACE, *XYZW))]) + "\n").encode()
-
-
-def _counts(source: Source) -> list[int]:
-    """Count of numbers on each line; empty if the text holds anything else."""
-    with suppress(InputError):
-        lines = _lines(source)
-        parse_numbers(source.path, "", " ".join(lines), sum(len(line.split()) for line in lines))
-        return [len(line.split()) for line in lines]
-    return []
+    return f"0.0 {' '.join(repr(values[name]) for name in TUM_NUMBERS)}\n".encode()
 
 
 ARRAY = directed(

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,6 @@ from semcal_cli.formats.lenses import (
 from semcal_cli.formats.matrix import directed
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import from_rows
-from semcal_cli.formats.xml import parse_xml
 from semcal_cli.geometry.poses import Pose
 
 KEY = "CameraExtrinsicMat"
@@ -58,14 +56,14 @@ def is_storage(text: str) -> bool:
 def _storage(source: Source) -> Node:
     text = source.text
     if text.lstrip().startswith("<"):
-        return Node(str(source.path), _parse_xml(text, source.path))
+        return Node(str(source.path), _parse_xml(source))
     for pattern, replacement in OF_STANDARD_YAML:
         text = pattern.sub(replacement, text)
     return Node(str(source.path), parse_document(text, source.path))
 
 
-def _parse_xml(text: str, path: Path) -> dict[Any, Any]:
-    root = parse_xml(text, path)
+def _parse_xml(source: Source) -> dict[Any, Any]:
+    path, root = source.path, source.xml
     try:
         document = _value(root)
     except RecursionError:

@@ -22,7 +22,6 @@ from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frames import CAMERA_WORDS, between, camera_and_lidar, has_word, named, optical_axes
 from semcal_cli.formats.node import Node, parse_number
 from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, Numbers, numbers_of, pose_of
-from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose, inverse
 
 PUBLISHER = "static_transform_publisher"
@@ -40,7 +39,7 @@ def _read_command(source: Source, options: FormatOptions) -> Pose:
 
 
 def _read_launch(source: Source, options: FormatOptions) -> Pose:
-    nodes = [node for node in parse_xml(source.text, source.path).iter("node") if _is_publisher(node.attrib)]
+    nodes = [node for node in source.xml.iter("node") if _is_publisher(node.attrib)]
     where = f"{source.path}: {PUBLISHER}"
     return _one_of(where, [_words(where, node.get("args", "")) for node in nodes], options)
 
@@ -152,7 +151,7 @@ COMMAND = Format(
 LAUNCH = Format(
     "ros2-launch",
     "p_parent = T p_child: a node of static_transform_publisher in an XML launch file",
-    lambda source: looks_like_xml(source, "launch"),
+    lambda source: source.looks_like_xml("launch"),
     _read_launch,
     _make_launch,
     asks=FRAMES,

@@ -156,8 +156,8 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
 
 def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
     """Replace the intrinsics in the camera of a drive."""
-    model = ("camera.model", block["model"], camera.model)
-    check_same_camera(options, camera, [block["width"], block["height"]], model)
+    keys = ("width", "height", "model")
+    check_same_camera(options, *((f"camera.{key}", block[key], getattr(camera, key)) for key in keys))
     camera = with_count(camera, len(block.get("distortion", ())))
     block["K"] = [list(row) for row in camera.K]
     if "distortion" in block or any(camera.distortion):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections import Counter
+from functools import reduce
 
 import numpy as np
 
@@ -11,54 +13,52 @@ from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frames import camera_and_lidar, named, optical_axes
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import ANGLES, PLACE, numbers_of, pose_of
-from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose, inverse
 
 
 def _links(joint: ET.Element) -> tuple[str, str]:
-    ends = (joint.find(name) for name in ("parent", "child"))
-    parent, child = ("" if end is None else end.get("link", "") for end in ends)
+    """Parent and child of a joint."""
+    parent, child = (
+        "" if end is None else end.get("link", "") for end in map(joint.find, ("parent", "child"))
+    )
     return parent, child
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
-    where, root = str(source.path), parse_xml(source.text, source.path)
-    joints = [joint for joint in root.iter("joint") if all(_links(joint))]
+    where = str(source.path)
+    joints = [joint for joint in source.xml.iter("joint") if all(_links(joint))]
+    for pair, count in Counter(frozenset(_links(joint)) for joint in joints).items():
+        if count > 1:
+            raise InputError(f"{where}: found several joints between {listed(sorted(pair))}, needed one")
     links = list(dict.fromkeys(link for joint in joints for link in _links(joint)))
     camera, lidar = camera_and_lidar(where, "links", links, options, prefers_optical=True)
-    T_lidar_camera = np.eye(4)
-    for joint, link in _path(where, joints, lidar, camera):
-        T = _origin(source, joint)
-        T_lidar_camera = T_lidar_camera @ (T if link == _links(joint)[1] else inverse(T))
-    return inverse(T_lidar_camera @ optical_axes(where, camera, options))
+    return inverse(_between(source, joints, lidar, camera) @ optical_axes(where, camera, options))
 
 
-def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tuple[ET.Element, str]]:
-    """The joints from one link to another, each with the link at its end."""
-    ends = [frozenset(_links(joint)) for joint in joints]
-    if len(set(ends)) < len(ends):
-        twice = next(pair for pair in ends if ends.count(pair) > 1)
-        raise InputError(f"{where}: found several joints between {listed(sorted(twice))}, needed one")
-    came: dict[str, tuple[str, ET.Element] | None] = {start: None}
-    waiting = [start]
-    for link in waiting:
+def _between(source: Source, joints: list[ET.Element], start: str, end: str) -> Pose:
+    """Chain the joints from one link to another: T_start_end (4, 4)."""
+    came: dict[str, tuple[str, ET.Element]] = {}
+    for link in (reached := [start]):
         for joint in joints:
-            for here, there in (_links(joint), _links(joint)[::-1]):
-                if here == link and there not in came:
-                    came[there] = (link, joint)
-                    waiting.append(there)
+            if link in (ends := _links(joint)):
+                other = ends[ends[0] == link]
+                if other != start and other not in came:
+                    reached.append(other)
+                    came[other] = link, joint
     if end not in came:
-        raise InputError(f"{where}: found no joints from {start!r} to {end!r}, needed some")
-    path: list[tuple[ET.Element, str]] = []
-    link = end
-    while (step := came[link]) is not None:
-        before, joint = step
-        if joint.get("type", "fixed") != "fixed":
-            name, kind = joint.get("name", ""), joint.get("type")
-            raise InputError(f"{where}: joint {name!r}: found type {kind!r} between them, needed 'fixed'")
-        path.insert(0, (joint, link))
+        raise InputError(f"{source.path}: found no joints from {start!r} to {end!r}, needed some")
+    steps, link = [], end
+    while link != start:
+        before, joint = came[link]
+        if (kind := joint.get("type", "fixed")) != "fixed":
+            name = joint.get("name", "")
+            raise InputError(
+                f"{source.path}: joint {name!r}: found type {kind!r} between them, needed 'fixed'"
+            )
+        T = _origin(source, joint)
+        steps.append(T if link == _links(joint)[1] else inverse(T))
         link = before
-    return path
+    return reduce(np.matmul, reversed(steps), np.eye(4))
 
 
 def _origin(source: Source, joint: ET.Element) -> Pose:
@@ -87,7 +87,7 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 FORMAT = Format(
     "urdf",
     "p_parent = T p_child: <origin xyz rpy> of a <joint>; of several, those between the two links",
-    lambda source: looks_like_xml(source, "joint"),
+    lambda source: source.looks_like_xml("joint"),
     _read,
     _make,
     asks=FRAMES,
