@@ -128,21 +128,26 @@ def nuscenes(root: Path) -> Tree:
     half = np.sqrt(0.5)
     turned = [half, 0.0, 0.0, half]  # w x y z: 90 degrees about z
     optical = [0.5, -0.5, 0.5, -0.5]  # camera axes in a vehicle frame: right = -y, down = -z, forward = x
-    tables = {
+    K = [[50, 0, 31.5], [0, 50, 15.5], [0, 0, 1]]
+    calibrated = ("token", "sensor_token", "translation", "rotation", "camera_intrinsic")
+    keyframe = ("token", "calibrated_sensor_token", "ego_pose_token", "filename", "timestamp")
+    others = {"sample_token": "sample", "is_key_frame": True, "width": WIDTH, "height": HEIGHT}
+    sweep, picture = "samples/LIDAR_TOP/a__LIDAR_TOP__1.pcd.bin", "samples/CAM_FRONT/a__CAM_FRONT__1.jpg"
+    tables: dict[str, list[dict[str, object]]] = {
         "sensor": [{"token": "s0", "channel": "LIDAR_TOP"}, {"token": "s1", "channel": "CAM_FRONT"}],
         "calibrated_sensor": [
-            calibrated("c0", "s0", [1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], []),
-            calibrated("c1", "s1", [1.0, 0.0, 3.0], optical, [[50, 0, 31.5], [0, 50, 15.5], [0, 0, 1]]),
+            dict(zip(calibrated, ("c0", "s0", [1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], []), strict=True)),
+            dict(zip(calibrated, ("c1", "s1", [1.0, 0.0, 3.0], optical, K), strict=True)),
         ],
         "ego_pose": [
-            {"token": "e0", "translation": [100.0, 200.0, 0.0], "rotation": turned, "timestamp": 0},
-            {"token": "e1", "translation": [100.0, 200.2, 0.0], "rotation": turned, "timestamp": 0},
+            {"token": "e0", "translation": [100.0, 200.0, 0.0], "rotation": turned},
+            {"token": "e1", "translation": [100.0, 200.2, 0.0], "rotation": turned},
         ],
         "scene": [{"token": "scene", "name": "scene-0061"}],
         "sample": [{"token": "sample", "scene_token": "scene"}],
         "sample_data": [
-            sample_data("d0", "c0", "e0", "samples/LIDAR_TOP/a__LIDAR_TOP__1.pcd.bin", 1_500_000),
-            sample_data("d1", "c1", "e1", "samples/CAM_FRONT/a__CAM_FRONT__1.jpg", 1_525_000),
+            dict(zip(keyframe, ("d0", "c0", "e0", sweep, 1_500_000), strict=True)) | others,
+            dict(zip(keyframe, ("d1", "c1", "e1", picture, 1_525_000), strict=True)) | others,
         ],
         "lidarseg": [
             {"token": "l", "sample_data_token": "d0", "filename": "lidarseg/v1.0-mini/d0_lidarseg.bin"}
@@ -150,35 +155,11 @@ def nuscenes(root: Path) -> Tree:
     }
     for name, rows in tables.items():
         write(root / f"v1.0-mini/{name}.json", json.dumps(rows))
-    write_cloud(root / "samples/LIDAR_TOP/a__LIDAR_TOP__1.pcd.bin", columns=5)
-    write(root / "samples/CAM_FRONT/a__CAM_FRONT__1.jpg", "no picture")
+    write_cloud(root / sweep, columns=5)
+    write(root / picture, "no picture")
     write_labels(root / "lidarseg/v1.0-mini/d0_lidarseg.bin", [24, 17, 0], "u1")
     T = moved(FORWARD, 0.0, 1.0, -0.2)
     return Tree(root, (), T, {"vehicle.car": [17], "flat.driveable_surface": [24]}, {}, ([0, 31], []))
-
-
-def calibrated(token: str, sensor: str, translation: list[float], rotation: list[float], K: list) -> dict:
-    return {
-        "token": token,
-        "sensor_token": sensor,
-        "translation": translation,
-        "rotation": rotation,
-        "camera_intrinsic": K,
-    }
-
-
-def sample_data(token: str, sensor: str, ego: str, filename: str, timestamp: int) -> dict:
-    return {
-        "token": token,
-        "sample_token": "sample",
-        "calibrated_sensor_token": sensor,
-        "ego_pose_token": ego,
-        "filename": filename,
-        "timestamp": timestamp,
-        "is_key_frame": True,
-        "width": WIDTH,
-        "height": HEIGHT,
-    }
 
 
 P2 = np.array([[50, 0, 31.5, 3.0315], [0, 50, 15.5, 0.0155], [0, 0, 1, 0.001]])

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from camera_infos import LENS, ROS
+from camera_infos import LENS
 from dataset_imports import complaint, run_import
-from dataset_trees import POINTS, own_data, write, write_cloud, write_ids
+from dataset_trees import POINTS, own_data, write
 
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
 from semcal_cli.drive.document import read_drive
@@ -47,13 +47,28 @@ def files(*names: str) -> list[Path]:
     return [Path(name) for name in names]
 
 
-@pytest.mark.parametrize("mark", ["_", "-", "."])
-def test_nanoseconds_without_zeros_in_front(mark: str) -> None:
-    """ROS's seconds and nanoseconds: 98000000 is 0.098 s, and 149000 beside it 0.000149 s."""
-    names = [f"1581624663{mark}{ns}.png" for ns in (198000000, 98000000, 149000, 0)]
-    found = stamps_s(files(*names))
-    expected = [1581624663.198, 1581624663.098, 1581624663.000149, 1581624663.0]
-    assert list(found.values()) == pytest.approx(expected, abs=1e-6)
+SECONDS = 1581624663
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        # ROS's seconds and nanoseconds without zeros in front: 98000000 is 0.098 s, and 149000 beside it 0.000149 s.
+        *(
+            (
+                [f"{SECONDS}{mark}{ns}" for ns in (198000000, 98000000, 149000, 0)],
+                [0.198, 0.098, 0.000149, 0.0],
+            )
+            for mark in "_-."
+        ),
+        # Decimal fractions may have any length, and a zero in front shows that the others have lost zeros at the end.
+        ([f"{SECONDS}.98", f"{SECONDS}.1490002", f"{SECONDS + 1}"], [0.98, 0.1490002, 1.0]),
+        ([f"{SECONDS}.012345678", f"{SECONDS}.14900000"], [0.012345678, 0.149]),
+    ],
+)
+def test_fractions_are_told_by_all_names_together(names: list[str], expected: list[float]) -> None:
+    found = stamps_s(files(*(f"{name}.bin" for name in names)))
+    assert [stamp - SECONDS for stamp in found.values()] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_pair_whose_one_side_has_nanoseconds_without_zeros() -> None:
@@ -61,16 +76,6 @@ def test_a_pair_whose_one_side_has_nanoseconds_without_zeros() -> None:
     clouds = files("1581624663_98000000.bin", "1581624663_980000000.bin")
     pictures = files("1581624663_100000000.png", "1581624663_980000000.png")
     assert pairs(clouds, pictures, max_gap_s=0.05) == dict(zip(clouds, pictures, strict=True))
-
-
-def test_decimal_fractions_may_have_any_length() -> None:
-    names = ("1581624663.98.bin", "1581624663.1490002.bin", "1581624664.bin")
-    assert list(stamps_s(files(*names)).values()) == pytest.approx(
-        [1581624663.98, 1581624663.1490002, 1581624664.0], abs=1e-6
-    )
-    # a zero in front shows that the others have lost zeros at the end
-    dropped = files("1581624663.012345678.bin", "1581624663.14900000.bin")
-    assert list(stamps_s(dropped).values()) == pytest.approx([1581624663.012345678, 1581624663.149], abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -89,18 +94,6 @@ def test_digits_after_seconds_that_are_not_clear(names: tuple[str, ...]) -> None
     )
 
 
-def test_numbers_of_ten_digits_are_no_stamps(tmp_path: Path) -> None:
-    """KITTI's names."""
-    for number in (5, 6):
-        write_cloud(tmp_path / f"clouds/{number:010d}.bin")
-        write_ids(tmp_path / f"labels/{number:010d}.png")
-    write(tmp_path / "camera.yaml", ROS)
-    patterns = ("--points", tmp_path / "clouds/*", "--image-labels", tmp_path / "labels/*")
-    run_import("folder", *patterns, "--camera-info", tmp_path / "camera.yaml", "-o", tmp_path / "drive")
-    frames = read_drive(tmp_path / "drive").frames
-    assert [(frame.points_stamp, frame.image_stamp) for frame in frames] == [(None, None), (None, None)]
-
-
 def test_pairs_by_time_are_each_others_nearest() -> None:
     """Of two clouds near one picture the nearer takes it; what is too far stays alone; the order does not matter."""
     clouds = files("1000000000.00.bin", "1000000000.10.bin", "1000000000.14.bin", "1000000000.50.bin")
@@ -115,13 +108,6 @@ def test_pairs_by_name_whatever_the_suffix() -> None:
     assert pairs(clouds, pictures, max_gap_s=0.05) == {clouds[1]: pictures[0]}
     with pytest.raises(InputError, match=r"^b/1.png: found the name of a/1.png, needed names that tell"):
         pairs(files("a/1.bin"), files("a/1.png", "b/1.png"), max_gap_s=0.05)
-
-
-def own_data_without(root: Path, *names: str) -> list[object]:
-    arguments = own_data(root)
-    for name in names:
-        (root / name).unlink()
-    return arguments
 
 
 def test_own_data(tmp_path: Path) -> None:
@@ -139,32 +125,32 @@ def test_own_data(tmp_path: Path) -> None:
     assert "note: --image-labels: 2 pairs by name; unpaired: 1 clouds, 1 files\n" in stderr
 
 
-def test_clouds_that_have_one_label_set_each(tmp_path: Path) -> None:
-    arguments = own_data_without(tmp_path / "own", "clouds/000002.label", "clouds/000003.label")
-    assert complaint("folder", *arguments, "-o", tmp_path / "drive") == (
-        "--points: found 3 clouds, 1 with a file of --point-labels, 2 with one of --image-labels, "
-        "none with both, needed at least one"
-    )
-    arguments[arguments.index("--image-labels")] = "--images"
-    assert "1 with a file of --point-labels, 2 with one of --images," in complaint(
-        "folder", *arguments, "-o", tmp_path / "drive"
-    )
+COUNTS = "--points: found 3 clouds, 1 with a file of --point-labels, 2 with one of {}, none with both, needed at least one"
 
 
-def test_a_pattern_that_finds_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("changed", "value", "missing", "expected"),
+    [
+        (4, "--image-labels", "clouds/000002.label clouds/000003.label", COUNTS.format("--image-labels")),
+        (4, "--images", "clouds/000002.label clouds/000003.label", COUNTS.format("--images")),
+        (1, "*.pcd", "", "--points: *.pcd: found no such files, needed at least one; quote the pattern"),
+        (
+            4,
+            "--image-labels",
+            "labels/000002.png labels/000003.png",
+            "--image-labels: found no partner, by name, for any of 3 clouds (as 000001.bin) among 1 files (as "
+            "000004.png)",
+        ),
+    ],
+)
+def test_what_finds_no_files_or_no_pairs_is_named(
+    tmp_path: Path, changed: int, value: str, missing: str, expected: str
+) -> None:
     arguments = own_data(tmp_path / "own")
-    arguments[1] = tmp_path / "own/*.pcd"
-    assert complaint("folder", *arguments, "-o", tmp_path / "drive") == (
-        f"--points: {tmp_path}/own/*.pcd: found no such files, needed at least one; quote the pattern"
-    )
-
-
-def test_nothing_that_can_be_paired(tmp_path: Path) -> None:
-    arguments = own_data_without(tmp_path / "own", "labels/000002.png", "labels/000003.png")
-    assert complaint("folder", *arguments, "-o", tmp_path / "drive") == (
-        "--image-labels: found no partner, by name, for any of 3 clouds (as 000001.bin) "
-        "among 1 files (as 000004.png)"
-    )
+    arguments[changed] = value
+    for name in missing.split():
+        (tmp_path / "own" / name).unlink()
+    assert complaint("folder", *arguments, "-o", tmp_path / "drive") == expected
 
 
 def write_own_labels(path: Path, ids: str) -> None:

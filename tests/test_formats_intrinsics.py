@@ -168,9 +168,10 @@ def test_python_and_standard_input_give_the_same(name: str, refined_file: Path) 
     assert run("convert", "-", "--to", name, input=refined_file.read_bytes()).stdout == written
 
 
-def test_a_drive_needs_no_reference_for_its_camera(tmp_path: Path) -> None:
+def test_a_drive_needs_no_reference_for_its_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "drive.yaml").write_text(DRIVE)
-    found = run("convert", tmp_path, "--to", "camera-info", "-o", tmp_path / "ost.yaml")
+    monkeypatch.chdir(tmp_path)
+    found = run("convert", ".", "--to", "camera-info", "-o", tmp_path / "ost.yaml")
     assert found.exit_code == 0, found.output
     lens = read_drive(tmp_path).camera
     assert read_intrinsics(tmp_path / "ost.yaml")["K"] == [list(row) for row in lens.K]
