@@ -73,16 +73,9 @@ KIT = {
     }
 }
 SENSORS = [
-    {
-        "token": "a",
-        "sensor_token": "s",
-        "translation": T[:3, 3].tolist(),
-        "rotation": wxyz(T),
-        "camera_intrinsic": [],
-    }
-    for T in (T_KIT_LIDAR @ T_LIDAR_CAMERA, T_KIT_LIDAR)
+    {"token": token, "sensor_token": "s", "translation": T[:3, 3].tolist(), "rotation": wxyz(T)}
+    for token, T in (("a", T_KIT_LIDAR @ T_LIDAR_CAMERA), ("b", T_KIT_LIDAR))
 ]
-SENSORS[1]["token"] = "b"
 T_R0 = np.eye(4)
 T_R0[:3, :3] = R0
 OPENCV = (
@@ -150,15 +143,11 @@ FILES: dict[str, tuple[str, str, FormatOptions]] = {
         FormatOptions(),
     ),
     "nuscenes": ("calibrated_sensor.json", json.dumps(SENSORS), FormatOptions(camera="a", lidar="b")),
-    "kalibr": (
-        "chain.yaml",
-        yaml.dump({"cam0": {"T_cam_lidar": T_ANY.tolist(), "rostopic": "/a"}}),
-        FormatOptions(),
-    ),
+    "kalibr": ("chain.yaml", f"cam0: {{T_cam_lidar: {T_ANY.tolist()}, rostopic: /a}}\n", FormatOptions()),
     "lidar2cam": (
         "calib.json",
         json.dumps(
-            {"CAM_FRONT": {"lidar2cam": T_ANY.tolist()}, "CAM_BACK": {"lidar2cam": np.eye(4).tolist()}}
+            {key: {"lidar2cam": T.tolist()} for key, T in (("CAM_FRONT", T_ANY), ("CAM_BACK", np.eye(4)))}
         ),
         FormatOptions(camera="CAM_FRONT"),
     ),
@@ -171,33 +160,14 @@ FILES: dict[str, tuple[str, str, FormatOptions]] = {
     "opencalib": ("calib.txt", f"K: 1 0 0 0 1 0 0 0 1\nD: 0 0 0 0\nT: {words(T_ANY[:3])}\n", FormatOptions()),
     "fast-livo2": (
         "avia.yaml",
-        yaml.dump(
-            {
-                "/**": {
-                    "ros__parameters": {
-                        "extrin_calib": {"Rcl": T_ANY[:3, :3].ravel().tolist(), "Pcl": T_ANY[:3, 3].tolist()}
-                    }
-                }
-            }
-        ),
+        f"/**:\n  ros__parameters:\n    extrin_calib:\n      Rcl: {T_ANY[:3, :3].ravel().tolist()}\n"
+        f"      Pcl: {T_ANY[:3, 3].tolist()}\n",
         FormatOptions(),
     ),
     "colmap": (
         "rig_config.json",
-        json.dumps(
-            [
-                {
-                    "cameras": [
-                        {"image_prefix": "left/", "ref_sensor": True},
-                        {
-                            "image_prefix": "right/",
-                            "cam_from_rig_rotation": wxyz(T_ANY),
-                            "cam_from_rig_translation": T_ANY[:3, 3].tolist(),
-                        },
-                    ]
-                }
-            ]
-        ),
+        '[{"cameras": [{"image_prefix": "left/", "ref_sensor": true}, {"image_prefix": "right/", '
+        f'"cam_from_rig_rotation": {wxyz(T_ANY)}, "cam_from_rig_translation": {T_ANY[:3, 3].tolist()}}}]}}]',
         FormatOptions(),
     ),
     "tum": ("pose.txt", f"# stamp x y z qx qy qz qw\n1.5 {words(T_ANY[:3, 3])} {words(xyzw(T_ANY))}\n", L2C),

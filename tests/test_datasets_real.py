@@ -1,17 +1,15 @@
 """`semcal import` on real files, laid out as the data sets have them."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import real
 from dataset_imports import run_import
-from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
@@ -22,7 +20,6 @@ SAME_NAMES_AT_REFERENCE = 0.75
 """The published transform of the RELLIS-3D frame, true to a degree, gives 0.77."""
 SAME_NAMES_BACKWARDS = 0.5
 PRINTED = 1e-9  # decimals of the reference in the drive.yaml of the real frame
-LIDAR2CAM = 1e-6  # calib.json is of single precision
 
 
 def link(source: Path, target: Path) -> None:
@@ -91,77 +88,3 @@ def test_opencalib(tmp_path: Path, sequence: str, count: int) -> None:
     assert all(
         drive.resolve(str(file)).is_file() for frame in drive.frames for file in (frame.points, frame.image)
     )
-
-
-def quaternion_wxyz(T: Pose) -> list[float]:
-    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
-    return [w, x, y, z]
-
-
-def row(token: str, T: Pose, **others: object) -> dict[str, object]:
-    return {"token": token, "translation": T[:3, 3].tolist(), "rotation": quaternion_wxyz(T)} | others
-
-
-def pose(rotation_vector: list[float], translation: list[float]) -> Pose:
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(rotation_vector).as_matrix()
-    T[:3, 3] = translation
-    return T
-
-
-def nuscenes_tree(source: Path, root: Path) -> dict[str, Pose]:
-    """Lay the keyframe out natively: a vehicle that moved and turned between the sweep and each picture."""
-    calibration = json.loads((source / "calib.json").read_text())
-    sweep = next(source.glob("*LIDAR_TOP*"))
-    T_ego_lidar = pose([0.0, 0.01, -1.57], [0.94, 0.0, 1.84])
-    T_world_ego = pose([0.0, 0.0, -1.9], [411.3, 1180.9, 0.0])
-    link(sweep, root / "samples/LIDAR_TOP" / sweep.name)
-    tables: dict[str, list[dict[str, object]]] = {
-        "scene": [{"token": "scene", "name": "scene-0061"}],
-        "sample": [{"token": "sample", "scene_token": "scene"}],
-        "sensor": [{"token": "s", "channel": "LIDAR_TOP"}],
-        "calibrated_sensor": [row("c", T_ego_lidar, sensor_token="s", camera_intrinsic=[])],
-        "ego_pose": [row("e", T_world_ego)],
-        "sample_data": [keyframe("", f"samples/LIDAR_TOP/{sweep.name}")],
-    }
-    for k, (channel, entry) in enumerate(calibration.items(), start=1):
-        T_world_later = T_world_ego @ pose([0.0, 0.0, 0.002 * k], [0.1 * k, 0.0, 0.0])
-        T_ego_camera = inverse(T_world_later) @ T_world_ego @ T_ego_lidar @ np.linalg.inv(entry["lidar2cam"])
-        link(source / entry["img"], root / "samples" / channel / entry["img"])
-        tables["sensor"].append({"token": f"s{k}", "channel": channel})
-        tables["calibrated_sensor"].append(
-            row(f"c{k}", T_ego_camera, sensor_token=f"s{k}", camera_intrinsic=entry["K"])
-        )
-        tables["ego_pose"].append(row(f"e{k}", T_world_later))
-        tables["sample_data"].append(keyframe(str(k), f"samples/{channel}/{entry['img']}"))
-    for name, rows in tables.items():
-        path = root / f"v1.0-mini/{name}.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(rows))
-    return {channel: np.array(entry["lidar2cam"]) for channel, entry in calibration.items()}
-
-
-def keyframe(suffix: str, filename: str) -> dict[str, object]:
-    return {
-        "token": f"d{suffix}",
-        "sample_token": "sample",
-        "calibrated_sensor_token": f"c{suffix}",
-        "ego_pose_token": f"e{suffix}",
-        "filename": filename,
-        "timestamp": int(filename.split("__")[-1].split(".")[0]),
-        "is_key_frame": True,
-        "width": 1600,
-        "height": 900,
-    }
-
-
-def test_nuscenes(tmp_path: Path) -> None:
-    lidar2cam = nuscenes_tree(real("nuscenes_keyframe"), tmp_path / "nuscenes")
-    assert len(lidar2cam) == 6
-    for channel, expected in lidar2cam.items():
-        run_import("nuscenes", tmp_path / "nuscenes", "--camera", channel, "-o", tmp_path / channel)
-        drive: Drive = read_drive(tmp_path / channel)
-        np.testing.assert_allclose(drive.T_camera_lidar, expected, atol=LIDAR2CAM)
-        assert drive.resolve(drive.frames[0].points).stat().st_size % 20 == 0
-        assert drive.resolve(str(drive.frames[0].image)).is_file()
-    assert read_drive(tmp_path / "CAM_FRONT").frames[0].image_stamp == pytest.approx(1532402927.612460)

@@ -125,7 +125,10 @@ def test_own_data(tmp_path: Path) -> None:
     assert "note: --image-labels: 2 pairs by name; unpaired: 1 clouds, 1 files\n" in stderr
 
 
-COUNTS = "--points: found 3 clouds, 1 with a file of --point-labels, 2 with one of {}, none with both, needed at least one"
+COUNTS = (
+    "--points: found 3 clouds, 1 with a file of --point-labels, 2 with one of {}, none with both, "
+    "needed at least one"
+)
 
 
 @pytest.mark.parametrize(
@@ -243,18 +246,21 @@ def test_names_of_classes_from_a_file(tmp_path: Path, content: str) -> None:
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ("road: 7\n", "road: found 7, needed a list"),
-        ("road: [seven]\n", "road[0]: found 'seven', needed a whole number"),
-        ("road: [7, 70000]\n", "road[1]: found 70000, needed at most 65535"),
+        ("road: 7\n", "classes.road.ids: found 7, needed a list"),
+        ("road: [seven]\n", "classes.road.ids[0]: found 'seven', needed a whole number"),
+        ("road: [7, 70000]\n", "classes.road.ids[1]: found 70000, needed at most 65535"),
         ("road: [7]\ncar: [7]\n", "classes: found id 7 under 'road' and 'car', needed it under one name"),
-        ("{}\n", "found a mapping of 0, needed at least 1"),
+        ("{}\n", "classes: found a mapping of 0, needed at least 1"),
         ("- road\n", "found a list of 1, needed a mapping"),
         (
             "ignore: [0]\nroad: [7]\n",
             "ignore: found beside the names of classes, needed these under a key 'classes'; "
             "ids that no class lists are ignored anyway",
         ),
-        ("".join(f"c{n}: []\n" for n in range(65_537)), "found 65,537 names, needed at most 65,536"),
+        (
+            "".join(f"c{n}: []\n" for n in range(65_537)),
+            "classes: found a mapping of 65537, needed at most 65536",
+        ),
     ],
 )
 def test_names_of_classes_that_are_wrong(tmp_path: Path, content: str, expected: str) -> None:

@@ -63,8 +63,6 @@ def read(request: Request) -> Recording:
     camera = rig[pick("camera", request.camera, names[SEGMENTATION], request.root)]
     lidar = rig[pick("LiDAR", None, names[SEMANTIC_LIDAR] or names[LIDAR], request.root)]
     frames = _frames(request.root, rig, camera, lidar)
-    if not frames:
-        raise InputError(f"{request.root}: found no frame that {camera.name} and {lidar.name} share")
     return Recording(
         camera=_pinhole(camera.settings),
         frames=frames,
@@ -167,6 +165,7 @@ def _frames(root: Path, rig: dict[str, Sensor], camera: Sensor, lidar: Sensor) -
         needs=("image_labels",),
         image_labels=by_number(camera, ".png"),
         image={} if colour is None else by_number(colour, ".png", ".jpg"),
+        missing=f"{root}: found no frame that {camera.name} and {lidar.name} share",
     )
 
 

@@ -37,6 +37,7 @@ LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25
 FORWARD_SPEED = 8
 """Column of the forward velocity in an oxts packet, metres a second (dataformat.txt)."""
 PICTURES = (".png", ".jpg")
+MISSING = "{}: found no frame with a sweep in velodyne and a picture in {}"
 
 
 def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
@@ -59,9 +60,8 @@ def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
         points_stamp=stamps,
         image_stamp=stamps,
         speed_mps=dict(enumerate(read_speeds(request.root / f"poses/{folder.name}.txt"))),
+        missing=MISSING.format(folder, camera),
     )
-    if not frames:
-        raise InputError(f"{folder}: found no frame with a sweep in velodyne and a picture in {camera}")
     return _recording(folder / "calib.txt", camera, frames)
 
 
@@ -88,12 +88,10 @@ def read_object(request: Request) -> Recording:
     """
     folder = request.root / "training" if is_folder(request.root / "training") else request.root
     camera = _camera(folder, request)
-    images = files_by_stem(folder / camera, *PICTURES)
+    clouds, images = numbered_files(folder / "velodyne", ".bin"), files_by_stem(folder / camera, *PICTURES)
     frames = {
-        frame.name: frame for frame in joined(numbered_files(folder / "velodyne", ".bin"), image=images)
+        frame.name: frame for frame in joined(clouds, image=images, missing=MISSING.format(folder, camera))
     }
-    if not frames:
-        raise InputError(f"{folder}: found no frame with a sweep in velodyne and a picture in {camera}")
     has_own = is_folder(folder / "calib")
     files = {name: folder / (f"calib/{name}.txt" if has_own else "calib.txt") for name in frames}
     groups = defaultdict[str, list[str]](list)
@@ -146,9 +144,8 @@ def read_raw(request: Request) -> Recording:
         points_stamp=read_stamps(folder / "velodyne_points/timestamps.txt"),
         image_stamp=read_stamps(folder / camera / "timestamps.txt"),
         speed_mps={name: _speed(path) for name, path in packets.items() if name in clouds},
+        missing=f"{folder}: found no frame with a sweep and a picture in {camera}",
     )
-    if not frames:
-        raise InputError(f"{folder}: found no frame with a sweep and a picture in {camera}")
     keyed, number = read_keyed(day / "calib_cam_to_cam.txt"), camera.removeprefix("image_")
     return Recording(
         camera=pinhole(keyed.at(f"P_rect_{number}"), *image_sides(keyed.at(f"S_rect_{number}"))),

@@ -59,12 +59,14 @@ def read(request: Request) -> Recording:
     pictures = _pictures(root, sequence, camera, rectified)
     folders_of_windows = (root / "data_3d_semantics" / part / sequence / "static" for part in PARTS)
     folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
-    needs = ("image", "image_labels")
+    raw_pair = camera in PERSPECTIVE and not rectified
+    place = f"{camera}/data_rgb" if raw_pair else camera
+    missing = f"{root}: found no frame of {sequence} with points, a pose and a picture of {place}"
+    wanted: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **pictures}
     if folder is None:
         sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
         clouds = numbered_files(sweeps / "data", ".bin")
-        stamps = kitti.read_stamps(sweeps / "timestamps.txt")
-        frames = joined(clouds, points_stamp=stamps, **pictures, needs=needs)
+        frames = joined(clouds, points_stamp=kitti.read_stamps(sweeps / "timestamps.txt"), **wanted)
         remarks = ["raw sweeps carry no labels"]
     else:
         windows = Windows(folder, visible_only=camera in PERSPECTIVE)
@@ -75,16 +77,12 @@ def read(request: Request) -> Recording:
             for number, T_world_pose in poses.items()
             if number in windows
         }
-        frames = joined(cuts, speed_mps=_speeds(poses), **pictures, needs=needs)
+        frames = joined(cuts, speed_mps=_speeds(poses), **wanted)
         remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
-    raw_pair = camera in PERSPECTIVE and not rectified
     if raw_pair:
         remarks.append(
             "data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels"
         )
-    if not frames:
-        place = f"{camera}/data_rgb" if raw_pair else camera
-        raise InputError(f"{root}: found no frame of {sequence} with points, a pose and a picture of {place}")
     ontology = read_ontology("kitti-360")
     return Recording(
         camera=block,

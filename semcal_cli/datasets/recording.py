@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from semcal_cli.datasets.files import need_folder
 from semcal_cli.datasets.ontologies import Ontology
+from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose
 
 
@@ -114,6 +115,7 @@ class SourceFrame:
 def joined(
     clouds: Mapping[str, Path | Conversion],
     *,
+    missing: str,
     needs: tuple[str, ...] = ("image",),
     **values: Mapping[Any, Any],
 ) -> list[SourceFrame]:
@@ -121,8 +123,12 @@ def joined(
 
     Args:
         clouds: Clouds by the names of their frames.
+        missing: What is said if there is no such frame.
         needs: Fields of a frame of which one at least has to be there.
         values: Values of fields of `SourceFrame`, by the names of the frames or, where these are numbers, by these.
+
+    Raises:
+        InputError: there is no frame.
     """
     frames = []
     for name, points in clouds.items():
@@ -130,6 +136,8 @@ def joined(
         fields = {field: found[key] for field, found in values.items() for key in keys if key in found}
         if fields.keys() & set(needs):
             frames.append(SourceFrame(name, points, **fields))
+    if not frames:
+        raise InputError(missing)
     return frames
 
 

@@ -1,7 +1,7 @@
 """RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin and the folders beside it (README of unmannedlab/RELLIS-3D).
 
 Sweep 000104 belongs to image frame000104-1581624663_149, whose name ends with its time in seconds and milliseconds.
-`transforms.yaml` maps the camera to the LiDAR and is inverted; see `RELLIS_3D` in `formats/entries.py`.
+`transforms.yaml` maps the camera to the LiDAR and is inverted; see `RELLIS_3D` in `formats/documents.py`.
 """
 
 from __future__ import annotations
@@ -52,9 +52,8 @@ def read(request: Request) -> Recording:
         image_stamp={number: stamp for number, (_, stamp) in (label_images | images).items()},
         # The poses have a line for each sweep.
         speed_mps=dict(zip(clouds, read_speeds(folder / "poses.txt"), strict=False)),
+        missing=f"{folder}: found no frame with a sweep and a picture or its labels",
     )
-    if not frames:
-        raise InputError(f"{folder}: found no frame with a sweep and a picture or its labels")
     info, transforms = folder / "camera_info.txt", folder / "transforms.yaml"
     K = intrinsic_matrix(*parse_numbers(info, "intrinsics", read_text(info), 4).tolist())
     camera = {"model": "plumb_bob", "width": WIDTH, "height": HEIGHT, "K": K, "distortion": DISTORTION}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from semcal_cli.errors import InputError, one_of
-from semcal_cli.formats import bases, camera_info, entries, kalibr, kitti, matrix, opencv, ros, semcal, urdf
+from semcal_cli.formats import bases, camera_info, documents, kalibr, kitti, matrix, opencv, ros, semcal, urdf
 from semcal_cli.formats.format import Format
 
 FORMATS: tuple[Format, ...] = (
@@ -17,16 +17,16 @@ FORMATS: tuple[Format, ...] = (
     kitti.ODOMETRY,
     kitti.OBJECT,
     kitti.KITTI_360,
-    entries.RELLIS_3D,
+    documents.RELLIS_3D,
     bases.NUSCENES,
     kalibr.FORMAT,
-    entries.LIDAR2CAM,
+    documents.LIDAR2CAM,
     opencv.FORMAT,
     camera_info.FORMAT,
-    entries.DIRECT_VISUAL_LIDAR,
+    documents.DIRECT_VISUAL_LIDAR,
     kitti.OPENCALIB,
-    entries.FAST_LIVO2,
-    entries.COLMAP,
+    documents.FAST_LIVO2,
+    documents.COLMAP,
     matrix.TUM,
     matrix.TEXT,
     matrix.ARRAY,

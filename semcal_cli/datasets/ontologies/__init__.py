@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import ConfigDict, Field, RootModel, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from semcal_cli.drive.document import Color, Ids
 from semcal_cli.errors import InputError, describe
@@ -30,7 +30,7 @@ class NamedClass(StrictModel):
     @model_validator(mode="before")
     @classmethod
     def _take_ids_alone(cls, document: object) -> object:
-        return {"ids": document} if isinstance(document, list) else document
+        return document if isinstance(document, dict) else {"ids": document}
 
 
 class Ontology(StrictModel):
@@ -38,7 +38,7 @@ class Ontology(StrictModel):
 
     ignore: Ids = ()
     """Ids that carry no information; nor do those that no class lists."""
-    classes: dict[str, NamedClass]
+    classes: Annotated[dict[str, NamedClass], Field(min_length=1, max_length=MAX_NAMES)]
     """Classes by name; a list of ids stands for a class without a colour."""
 
     @field_validator("classes")
@@ -82,12 +82,6 @@ class Ontology(StrictModel):
         return Ontology(ignore=self.ignore, classes=classes)
 
 
-class ClassIds(RootModel[Annotated[dict[str, Ids], Field(min_length=1)]]):
-    """Names with their raw ids and nothing else, as either side of the `classes:` block of a drive has them."""
-
-    model_config = ConfigDict(strict=True, frozen=True)
-
-
 def ontology_names() -> list[str]:
     """List the names of the tables in the package."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
@@ -108,29 +102,14 @@ def read_ontology(name: str) -> Ontology:
             f"found class table {name!r}, needed a file or one of: {', '.join(ontology_names())}"
         )
     document = read_document(path)
-    return validate(Ontology, _with_ids_alone(document, path) if _is_flat(document) else document, path)
-
-
-def _is_flat(document: dict[Any, Any]) -> bool:
-    """Tell whether the names of classes stand at the top of a document, and not under a key."""
-    return not isinstance(document.get("classes"), dict)
-
-
-def _with_ids_alone(document: dict[Any, Any], path: Path) -> dict[str, Any]:
-    """Make the document of a table from names with their ids alone.
-
-    Raises:
-        InputError: it is something else.
-    """
+    if isinstance(document.get("classes"), dict):
+        return validate(Ontology, document, path)
     if "ignore" in document:
         raise InputError(
             f"{path}: ignore: found beside the names of classes, needed these under a key 'classes'; "
             "ids that no class lists are ignored anyway"
         )
-    if len(document) > MAX_NAMES:
-        raise InputError(f"{path}: found {len(document):,} names, needed at most {MAX_NAMES:,}")
-    ids = validate(ClassIds, document, path)
-    return {"classes": {name: list(values) for name, values in ids.root.items()}}
+    return validate(Ontology, {"classes": document}, path)
 
 
 def _is_there(path: Path) -> bool:
