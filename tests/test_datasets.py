@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from dataset_imports import Import, check_files, complaint
+from dataset_imports import Import, check_files
 from dataset_trees import (
     CARLA_PLY,
     TREES,
@@ -160,61 +160,7 @@ def test_class_tables(name: str) -> None:
     assert not set(ids) & set(table.ignore)
 
 
-# Complaints
-
-
-@pytest.mark.parametrize(
-    ("name", "arguments", "expected"),
-    [
-        ("rellis-3d", "--sequence 00007", "{root}: sequence: found '00007', needed 00000"),
-        ("opencalib", "--sequence 2", "{root}: sequence: found '2', needed one of: 1, 3"),
-        (
-            "kitti-object",
-            "--sequence 7",
-            "{root}/training: sequence: found '7', needed one of: 000000, 000001, 000002",
-        ),
-        (
-            "kitti-odometry",
-            "--camera image_3",
-            "{root}/sequences/00: camera: found 'image_3', needed image_2",
-        ),
-        ("nuscenes", "--camera CAM_LEFT", "{root}: camera: found 'CAM_LEFT', needed CAM_FRONT"),
-        ("nuscenes", "--sequence scene-1", "{root}: sequence: found 'scene-1', needed scene-0061"),
-        (
-            "nuscenes",
-            "--max-gap-s 0.024",
-            "--max-gap-s: found 1 pairs, none within 0.024 s, needed at least one",
-        ),
-        ("nuscenes", "--frames 1:", "--frames: found 1 frames, none of those asked for, needed at least one"),
-        (
-            "kitti-360",
-            "--camera left",
-            "{root}: camera: found 'left', needed one of: image_00, image_01, image_02, image_03",
-        ),
-        (
-            "rellis-3d",
-            "--point-classes kitti",
-            f"found class table 'kitti', needed a file or one of: {', '.join(ontology_names())}",
-        ),
-    ],
-)
-def test_what_is_not_there_is_named_with_what_is(
-    tmp_path: Path, name: str, arguments: str, expected: str
-) -> None:
-    assert Import(name, tmp_path).complaint(*arguments.split()) == expected
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("opencalib", "{root}: sequence: none given, needed one of: 1, 3"),
-        ("carla", "--version: none given, needed CARLA's release as 0.9.15: its tags changed at 0.9.14"),
-    ],
-)
-def test_what_has_to_be_given_is_named(tmp_path: Path, name: str, expected: str) -> None:
-    of = Import(name, tmp_path)
-    assert complaint(name, of.root, "-o", of.out).replace(str(of.root), "{root}") == expected
-
+# PLY
 
 VERTEX = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty uchar label\nend_header\n"
 LITTLE, BIG = "binary_little_endian", "binary_big_endian"

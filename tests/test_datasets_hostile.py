@@ -9,9 +9,10 @@ import camera_infos
 import pytest
 import yaml
 from camera_infos import KALIBR
-from dataset_imports import Import
+from dataset_imports import Import, complaint
 from dataset_trees import write
 
+from semcal_cli.datasets.ontologies import ontology_names
 from semcal_cli.errors import InputError
 from semcal_cli.formats.intrinsics import read_intrinsics
 
@@ -74,37 +75,29 @@ IMPORTS = [
 
 @pytest.mark.parametrize(("name", "file", "case"), IMPORTS)
 def test_a_hostile_value_is_named(tmp_path: Path, name: str, file: str, case: dict[str, Any]) -> None:
-    check_complaint(tmp_path, name, file, case)
-
-
-@pytest.mark.parametrize(
-    ("table", "index", "where", "filename"),
-    [
-        ("sample_data", 0, "[0]", "../../../../etc/passwd"),
-        ("sample_data", 1, "[1]", "/etc/passwd"),
-        ("lidarseg", 0, "[0]", "a/../b"),
-    ],
-)
-def test_a_file_outside_of_the_data_set_is_named(
-    tmp_path: Path, table: str, index: int, where: str, filename: str
-) -> None:
-    expected = f"{where}.filename: found {filename!r}, needed a name inside {{root}}"
-    case = {"row": [index, {"filename": filename}], "says": expected}
-    check_complaint(tmp_path, "nuscenes", f"v1.0-mini/{table}.json", case)
-
-
-def check_complaint(tmp_path: Path, name: str, file: str, case: dict[str, Any]) -> None:
-    """Edit a file of a data set, or take it away, import it, and compare the error; nothing is written."""
+    """A file of a data set is edited or taken away, and an import names it; nothing is written."""
     of = Import(name, tmp_path)
     path = of.root / file
     if "whole" not in case:
         (edit,) = case.keys() & EDITS.keys()
         path.write_text(EDITS[edit](path.read_text(), *case[edit]))
     elif case["whole"] is not None:
-        path.write_text(told(case["whole"]))
+        write(path, told(case["whole"]))
     else:
         path.unlink()
-    assert of.complaint() == f"{{root}}/{file}: {told(case['says'])}"
+    assert of.complaint(*case.get("with", "").split()) == f"{{root}}/{file}: {told(case['says'])}"
+
+
+@pytest.mark.parametrize("case", yaml.safe_load((TABLES / "options.yaml").read_text()))
+def test_hostile_options_are_named(tmp_path: Path, case: dict[str, Any]) -> None:
+    of = Import(case["of"], tmp_path)
+    write(of.root / "twice.yaml", "a: {ids: [1], color: [1, 2, 3]}\nb: {ids: [2], color: [1, 2, 3]}\n")
+    options = case.get("with", "").replace("{root}", str(of.root)).split()
+    if case.get("is_bare"):
+        found = complaint(of.name, of.root, *options, "-o", of.out).replace(str(of.root), "{root}")
+    else:
+        found = of.complaint(*options)
+    assert found == case["says"].replace("{tables}", ", ".join(ontology_names()))
 
 
 @pytest.mark.parametrize("case", yaml.safe_load((TABLES / "intrinsics.yaml").read_text()))

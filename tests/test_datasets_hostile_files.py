@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from camera_infos import ROS
 from dataset_imports import Import, complaint, run_import
-from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, TREES, own_data, write, write_cloud, write_labels
+from dataset_trees import KITTI_360_DRIVE, TREES, own_data, write, write_cloud, write_labels
 
 from semcal_cli.drive.document import read_drive
 
@@ -49,38 +49,6 @@ def test_what_is_no_file_or_no_folder(
     assert of.complaint() == f"{'{root}' / Path(place)}: {expected}"
 
 
-@pytest.mark.parametrize(
-    ("name", "arguments", "expected"),
-    [
-        (
-            "kitti-odometry",
-            "--camera image_x",
-            "{root}/sequences/00: camera: found 'image_x', needed image_2",
-        ),
-        ("kitti-odometry", "--image-labels /dev/null", "/dev/null: found a file, needed a folder"),
-        (
-            "kitti-odometry",
-            "--spread",
-            "--spread: found frames without label images, needed --image-labels DIR",
-        ),
-        ("kitti-odometry", "--point-classes /dev", "/dev: found a folder, needed a file"),
-        (
-            "carla",
-            "--point-classes {root}/twice.yaml",
-            "{root}/twice.yaml: classes: found color [1, 2, 3] under 'a' and 'b', needed it under one name",
-        ),
-    ],
-)
-def test_options_that_cannot_be(tmp_path: Path, name: str, arguments: str, expected: str) -> None:
-    of = Import(name, tmp_path)
-    if name == "kitti-odometry":
-        (of.root / "sequences/00/image_2").rename(of.root / "sequences/00/image_x")
-        (of.root / "sequences/00/image_2").symlink_to("image_x")
-    named = "{ids: [%d], color: [1, 2, 3]}"
-    write(of.root / "twice.yaml", f"classes: {{a: {named % 1}, b: {named % 2}}}\n")
-    assert of.complaint(*arguments.replace("{root}", str(of.root)).split()) == expected
-
-
 def test_a_camera_that_nobody_asked_for(tmp_path: Path) -> None:
     of = Import("nuscenes", tmp_path)
     for table in ("sensor", "calibrated_sensor"):
@@ -109,19 +77,6 @@ def test_raw_sweeps_of_kitti_360_are_named_by_plain_digits(tmp_path: Path) -> No
     assert of.complaint() == (
         f"{{root}}: found no frame of {KITTI_360_DRIVE} with points, a pose and a picture of image_01"
     )
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("1 " * 8, "found 8 values, needed at least 9"),
-        ("1 " * 8 + "fast", "value 9: found 'fast', needed a finite number"),
-    ],
-)
-def test_values_of_an_inertial_packet(tmp_path: Path, text: str, expected: str) -> None:
-    of, packet = Import("kitti-raw", tmp_path), f"{KITTI_RAW_DRIVE}/oxts/data/0000000000.txt"
-    write(of.root / packet, text)
-    assert of.complaint() == f"{{root}}/{packet}: {expected}"
 
 
 VERTICES = "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{}end_header\n"
