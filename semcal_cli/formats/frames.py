@@ -67,18 +67,7 @@ def camera_and_lidar(
             raise InputError(f"{where}: found {kind} {listed(names)}, needed {option} to name {needed}")
         chosen.append(wanted)
     camera, lidar = chosen
-    check_two(where, camera, lidar, f"two {kind}")
     return camera, lidar
-
-
-def check_two(where: str, camera: str, lidar: str, needed: str) -> None:
-    """Check that camera and LiDAR are not the same entry of a file.
-
-    Raises:
-        InputError: they are the same, so that the file has no transform from one sensor to the other.
-    """
-    if camera == lidar:
-        raise InputError(f"{where}: found {camera!r} for both camera and LiDAR, needed {needed}")
 
 
 def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
@@ -126,5 +115,6 @@ def named(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]
     is_body = options.frame == "body"
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
     lidar, camera = options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)
-    check_two("--to-camera, --to-lidar", camera, lidar, "two names")
+    if camera == lidar:
+        raise InputError(f"--to-camera, --to-lidar: found {camera!r} for both, needed two names")
     return T, lidar, camera

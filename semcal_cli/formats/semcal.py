@@ -145,9 +145,13 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     validate(Drive, document | placed, options.file)
     if options.intrinsics is not None:
         _set_camera(document["camera"], options.intrinsics, options)
-    if options.time_offset_s is not None:
-        _check_clock(options.time_offset_s, options)
-        document["time_offset_s"] = options.time_offset_s
+    if (offset_s := options.time_offset_s) is not None:
+        if abs(offset_s) > MAX_OFFSET_S:
+            raise InputError(
+                f"{options.file}: time_offset_s: found {offset_s:g} to be set, needed {-MAX_OFFSET_S:g} to "
+                f"{MAX_OFFSET_S:g}: correct image_stamp by it instead"
+            )
+        document["time_offset_s"] = offset_s
     document.update(placed)
     validate(Drive, document, options.file)
     if options.intrinsics is not None:
@@ -164,15 +168,6 @@ def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -
         block["distortion"] = list(camera.distortion)
     if camera.parameters:
         block["parameters"] = dict(camera.parameters)
-
-
-def _check_clock(time_offset_s: float, options: FormatOptions) -> None:
-    """Refuse an offset that no drive may have."""
-    if abs(time_offset_s) > MAX_OFFSET_S:
-        raise InputError(
-            f"{options.file}: time_offset_s: found {time_offset_s:g} to be set, needed {-MAX_OFFSET_S:g} to "
-            f"{MAX_OFFSET_S:g}: correct image_stamp by it instead"
-        )
 
 
 def _is_ours(source: Source) -> bool:
