@@ -29,10 +29,7 @@ def write_png(path: Path, width: int, height: int, channels: int) -> None:
 
 
 HOSTILE: dict[str, tuple[Edit, str]] = {
-    "missing file": (
-        lambda d, p: (p / "points/000002.bin").unlink(),
-        "points/000002.bin: no such file",
-    ),
+    "missing file": (lambda d, p: (p / "points/000002.bin").unlink(), "points/000002.bin: no such file"),
     "wrong byte count": (
         lambda d, p: cut(p / "points/000001.bin", 3),
         r"points/000001.bin: \d+ bytes is not a multiple of 16",
@@ -49,10 +46,7 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
         lambda d, p: write_png(p / "image_labels/000003.png", 640, 360, 3),
         r"image_labels/000003.png: has 3 channels, needs one of class ids, or a palette: of colours in the drive",
     ),
-    "K that is not 3 x 3": (
-        lambda d, p: d["camera"].update(K=[[1, 2], [3, 4]]),
-        r"drive.yaml: camera.K.*",
-    ),
+    "K that is not 3 x 3": (lambda d, p: d["camera"].update(K=[[1, 2], [3, 4]]), r"drive.yaml: camera.K.*"),
     "K with NaN": (
         lambda d, p: d["camera"]["K"][0].__setitem__(0, float("nan")),
         r"drive.yaml: camera.K\[0\]\[0\].*",
@@ -61,10 +55,7 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
         lambda d, p: d["camera"].update(distortion=[0.1, 0.2, 0.3]),
         r"drive.yaml: camera.distortion: found 3 coefficients, needed 0 or 4 or 5 for plumb_bob",
     ),
-    "no frames": (
-        lambda d, p: d.update(frames=[]),
-        r"drive.yaml: frames.*",
-    ),
+    "no frames": (lambda d, p: d.update(frames=[]), r"drive.yaml: frames.*"),
     "frame without labels": (
         lambda d, p: d["frames"][1].pop("image_labels"),
         r"drive.yaml: frames\[points/000001.bin\].image_labels: found nothing, needed a file of class ids",

@@ -63,12 +63,7 @@ camera:
 frames:
 - points: points/000000.bin
 """
-TEXTS = {
-    "chain.yaml": CHAIN,
-    "ost.yaml": INFO,
-    "message.yaml": MESSAGE,
-    "drive.yaml": DRIVE_OF_THE_USER,
-}
+TEXTS = {"chain.yaml": CHAIN, "ost.yaml": INFO, "message.yaml": MESSAGE, "drive.yaml": DRIVE_OF_THE_USER}
 
 
 def put(folder: Path, name: str, record: Calibration, text: str = "") -> tuple[Path, Result]:
