@@ -54,7 +54,7 @@ class PaperSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateSettings(
-    ImageSettings, SearchSettings, RefinementSettings, PaperSettings, WrittenSettings, ResultSettings
+    SearchSettings, RefinementSettings, ImageSettings, PaperSettings, WrittenSettings, ResultSettings
 ):
     """What the options of `calibrate` say."""
 

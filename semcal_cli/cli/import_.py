@@ -201,7 +201,7 @@ def bag(settings: BagSettings) -> None:
     Sweeps keep all their fields, JPEG and PNG pictures their bytes. Intrinsics come from camera_info, the reference
     T_camera_lidar from /tf_static, motion from odometry or /tf. Damaged parts are left out, and told.
     """
-    from semcal_cli.cli.terminal import make_console, progress_line
+    from semcal_cli.cli.terminal import Terminal
 
     for package in ("rosbags", "mcap"):
         check_installed("semcal import bag", package, "bag")
@@ -211,17 +211,11 @@ def bag(settings: BagSettings) -> None:
     from semcal_cli.datasets.bags.importing import import_bag
     from semcal_cli.datasets.bags.topics import Request
     from semcal_cli.drive.document import DRIVE_FILE
-    from semcal_cli.drive.events import Event, Progress
 
     request = made_of(Request, settings, by_receipt=settings.stamps == "receive")
     assert settings.output is not None  # by a rule
-    with progress_line(make_console(settings.quiet)) as show:
-
-        def on_event(event: Event) -> None:
-            if isinstance(event, Progress):
-                show(event.doing)
-
-        done = import_bag(request, settings.output, on_event)
+    with Terminal(quiet=settings.quiet) as terminal:
+        done = import_bag(request, settings.output, terminal.on_event)
     if settings.quiet:
         return
     rows = done.left_out.most_common()

@@ -28,17 +28,6 @@ NUM_NAMED_FRAMES = 3
 LABEL_WIDTH = 12
 WIDE = 240
 """Width in columns of the output on a pipe."""
-COLUMNS = (
-    "sweep",
-    "points",
-    "no return",
-    "ignored",
-    "pixels ignored",
-    "classes of points",
-    "classes of pixels",
-    "gap, s",
-)
-"""Columns of the table of frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,37 +141,37 @@ def _table(report: DriveReport) -> Table:
     from rich.table import Table
     from rich.text import Text
 
+    frames = report.frames
+    columns = {
+        "sweep": [frame.points for frame in frames],
+        "points": [f"{frame.num_points:,}" for frame in frames],
+        "no return": [f"{frame.num_no_returns:,}" for frame in frames],
+        "ignored": [f"{frame.num_points_ignored:,}" for frame in frames],
+        "pixels ignored": [f"{frame.num_pixels_ignored:,}" for frame in frames],
+        "classes of points": [_commonest(frame.point_classes) for frame in frames],
+        "classes of pixels": [_commonest(frame.image_classes) for frame in frames],
+        "gap, s": ["" if frame.gap_s is None else f"{frame.gap_s:.3f}" for frame in frames],
+    }
     table = Table(box=None, pad_edge=False)
-    for name in COLUMNS:
+    for name in columns:
         table.add_column(name, justify="left" if "classes" in name or name == "sweep" else "right")
-    for frame in report.frames:
-        cells = (
-            frame.points,
-            f"{frame.num_points:,}",
-            f"{frame.num_no_returns:,}",
-            f"{frame.num_points_ignored:,}",
-            f"{frame.num_pixels_ignored:,}",
-            _commonest(frame.point_classes),
-            _commonest(frame.image_classes),
-            "" if frame.gap_s is None else f"{frame.gap_s:.3f}",
-        )
+    for cells in zip(*columns.values(), strict=True):
         table.add_row(*(Text(printable(cell)) for cell in cells))  # names are not markup
     return table
 
 
 def _together(counts: Iterable[Mapping[str, int] | None]) -> Mapping[str, int] | None:
     """Add up the counts of all frames that have labels; None without any."""
-    total: Counter[str] | None = None
-    for each in counts:
-        if each is not None:
-            total = Counter() if total is None else total
-            total.update(each)
-    return total
+    found = [each for each in counts if each is not None]
+    total: Counter[str] = Counter()
+    for each in found:
+        total.update(each)
+    return total if found else None
 
 
 def _commonest(counts: Mapping[str, int] | None) -> str:
     if counts is None:
         return "no labels"
-    names = [name for name, _ in Counter(counts).most_common()]
+    names = sorted(counts, key=lambda name: -counts[name])
     more = f" and {len(names) - NUM_NAMED} more" if len(names) > NUM_NAMED else ""
     return ", ".join(names[:NUM_NAMED]) + more

@@ -258,7 +258,7 @@ class SettingsCommand(click.Command, Generic[Settings]):
         """Write the options under their headings, those without one at the end."""
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
-            if (record := parameter.get_help_record(ctx)) is not None:
+            if isinstance(parameter, click.Option) and (record := parameter.get_help_record(ctx)) is not None:
                 sections.setdefault(getattr(parameter, "section", OPTIONS), []).append(record)
         for title in sorted(sections, key=OPTIONS.__eq__):
             with formatter.section(title):
