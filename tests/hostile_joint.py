@@ -4,7 +4,6 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import yaml
 from hostile_commands import Hostile
 from hostile_files import absent
 from hostile_outputs import drive_with, every_failure_has_a_reason, nothing, set_value
@@ -31,17 +30,6 @@ def all_round(folder: Path) -> None:
     drive_with("camera", "distortion", value=[])(folder)
 
 
-def rig_of_one_lidar(folder: Path) -> None:
-    """Makes a rig of two cameras that see the same."""
-    document = yaml.safe_load((folder / "drive" / "drive.yaml").read_text())
-    for frame in document["frames"]:
-        frame |= {key: f"../drive/{value}" for key, value in frame.items() if isinstance(value, str)}
-    (folder / "left").mkdir()
-    (folder / "left" / "drive.yaml").write_text(yaml.safe_dump(document))
-    (folder / "rig").mkdir()
-    (folder / "rig" / "rig.yaml").write_text("semcal_rig: 1\ncameras: {a: ../drive, b: ../left}\n")
-
-
 def result_with(keys: str, value: object) -> Callable[[Path], object]:
     """Makes a calibration with a camera and a clock, and another value at keys joined by dots, in `c.json`."""
 
@@ -64,29 +52,15 @@ def diagonal(count: int, value: float = 1.0) -> list[list[float]]:
 
 
 OPTIONS: dict[str, Hostile] = {
-    "an intrinsic that the lens has not": refused(
-        rf"drive\.yaml: --refine-intrinsics: found 'k9', needed names of plumb_bob: {OF_LENS}",
-        *("--refine-intrinsics", "fx,k9"),
-    ),
     "k1 of a picture all round": refused(
         r"--refine-intrinsics: found 'k1', needed names of equirectangular: fx, fy, cx, cy$",
         *("--refine-intrinsics", "fx,k1"),
         make=all_round,
     ),
-    "no motion for the clock": refused(
-        r"drive\.yaml: motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
-        "--estimate-delay",
-    ),
     "a speed alone for the clock": refused(
         r"motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
         "--estimate-delay",
         make=drive_with("motion", value={"speed_m_s": 12.0}),
-    ),
-    "intrinsics of cameras of a rig": Hostile(
-        rig_of_one_lidar,
-        ("calibrate", "rig/rig.yaml", "-q", "-o", "results", "--refine-intrinsics", "k9"),
-        rf"2 of 2 cameras failed; a: .*found 'k9', needed names of plumb_bob: {OF_LENS}",
-        check=absent("results/a.yaml", "results/b.yaml"),
     ),
     "intrinsics of many drives": Hostile(
         nothing,

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
 from pydoc import locate
@@ -174,7 +175,7 @@ def test_the_reference_has_every_public_name_with_its_docstring(site: Path) -> N
 
 
 def parse(words: list[str], group: click.Group = semcal) -> None:
-    """Parse a command without running it: its name, its options and their choices, and that no argument is missing."""
+    """Parse a command without running it: its name, its options and their values, its arguments and its rules."""
     name, *rest = words
     assert name in group.commands, words
     command = group.commands[name]
@@ -183,18 +184,9 @@ def parse(words: list[str], group: click.Group = semcal) -> None:
             parse(rest, command)
         return
     if "--" in rest:
-        place = rest.index("--")
-        parse(["calibrate", "DRIVE", *rest[place + 1 :]])
-        rest = rest[:place]
-    found, left, _ = command.make_parser(click.Context(command)).parse_args(rest)
-    assert not left, words
-    for parameter in command.params:
-        value = found.get(parameter.name)
-        is_eager = any(each.is_eager and found.get(each.name) is True for each in command.params)
-        is_given = isinstance(value, str | list | tuple | bool) and value != () and value != []
-        assert is_given or not parameter.required or is_eager, (words, parameter.name)
-        if isinstance(parameter.type, click.Choice) and isinstance(value, str):
-            parameter.type.convert(value, parameter, None)
+        parse(["calibrate", "DRIVE", *rest[rest.index("--") + 1 :]])
+    with suppress(click.exceptions.Exit):
+        command.make_context(name, rest)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
@@ -208,7 +200,7 @@ def test_every_command_in_a_block_parses(path: Path) -> None:
     [
         (["calibrat", "DRIVE"], AssertionError),
         (["calibrate", "DRIVE", "--never"], click.NoSuchOption),
-        (["calibrate"], AssertionError),
+        (["calibrate"], click.MissingParameter),
         (["calibrate", "DRIVE", "--estimator", "never"], click.BadParameter),
         (["batch", "DRIVES", "-o", "DIR", "--", "--never"], click.NoSuchOption),
     ],
