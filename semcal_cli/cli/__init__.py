@@ -19,7 +19,7 @@ import click
 
 from semcal_cli.cli.ci import annotate
 from semcal_cli.config import MAX_PIXELS
-from semcal_cli.errors import InputError, MisplacedError, SemcalError
+from semcal_cli.errors import InputError, SemcalError
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
 GARBAGE_AFTER = 50_000
@@ -142,8 +142,6 @@ def run(arguments: Sequence[str]) -> Ending:
         failure: Exception = error
         # The message is one line, even if a file's name contains a line break.
         line = " ".join(str(error).splitlines())
-        if isinstance(error, MisplacedError):
-            line += _order(arguments)
     except BrokenPipeError:
         _silence_closed_pipe()
         return Ending(EXIT_FAILURE, "the output was closed before its end")
@@ -201,28 +199,6 @@ def _is_interrupted(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
-
-
-def _order(arguments: Sequence[str]) -> str:
-    """Say in which order a command takes its drive and what else it needs; nothing for one without a drive."""
-    command: click.Command = semcal
-    words = ["semcal"]
-    for name in arguments:
-        found = (
-            command.get_command(click.Context(command), name) if isinstance(command, click.Group) else None
-        )
-        if found is None:
-            break
-        command = found
-        words.append(name)
-    needed = [each for each in command.params if each.required or isinstance(each, click.Argument)]
-    if not any(each.name == "drive" for each in needed):
-        return ""
-    with click.Context(command) as context:
-        for each in needed:
-            words += [each.opts[0]] if isinstance(each, click.Option) else []
-            words.append(each.make_metavar(context))
-    return f"; the order is `{' '.join(words)}`"
 
 
 def _silence_closed_pipe() -> None:

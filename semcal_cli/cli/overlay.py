@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, DriveSettings, cue_list
-from semcal_cli.cli.rules import Options, refuse
 from semcal_cli.cli.settings import argument, command, option
 from semcal_cli.config import AUTO, LABELS, CueName
 
@@ -61,7 +60,8 @@ def overlay(settings: OverlaySettings) -> None:
         overlays = _overlays(read_drive(settings.drive, settings.max_points), settings, terminal)
         terminal.print(*map(str, overlays.write_all(output)))
         return
-    refuse(Options(click.get_current_context()), ["--against"], f"is of one camera, and {rig} is a rig")
+    if settings.against is not None:
+        raise click.UsageError(f"--against is of one camera, and {rig} is a rig.")
     found, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
     drives = {name: _few(each, settings, output / name, read) for name, each in drives.items()}
     make_folder(output)

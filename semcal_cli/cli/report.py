@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, RunSettings
-from semcal_cli.cli.rules import Options, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file
 
 
@@ -45,7 +44,8 @@ def report(settings: ReportSettings) -> None:
     terminal = Terminal(quiet=settings.quiet)
     rig = find_rig(settings.drive)
     if rig is not None:
-        refuse(Options(click.get_current_context()), ["--against"], f"is of one camera, and {rig} is a rig")
+        if against is not None:
+            raise click.UsageError(f"--against is of one camera, and {rig} is a rig.")
         found, drives, read = read_rig_files(rig, calibration, settings.max_points)
     else:
         drive = read_drive(settings.drive, settings.max_points)

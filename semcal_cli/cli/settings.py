@@ -18,6 +18,7 @@ import click
 
 from semcal_cli.cli.rules import Options
 from semcal_cli.config.setting import KEY, settings_of
+from semcal_cli.errors import MisplacedError
 from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
 
 Settings = TypeVar("Settings")
@@ -250,9 +251,19 @@ class SettingsCommand(click.Command, Generic[Settings]):
         return self.settings(**{name: ctx.params[name] for name in names if name in ctx.params})
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Call the command with its settings."""
+        """Call the command with its settings; where a file is out of place, the error says the order."""
         assert self.callback is not None
-        return ctx.invoke(self.callback, self.settings_in(ctx))
+        try:
+            return ctx.invoke(self.callback, self.settings_in(ctx))
+        except MisplacedError as error:
+            needed = [each for each in self.params if each.required or isinstance(each, click.Argument)]
+            if not any(each.name == "drive" for each in needed):
+                raise
+            words = [ctx.command_path]
+            for each in needed:
+                words += [each.opts[0]] if isinstance(each, click.Option) else []
+                words.append(each.make_metavar(ctx))
+            raise MisplacedError(f"{error}; the order is `{' '.join(words)}`") from None
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings, those without one at the end."""

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, EstimateSettings
-from semcal_cli.cli.rules import Options, none_of
+from semcal_cli.cli.rules import none_of
 from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.cli.stages import read_initial_pose
-from semcal_cli.config import CalibrationConfig
+from semcal_cli.config import AUTO, CalibrationConfig
 
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
@@ -115,8 +115,7 @@ def _session(
     try:
         data = load(spec, config, sweeps=sweeps)
     except InputError:
-        is_given = Options(click.get_current_context()).holds("--cue")
-        unlabelled = "" if is_given else _missing_labels(few, sweeps)
+        unlabelled = _missing_labels(few, sweeps) if config.cues == AUTO else ""
         if not unlabelled:
             raise
         data = LoadedDrive(few, load_points(few))
