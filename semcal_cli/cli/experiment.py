@@ -207,7 +207,7 @@ def table(
     """
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.stages import read_initial_pose
-    from semcal_cli.cli.terminal import make_console, progress_line
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.loading import load
@@ -227,10 +227,10 @@ def table(
     check_outputs(
         [spec.path, *map(spec.resolve, spec.files()), *transforms], *(folder / name for name in FILES)
     )
-    with progress_line(make_console(quiet=False)) as progress:
-        progress("reading frames")
+    with Terminal(quiet=False) as terminal:
+        terminal.show("reading frames")
         data = load(spec, CalibrationConfig(max_frames=max_frames))
-        found = compare(data, T_reference, initial_pose, frame, progress)
+        found = compare(data, T_reference, initial_pose, frame, terminal.show)
     print_table(write_table(found, frame, folder), folder, into)
 
 

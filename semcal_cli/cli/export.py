@@ -39,7 +39,7 @@ def rerun(settings: RerunSettings) -> None:
     import numpy as np
 
     from semcal_cli.cli.outputs import check_outputs, files_read
-    from semcal_cli.cli.terminal import Terminal, progress_line
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
 
@@ -61,8 +61,8 @@ def rerun(settings: RerunSettings) -> None:
         terminal.print_changes(applied.changes)
         whole = applied.drive
     spec = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, settings.max_frames))})
-    with progress_line(terminal.console) as progress:
-        progress("reading frames")
+    with terminal:
+        terminal.show("reading frames")
         write_rerun(spec, poses, settings.output, cameras)
     names = f", cameras {', '.join(poses)}" if poses else ""
     terminal.print(f"wrote {settings.output}: {len(spec.frames)} frames{names}")

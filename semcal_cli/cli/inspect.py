@@ -48,7 +48,7 @@ def inspect(settings: InspectSettings) -> None:
     or pictures, and frames with the same files.
     """
     from semcal_cli.assessment.inspection import inspect as look_through
-    from semcal_cli.cli.terminal import make_console, progress_line
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.rig.document import find_rig, read_rig
 
@@ -56,9 +56,9 @@ def inspect(settings: InspectSettings) -> None:
     rig = find_rig(path)
     drives = {"": read_drive(path, max_points)} if rig is None else read_rig(rig).read_drives(max_points)
     reports = {}
-    with progress_line(make_console(quiet=settings.as_json)) as progress:
+    with Terminal(quiet=settings.as_json) as terminal:
         for name, each in drives.items():
-            progress(f"looking through {each.path}")
+            terminal.show(f"looking through {each.path}")
             reports[name] = look_through(each)
     if settings.as_json:
         documents = {name: asdict(report) for name, report in reports.items()}

@@ -16,7 +16,7 @@ import numpy as np
 
 from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.tables import figures, labelled, summary_lines, verdict_lines
-from semcal_cli.cli.terminal import Terminal, progress_line
+from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.document import Drive, drive_file, read_drive
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -189,16 +189,16 @@ class Outputs:
         """Write the report and the overlays of a calibration, where requested, from the frames that it used."""
         from semcal_cli.report import make_report_input, write_report
 
-        with progress_line(terminal.console) as progress:
-            progress("reading frames")
+        with terminal:
+            terminal.show("reading frames")
             report = make_report_input(
                 drive, str(self.output or "calibration"), calibration.pose, calibration
             )
             if self.page is not None:
-                write_report(report, self.page, progress)
+                write_report(report, self.page, terminal.show)
                 terminal.print_paths("report", [self.page])
             if self.images is not None:
-                progress("drawing points on pictures")
+                terminal.show("drawing points on pictures")
                 terminal.print_paths("picture", report.overlays(MAX_IMAGES).write_all(self.images))
 
 

@@ -31,7 +31,7 @@ class ReportSettings(RunSettings):
 def report(settings: ReportSettings) -> None:
     """Write a page about a transform."""
     from semcal_cli.cli.outputs import check_outputs, check_page, files_read
-    from semcal_cli.cli.terminal import Terminal, progress_line
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.writing import write_text
     from semcal_cli.report import read_report_input, write_report
@@ -53,12 +53,12 @@ def report(settings: ReportSettings) -> None:
     check_page(output)
     check_outputs(read, output)
     set_num_threads(settings.threads)
-    with progress_line(terminal.console) as progress:
+    with terminal:
         if rig is not None:
-            write_text(rig_page_html(found, drives, (str(rig), str(read[-1])), progress), output)
+            write_text(rig_page_html(found, drives, (str(rig), str(read[-1])), terminal.show), output)
         else:
-            progress("reading frames")
+            terminal.show("reading frames")
             shown = read_report_input(drive, calibration, against)
             terminal.print_changes(shown.changes)
-            write_report(shown, output, progress)
+            write_report(shown, output, terminal.show)
     terminal.print(str(output))

@@ -16,7 +16,7 @@ from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page, files_read
 from semcal_cli.cli.rules import Options, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines
-from semcal_cli.cli.terminal import Terminal, progress_line
+from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.events import Event
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
@@ -100,8 +100,8 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
     terminal.print(*_lines(found, result))
     if page is not None:
         seen = {name: apply_result(cameras.get(name), each, name).drive for name, each in drives.items()}
-        with progress_line(terminal.console) as progress:
-            write_text(rig_page_html(found, seen, (str(path), str(result)), progress), page)
+        with terminal:
+            write_text(rig_page_html(found, seen, (str(path), str(result)), terminal.show), page)
         terminal.print_paths("report", [page])
     _print_verdict(found, terminal)
     if failures:

@@ -68,30 +68,27 @@ def synth(settings: SynthSettings) -> None:
     Streets are drawn from the seed, with 20 classes under CARLA's names and ids. Both sensors see true
     parallax. What the mounting options leave open is drawn from the seed, too.
     """
-    from semcal_cli.cli.terminal import make_console, progress_line
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
     from semcal_cli.threads import set_num_threads
 
     drives, num_cameras, force = settings.drives(), settings.num_cameras, settings.force
     set_num_threads(settings.threads)
     start = perf_counter()
-    with progress_line(make_console(settings.quiet)) as show:
+    with Terminal(quiet=settings.quiet) as terminal:
         for config, folder in drives:
             total = (num_cameras or 1) * config.num_frames
 
             def tell(done: int, doing: str = f"rendering {folder}", total: int = total) -> None:
-                show(f"{doing}: {done:,} of {total:,} frames")
+                terminal.show(f"{doing}: {done:,} of {total:,} frames")
 
             if num_cameras is None:
                 summary = synthesize(config, folder, tell, force=force)
             else:
                 summary = synthesize_rig(config, num_cameras, folder, tell, force=force)
-            if not settings.quiet:
-                click.echo(f"wrote {folder}", err=True)
-    if not settings.quiet:
-        each = "" if settings.num_drives is None else "of the last drive: "
-        click.echo(
-            f"{each}{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes in "
-            f"{perf_counter() - start:.1f} s",
-            err=True,
-        )
+            terminal.print(f"wrote {folder}")
+    each = "" if settings.num_drives is None else "of the last drive: "
+    terminal.print(
+        f"{each}{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes in "
+        f"{perf_counter() - start:.1f} s",
+    )

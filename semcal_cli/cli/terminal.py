@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
@@ -41,20 +41,29 @@ class Terminal:
         self.console = make_console(quiet)
         self.verbose = verbose
         self._stages: list[StageDone] = []
-        self._line = ExitStack()
-        self._show: Callable[[str], None] = lambda doing: None
+        self._line: ProgressBar | None = None
 
     def __enter__(self) -> Terminal:
-        self._show = self._line.enter_context(progress_line(self.console))
+        if self.console.is_terminal:
+            columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
+            self._line = ProgressBar(*columns, console=self.console, transient=True)
+            self._line.add_task("")
+            self._line.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._line.close()
+        if self._line is not None:
+            self._line.stop()
+
+    def show(self, doing: str) -> None:
+        """Show on a terminal what is being done, and for how long."""
+        if self._line is not None:
+            self._line.update(self._line.task_ids[0], description=doing)
 
     def on_event(self, event: Event) -> None:
         """Show an event."""
         if isinstance(event, Progress):
-            self._show(event.doing)
+            self.show(event.doing)
             return
         self._stages.append(event)
         did = [event.note] if event.moved is None else [movement(event.moved), event.note]
@@ -93,18 +102,6 @@ class Terminal:
             "python": platform.python_version(),
         }
         return {"stages": stages, "host": host, "threads": num_threads}
-
-
-@contextmanager
-def progress_line(console: Console) -> Iterator[Callable[[str], None]]:
-    """Show the current work and its duration on a terminal."""
-    if not console.is_terminal:
-        yield lambda doing: None
-        return
-    columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
-    with ProgressBar(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("")
-        yield lambda doing: progress.update(task, description=doing)
 
 
 def make_console(quiet: bool) -> Console:

@@ -51,7 +51,7 @@ class ViewSettings(EstimateSettings):
 )
 def view(settings: ViewSettings) -> None:
     """Show a drive on a page where it is moved by hand."""
-    from semcal_cli.cli.terminal import Terminal, progress_line
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.report.view.server import ViewServer
     from semcal_cli.result.applied import apply_result
@@ -66,8 +66,8 @@ def view(settings: ViewSettings) -> None:
     set_num_threads(settings.threads)
     terminal = Terminal(quiet=settings.quiet)
     terminal.print_changes(applied.changes)
-    with progress_line(terminal.console) as progress:
-        progress("reading frames")
+    with terminal:
+        terminal.show("reading frames")
         config = CalibrationConfig(settings.seed, settings.cues, settings.max_frames)
         T_start = None if start is None else start.T_camera_lidar
         session = _session(applied.drive, config, T_start, output, terminal)
