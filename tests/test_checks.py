@@ -84,11 +84,6 @@ def test_what_cannot_be_computed_keeps_no_limit() -> None:
     assert OTHER_POSE.measured(math.nan, "found").finding is not None
 
 
-def test_a_limit_is_said_with_its_unit() -> None:
-    assert Limit(at_most=0.55, unit="%").words(0.361) == "36.1 %"
-    assert Limit(at_least=3.0, unit="standard errors").words(4.5) == "4.5 standard errors"
-
-
 def test_the_worst_value_of_a_calibration_counts() -> None:
     (row,) = rows([value(GOOD, 1.1, "one-class"), value(GOOD, 5.0, "one-class")])
     assert (row.num_good, row.worst_good, row.num_good_beyond) == (1, 1.1, 1)

@@ -8,7 +8,6 @@ import pytest
 import semcal_cli
 from semcal_cli.result import checks
 from semcal_cli.result.checks import CHECKS, Check
-from semcal_cli.result.stage import Finding
 
 PACKAGE = Path(semcal_cli.__file__).parent
 OF_EXPERIMENTS = {"experiments/rivals", "experiments/rivals_results", "experiments/gradient"}
@@ -107,11 +106,3 @@ def test_what_was_found_says_no_nats_and_no_order(what: ast.expr) -> None:
     )
     assert "nats" not in text
     assert "; add" not in text
-
-
-def test_what_was_found_stands_before_the_advice() -> None:
-    assert Finding("sky", "the sky is 3 m high, needed 30 m", "add sky").sentence == (
-        "the sky is 3 m high, needed 30 m: add sky"
-    )
-    with pytest.raises(TypeError):
-        Finding("sky", "found only")  # type: ignore[call-arg]

@@ -9,7 +9,6 @@ from commands import invoke
 
 from semcal_cli import _core
 from semcal_cli.config import CalibrationConfig
-from semcal_cli.config.mine import MineConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_observations
@@ -107,16 +106,6 @@ def test_isolated_pixels_stay(data: LoadedDrive, street: Path) -> None:
     assert mended.observations.speckle > 0.0
     pairs = zip(data.observations.images, as_read.images, strict=True)
     assert all(np.array_equal(found.classes, expected.classes) for found, expected in pairs)
-
-
-def test_another_optimiser_gives_another_pose(data: LoadedDrive, street_truth: Pose) -> None:
-    T_init = displaced(street_truth, 1.0, 0.1, np.random.default_rng(0))
-    short = MineConfig(edge_band_px=0, steps_per_level=5, warm_up_steps=5)
-    poses = [
-        paper.refine(data.observations, T_init, PaperConfig(mine=mine), 0).T_camera_lidar
-        for mine in (short, replace(short, optimizer="sgd"))
-    ]
-    assert not np.array_equal(*poses)
 
 
 def test_a_run_that_still_drifts_has_not_settled(data: LoadedDrive, street_truth: Pose) -> None:

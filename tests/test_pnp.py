@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from conftest import make_pose
-from test_projection import MODELS, incidence, make_camera
+from test_torch_geometry import MODELS, incidence, make_camera
 
 from semcal_cli.config import PnpConfig
 from semcal_cli.drive.camera import Camera, core_camera

@@ -13,7 +13,7 @@ from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.refinement.polish import polish_pose, split
 
@@ -113,11 +113,6 @@ def test_threads_do_not_change_a_bit(street_observations: Observations, street_t
         found.append(polish_pose(street_observations, PIXEL_OFF @ street_truth, CONFIG))
     np.testing.assert_array_equal(found[0].T_camera_lidar, found[1].T_camera_lidar)
     assert found[0].held_out == found[1].held_out
-
-
-def test_at_the_truth_it_stays_there(street_observations: Observations, street_truth: Pose) -> None:
-    again = polish_pose(street_observations, street_truth, CONFIG)
-    assert rotation_error_deg(again.T_camera_lidar, street_truth) < MAX_ROTATION_DEG
 
 
 @pytest.mark.parametrize(

@@ -32,8 +32,9 @@ def make_optimizer(
     return MineEstimator(observations, mine or MineConfig(), seed)
 
 
-@pytest.mark.parametrize("start", [BAD_START, A_METRE_OFF], ids=["12 degrees", "a metre"])
-@pytest.mark.parametrize("estimator", ["exact", "mine"])
+@pytest.mark.parametrize(
+    ("estimator", "start"), [("exact", BAD_START), ("exact", A_METRE_OFF), ("mine", BAD_START)]
+)
 def test_a_bad_start_ends_at_the_truth(
     street_observations: Observations, street_truth: Pose, estimator: str, start: Pose
 ) -> None:
@@ -80,16 +81,15 @@ def test_a_pose_that_still_moves_has_not_settled(
     assert finding.sentence.startswith("the refinement had not settled, the pose still moved points by ")
 
 
-@pytest.mark.parametrize("estimator", ["exact", "mine"])
 def test_disjoint_ids_carry_the_same_information(
-    street_observations: Observations, street_truth: Pose, estimator: str
+    street_observations: Observations, street_truth: Pose
 ) -> None:
     swapped = street_observations.with_images(
         image.with_classes(np.where(image.classes == 255, 255, 24 - image.classes).astype(np.uint8))
         for image in street_observations.images
     )
     renamed = dataclasses.replace(swapped, image_class_names=tuple(f"x{i}" for i in range(25)))
-    refinement = refine_pose(renamed, street_truth, make_optimizer(estimator, renamed), PyramidConfig())
+    refinement = refine_pose(renamed, street_truth, make_optimizer("exact", renamed), PyramidConfig())
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
 

@@ -167,10 +167,6 @@ def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
     assert np.array_equal(given[:, half:], estimated[:, half:])
 
 
-def test_a_page_without_such_a_camera_has_no_section_of_it(made: Path) -> None:
-    assert 'id="camera"' not in (made / "r.html").read_text()
-
-
 def test_a_camera_that_was_not_kept_is_not_used(
     record: Calibration, wrong_drive: Path, right: Camera, tmp_path: Path
 ) -> None:
@@ -339,14 +335,6 @@ def test_intervals_include_what_is_not_known_of_an_estimated_K(record: Calibrati
         )
         for sentence in uncertainty_sentences(record, right)
     )
-
-
-def test_the_reference_of_a_folder_is_no_result(street: Path, street_truth: Pose, tmp_path: Path) -> None:
-    """A drive's own camera never takes the place of another drive's."""
-    shutil.copytree(street, tmp_path / "other")
-    found = run("overlay", tmp_path / "other", street, "-o", tmp_path / "out", "--max-frames", 1)
-    assert "camera  " not in found.stderr
-    np.testing.assert_allclose(semcal_cli.read_transform(street), street_truth)
 
 
 def test_view_uses_it(wrong_drive: Path, file: Path, right: Camera, monkeypatch: pytest.MonkeyPatch) -> None:

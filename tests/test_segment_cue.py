@@ -77,13 +77,6 @@ def test_segments_in_the_wrong_place_tell_nothing(seen: Observations, street_tru
     assert elsewhere.mean < 0.3 * found.mean
 
 
-def test_frames_and_squares_add_up(seen: Observations, street_truth: Pose) -> None:
-    found = information_by_squares(seen, street_truth)
-    by_frame = found.by_frame @ found.weight_by_frame / found.weight_by_frame.sum()
-    assert found.mean == pytest.approx(by_frame)
-    assert len(found.by_frame) == seen.num_frames
-
-
 def test_the_order_of_points_changes_nothing(street: Path, seen: Observations, street_truth: Pose) -> None:
     rng = np.random.default_rng(0)
     orders = [rng.permutation(cloud.num_points) for cloud in seen.clouds]
@@ -93,11 +86,8 @@ def test_the_order_of_points_changes_nothing(street: Path, seen: Observations, s
     assert information_by_squares(shuffled, street_truth).mean == pytest.approx(expected, rel=0.03)
 
 
-@pytest.mark.parametrize("way_up", [(np.pi, 0.0, 0.0), (0.0, 0.0, 2.0), (0.0, 1.2, 0.0)])
-def test_the_mounting_of_the_lidar_changes_little(
-    seen: Observations, street_truth: Pose, way_up: tuple[float, float, float]
-) -> None:
-    turn = make_pose(way_up, (0.0, 0.0, 0.0))
+def test_the_mounting_of_the_lidar_changes_little(seen: Observations, street_truth: Pose) -> None:
+    turn = make_pose((0.0, 1.2, 2.0), (0.0, 0.0, 0.0))
     points = [(cloud.points @ turn[:3, :3].T).astype(np.float32) for cloud in seen.clouds]
     found = information_by_squares(with_points(seen, points), street_truth @ np.linalg.inv(turn)).mean
     assert found == pytest.approx(information_by_squares(seen, street_truth).mean, rel=0.1)
@@ -213,7 +203,7 @@ def test_verify_tells_a_knocked_camera(bare: Path, street_truth: Pose) -> None:
     assert verdicts != [4, 4]
 
 
-@pytest.mark.parametrize("by", ["class", "agreement", "segment"])
+@pytest.mark.parametrize("by", ["class", "segment"])
 def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: str) -> None:
     write_stored(street_truth, bare.parent / "stored.json")
     folder = bare.parent / by

@@ -70,8 +70,9 @@ def test_a_delay_is_what_the_drive_does_not_say(mixed: Drive, tmp_path: Path, de
         assert wrong.label_agreement < right.label_agreement, offset_s
 
 
-@pytest.mark.parametrize("delay_ms", [0.0, -60.0])
-@pytest.mark.parametrize("direction", ["down", "up", "right", "left"])
+@pytest.mark.parametrize(
+    ("direction", "delay_ms"), [("down", -60.0), ("up", 0.0), ("right", 0.0), ("left", -60.0)]
+)
 def test_visible_points_lie_on_their_label_when_their_line_is_exposed(
     direction: str, delay_ms: float
 ) -> None:

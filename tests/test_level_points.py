@@ -111,8 +111,3 @@ def test_means_are_those_of_numpy(factor: int) -> None:
     means = whole.reshape(rows, factor, columns, factor, 3).mean(axis=(1, 3))
     assert found.dtype == np.float16
     np.testing.assert_allclose(found, means, atol=1e-3)
-
-
-def test_a_map_smaller_than_a_block_stays_as_it_is() -> None:
-    vectors = np.ones((3, 7, 2), np.float16)
-    assert block_means(vectors, 4) is vectors

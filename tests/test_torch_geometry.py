@@ -4,12 +4,17 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from conftest import triples
+from hypothesis import given
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 from torch.autograd import gradcheck
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.refinement.torch_geometry import Projection
+from semcal_cli.refinement.torch_geometry import Projection, exp_se3, generators
 
 SAME_PIXEL = 1e-6
+ROUND_OFF = 1e-10
 FOCAL = (600.0, 610.0)
 GLOBE = (640.0 / math.pi, 640.0 / math.pi)
 
@@ -136,3 +141,17 @@ def test_gradients_are_finite_on_the_axis_and_beyond_the_limit(camera: Camera) -
     points = torch.tensor([[0.0, 0.0, 4.0], [1.0, 0.5, -7.0]], dtype=torch.float64, requires_grad=True)
     Projection(camera)(points)[0].sum().backward()
     assert points.grad.isfinite().all()
+
+
+@given(rho=triples(5.0), phi=triples(3.0))
+def test_exponential_of_a_twist(rho: tuple[float, ...], phi: tuple[float, ...]) -> None:
+    twist = torch.tensor([*rho, *phi], dtype=torch.float64)
+    T = exp_se3(twist).numpy()
+    np.testing.assert_allclose(T[:3, :3], Rotation.from_rotvec(phi).as_matrix(), atol=ROUND_OFF)
+    np.testing.assert_allclose(T @ exp_se3(-twist).numpy(), np.eye(4), atol=ROUND_OFF)
+    np.testing.assert_allclose(T, expm(np.einsum("i,ijk->jk", twist, generators(twist))), atol=ROUND_OFF)
+
+
+def test_gradient_of_the_exponential() -> None:
+    twist = torch.tensor([0.3, -0.2, 0.5, 0.1, 0.4, -0.3], dtype=torch.float64, requires_grad=True)
+    assert gradcheck(exp_se3, twist)
