@@ -19,7 +19,7 @@ from semcal_cli.report.view.session import Session
 from semcal_cli.result.intervals import AXIS_NAMES
 
 HOST = "127.0.0.1"
-MAX_BODY_BYTES, MAX_DIGITS = 10_000, 9
+MAX_BODY_BYTES = 10_000
 MAX_ERROR = 500
 TOKEN_BYTES = 24
 PICTURE = re.compile(r"(picture|edges)/([0-9]{1,9})")
@@ -91,36 +91,30 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Give the page, or a picture."""
-        name = self._asked_name()
+        name, session = self._asked_name(), self.server.session
         if name == "":
-            self._send(HTTPStatus.OK, "text/html; charset=utf-8", page_html(self.server.session).encode())
+            self._answer("text/html; charset=utf-8", lambda: page_html(session).encode())
         elif name is not None and (found := PICTURE.fullmatch(name)):
-            self._answer(lambda: self.server.session.picture(int(found[2]), by_edge=found[1] == "edges"))
+            self._answer("image/jpeg", lambda: session.picture(int(found[2]), by_edge=found[1] == "edges"))
         else:
             self._refuse(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:
         """Answer a question about a pose."""
         session = self.server.session
-        questions: dict[str, Callable[[dict[str, Any]], Any]] = {
-            "points": session.points,
-            "refine": session.refine,
-            "save": session.save,
-        }
+        questions = {"points": session.points, "refine": session.refine, "save": session.save}
         if session.output is not None:
             questions["end"] = session.save
-        name = self._asked_name() or ""
-        question = questions.get(name)
-        length = self.headers.get("Content-Length", "")
-        if question is None:
+        name, length = self._asked_name() or "", self.headers.get("Content-Length", "")
+        if name not in questions:
             self._refuse(HTTPStatus.NOT_FOUND)
-        elif not length.isascii() or not length.isdecimal():
+        elif not (length.isascii() and length.isdecimal()):
             self._refuse(HTTPStatus.LENGTH_REQUIRED)
-        elif len(length) > MAX_DIGITS or int(length) > MAX_BODY_BYTES:
+        elif len(length) > 9 or int(length) > MAX_BODY_BYTES:
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
             body = self.rfile.read(int(length))
-            is_done = self._answer(lambda: question(_document(body)))
+            is_done = self._answer("application/json", lambda: _json(questions[name](_document(body))))
             if name == "end" and is_done:
                 self.server.ended.set()
 
@@ -128,19 +122,18 @@ class Handler(BaseHTTPRequestHandler):
         """What is asked for, below the token; None without the right token, or by a page of another site."""
         own = {f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}"}
         origin = self.headers.get("Origin")
-        if self.headers.get("Host") not in own or (
-            origin and origin not in {f"http://{each}" for each in own}
-        ):
-            return None
-        _, _, rest = self.path.partition("/")
-        token, slash, name = rest.partition("/")
+        is_own = self.headers.get("Host") in own and (origin or None) in {
+            None,
+            *(f"http://{each}" for each in own),
+        }
+        token, slash, name = self.path.removeprefix("/").partition("/")
         is_right = compare_digest(token.encode(), self.server.token.encode())
-        return name if is_right and slash else None
+        return name if is_own and is_right and slash else None
 
-    def _answer(self, ask: Callable[[], Any]) -> bool:
+    def _answer(self, kind: str, ask: Callable[[], bytes]) -> bool:
         """Send what is found, or why it is not; return whether it is found."""
         try:
-            found = ask()
+            content = ask()
         except SemcalError as error:
             why = " ".join(str(error).splitlines())
         except OSError as error:
@@ -148,16 +141,10 @@ class Handler(BaseHTTPRequestHandler):
         except Exception as error:  # a defect: the page says so, and the server goes on
             why = f"semcal failed unexpectedly: {type(error).__name__}: {error}"[:MAX_ERROR]
         else:
-            if isinstance(found, bytes):
-                self._send(HTTPStatus.OK, "image/jpeg", found)
-            else:
-                self._send_json(HTTPStatus.OK, found)
+            self._send(HTTPStatus.OK, kind, content)
             return True
-        self._send_json(HTTPStatus.BAD_REQUEST, {"error": why})
+        self._send(HTTPStatus.BAD_REQUEST, "application/json", _json({"error": why}))
         return False
-
-    def _send_json(self, status: HTTPStatus, found: Any) -> None:
-        self._send(status, "application/json", json.dumps(found, allow_nan=False).encode())
 
     def _refuse(self, status: HTTPStatus) -> None:
         self.close_connection = True
@@ -172,6 +159,10 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
 
+def _json(found: Any) -> bytes:
+    return json.dumps(found, allow_nan=False).encode()
+
+
 def _document(body: bytes) -> dict[str, Any]:
     try:
         document = json.loads(body)
@@ -184,10 +175,9 @@ def _document(body: bytes) -> dict[str, Any]:
 
 def page_html(session: Session) -> str:
     """Make the page of a session."""
-    scripts = ("report/picture.js", "report/view/view.js")
     return render_page(
         "report/view/view.html",
-        scripts,
+        ("report/picture.js", "report/view/view.js"),
         "report/view/view.css",
         session=session,
         axes=AXIS_NAMES,
