@@ -11,7 +11,7 @@ differences of neighbours in time measure this scatter; a rig that changes once 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,8 +43,7 @@ SETTLED = 1e-12
 """Length of the last step, metres and radians, at which the mean has converged."""
 
 
-@dataclass(frozen=True)
-class Mean:
+class Mean(NamedTuple):
     """A robust mean of transforms."""
 
     T_camera_lidar: Pose
@@ -52,8 +51,7 @@ class Mean:
     """(6, 6) covariance of (rho, phi) about the mean."""
 
 
-@dataclass(frozen=True)
-class Scatter:
+class Scatter(NamedTuple):
     """The scatter of a series beyond its stated covariances."""
 
     variances: npt.NDArray[np.float64]
@@ -115,8 +113,11 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
         covariances: (N, 6, 6) of (rho, phi) of each, including the scatter beyond the stated errors.
     """
     information = np.linalg.inv(covariances)
-    # The start is the pose nearest to the medians, which outliers do not move.
-    T = poses[_medoid(poses)]
+    # The start is the pose whose rotation and centre are nearest to the medians, which outliers do not move.
+    coordinates = local_coordinates(poses, poses[0])
+    off = np.abs(coordinates - np.median(coordinates, axis=0))
+    scale = np.maximum(np.median(off, axis=0), np.finfo(float).eps)
+    T = poses[int(np.argmin((off / scale).sum(axis=1)))]
     for _ in range(MAX_ROUNDS):
         coordinates = local_coordinates(poses, T)
         squared = np.einsum("ni,nij,nj->n", coordinates, information, coordinates)
@@ -127,11 +128,3 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
         if np.abs(step).max() < SETTLED:
             break
     return Mean(T, WIDENING * np.linalg.inv(normal))
-
-
-def _medoid(poses: Sequence[Pose]) -> int:
-    """The pose whose rotation and centre are nearest to the medians."""
-    coordinates = local_coordinates(poses, poses[0])
-    off = np.abs(coordinates - np.median(coordinates, axis=0))
-    scale = np.maximum(np.median(off, axis=0), np.finfo(float).eps)
-    return int(np.argmin((off / scale).sum(axis=1)))

@@ -54,17 +54,24 @@ def find_history(
         covariances: (N, 6, 6) covariance of each drive, including the scatter beyond the stated errors.
         degrees_of_freedom: Degrees of freedom of that scatter.
     """
+    weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
+
+    def misfit(model: RigHistory, num_parameters: int) -> float:
+        """Bayesian information criterion (Schwarz, 1978), by the weights of the series, whatever the model is."""
+        off = series - model.expected
+        squared = float(np.einsum("ni,nij,nj->", off, weighted, off))
+        return squared + num_parameters * float(np.log(len(series)))
+
     steady = _in_parts(series, covariances, (0,))
-    found = [(misfit(series, steady.expected, covariances, 6), steady)]
+    found = [(misfit(steady, 6), steady)]
     if starts := change_points(series, covariances, degrees_of_freedom):
         steps = _in_parts(series, covariances, (0, *starts))
-        num_parameters = 6 * (len(starts) + 1) + len(starts)
-        found.append((misfit(series, steps.expected, covariances, num_parameters), steps))
-    line = drift(times, series, covariances, degrees_of_freedom) if len(series) >= MIN_DRIFT_DRIVES else None
-    if line is not None and line.is_significant:
+        found.append((misfit(steps, 6 * (len(starts) + 1) + len(starts)), steps))
+    if len(series) >= MIN_DRIFT_DRIVES:
+        line = drift(times, series, covariances, degrees_of_freedom)
         along = np.array([line.covariance_at(time) for time in times])
         drifting = RigHistory(line.at(times), along, drift=line)
-        found.append((misfit(series, drifting.expected, covariances, 12), drifting))
+        found += [(misfit(drifting, 12), drifting)] if line.is_significant else []
     return min(found, key=lambda pair: pair[0])[1]
 
 
@@ -155,17 +162,6 @@ def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -
     inverse = np.linalg.pinv(design, hermitian=True)
     solution = inverse @ right
     return Drift(solution[6:], inverse[6:, 6:], solution[:6], inverse[:6, :6], middle)
-
-
-def misfit(series: Vectors, model: Vectors, covariances: Matrices, num_parameters: int) -> float:
-    """Bayesian information criterion (Schwarz, 1978) of a model of a series: the smallest is the best.
-
-    The weights are those of the series, whatever the model is.
-    """
-    weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
-    off = series - model
-    squared = float(np.einsum("ni,nij,nj->", off, weighted, off))
-    return squared + num_parameters * float(np.log(len(series)))
 
 
 def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:

@@ -7,7 +7,6 @@ from semcal_cli.documentation import entry_address
 from semcal_cli.fleet import verdict as words
 from semcal_cli.fleet.course import Kind, course_of, course_plots, kind_of
 from semcal_cli.fleet.fleet import Fleet
-from semcal_cli.fleet.members import Member
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import T_notation, notations
 from semcal_cli.report.template import Reason, Verdict, render_page
@@ -23,8 +22,6 @@ MAX_ROWS = 1000
 """Largest number of rows of a table; the result file has all."""
 MAX_PARTS = 100
 """Largest number of parts of the history that the page shows, the last ones."""
-MAX_LETTERS = 200
-"""Largest number of letters of a name or a sentence; with more of them the page would not stay small."""
 
 
 def page_html(fleet: Fleet, given: str) -> str:
@@ -47,9 +44,9 @@ def page_html(fleet: Fleet, given: str) -> str:
         verdict=Verdict(
             fleet.verdict,
             words.title(fleet),
-            " ".join(map(_cut, words.sentences(fleet))),
+            " ".join(words.sentences(fleet)),
             f"known to {widest(known)}",
-            reasons=tuple(Reason(_cut(reason)) for reason in fleet.reasons),
+            reasons=tuple(map(Reason, fleet.reasons)),
         ),
         notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
@@ -66,17 +63,9 @@ def page_html(fleet: Fleet, given: str) -> str:
         parts=fleet.parts[-MAX_PARTS:],
         checks=checks[:MAX_ROWS],
         drives=drives[:MAX_ROWS],
-        left_out=[_left_out(member) for member in fleet.left_out[:MAX_ROWS]],
+        left_out=[
+            (member.drive, Reason(member.left_out or "", member.topic and entry_address(member.topic)))
+            for member in fleet.left_out[:MAX_ROWS]
+        ],
         max_rows=MAX_ROWS,
-        cut=_cut,
     )
-
-
-def _left_out(member: Member) -> tuple[str, Reason]:
-    """Name a drive, and say why it was left out."""
-    address = None if member.topic is None else entry_address(member.topic)
-    return _cut(member.drive), Reason(_cut(member.left_out or ""), address)
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= MAX_LETTERS else f"{text[: MAX_LETTERS - 3]}..."

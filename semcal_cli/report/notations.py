@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
-from semcal_cli.formats.format import Format, FormatOptions
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import (
     Pose,
     Vector,
@@ -74,21 +75,15 @@ def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Notati
     """
     found = []
     for format in FORMATS:
-        text = _file(format, T_camera_lidar, intrinsics) or _file(format, T_camera_lidar, None)
-        if text is None:
-            continue
-        direction = "; here lidar-to-camera" if "direction" in format.asks else ""
-        found.append(Notation(format.name, format.equation + direction, text.rstrip("\n")))
+        for camera in (intrinsics, None):
+            # Poses beside others of a rig go into a file of the user's, and NumPy's file is no text.
+            with suppress(InputError, UnicodeDecodeError):
+                options = FormatOptions(direction="lidar-to-camera", intrinsics=camera)
+                text = format.write(T_camera_lidar, options).decode()
+                direction = "; here lidar-to-camera" if "direction" in format.asks else ""
+                found.append(Notation(format.name, format.equation + direction, text.rstrip("\n")))
+                break
     return found
-
-
-def _file(format: Format, T_camera_lidar: Pose, intrinsics: Camera | None) -> str | None:
-    """Write a file; None where that takes more. Poses beside others of a rig go into a file; NumPy's is no text."""
-    try:
-        options = FormatOptions(direction="lidar-to-camera", intrinsics=intrinsics)
-        return format.write(T_camera_lidar, options).decode()
-    except (InputError, UnicodeDecodeError):
-        return None
 
 
 def matrix_text(T: Pose) -> str:

@@ -35,8 +35,6 @@ STATUSES = {
     "trusted": "trusted",
 }
 """Status of a camera in words, the worst first."""
-MAX_PAIRS = 300
-"""Largest number of pairs that the page shows; the result file has all."""
 BY_CAMERA, BY_PICTURE = "camera that sees them", "pictures"
 """Meanings of the colours of points in the 3-D view."""
 
@@ -81,7 +79,7 @@ def rig_page_html(
         pictures=pictures,
         legend=legend,
         T_notation=T_notation,
-        pairs=found.pairs[:MAX_PAIRS],
+        pairs=found.pairs,
         pair_notation=_pair_notation,
         intervals=intervals,
         cloud=asdict(cloud),
