@@ -201,3 +201,9 @@ function showCloud(canvas, data, choice) {
   choose();
   draw();
 }
+
+showCloud(
+  document.getElementById("cloud-view"),
+  JSON.parse(document.getElementById("cloud-data").textContent),
+  document.getElementById("cloud-colors"),
+);

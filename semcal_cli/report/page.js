@@ -1,8 +1,24 @@
-showCloud(
-  document.getElementById("cloud-view"),
-  JSON.parse(document.getElementById("cloud-data").textContent),
-  document.getElementById("cloud-colors"),
-);
+"use strict";
+
+for (const button of document.querySelectorAll("button.copy")) {
+  button.addEventListener("click", async () => {
+    const source = document.getElementById(button.dataset.copy);
+    let copied = true;
+    try {
+      await navigator.clipboard.writeText(source.textContent);
+    } catch {
+      // Pages from a plain http server have no clipboard: the selection is copied instead.
+      getSelection().selectAllChildren(source);
+      copied = document.execCommand("copy");
+    }
+    button.textContent = copied ? "Copied" : "Selected";
+    button.classList.add("done");
+    setTimeout(() => {
+      button.textContent = "Copy";
+      button.classList.remove("done");
+    }, 1500);
+  });
+}
 
 // Printed, what is folded is opened.
 addEventListener("beforeprint", () => {

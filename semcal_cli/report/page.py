@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.pipeline.verification import Verification
 
-SCRIPTS = tuple(f"report/{name}.js" for name in ("picture", "pictures", "cloud", "page"))
+SCRIPTS = tuple(f"report/{name}.js" for name in ("picture", "pictures", "cloud"))
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
 FOUND = "found on this drive"
 """Caption of the pose that a verification found."""

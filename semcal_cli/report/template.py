@@ -63,12 +63,12 @@ def render_page(
 
     Args:
         template: Place of the template in the package, as all places.
-        scripts: Places of the scripts that it needs, after that of the buttons that copy.
+        scripts: Places of the scripts that it needs, after that of all pages.
         style: Place of the style that it needs beside that of all pages.
         content: What the template names.
     """
     styles = dict.fromkeys(("report/page.css", style))
-    page = {"style": _source(*styles), "script": _source("report/copy.js", *scripts)}
+    page = {"style": _source(*styles), "script": _source("report/page.js", *scripts)}
     return ENVIRONMENT.get_template(template).render(page | {"version": versions()["semcal"]} | content)
 
 

@@ -59,12 +59,12 @@ def rig_page_html(
     progress("reading a frame of each camera")
     views = _camera_views(drives, {name: each.pose for name, each in found.cameras.items()})
     progress("drawing points on pictures")
-    pictures, legend = _pictures(views)
+    pictures, depths = _pictures(views)
     progress("writing the page")
     cloud = _rig_cloud(views)
     return render_page(
         "rig/page.html",
-        ("report/cloud.js", "rig/page.js"),
+        ("report/cloud.js",),
         "rig/rig.css",
         given=given,
         verdict=rig_verdict(found),
@@ -77,7 +77,7 @@ def rig_page_html(
         placed={camera.name: camera for camera in cloud.cameras},
         frames={view.name: view.drive.frames[0].points for view in views},
         pictures=pictures,
-        legend=legend,
+        depths=depths,
         T_notation=T_notation,
         pairs=found.pairs,
         pair_notation=_pair_notation,

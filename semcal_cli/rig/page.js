@@ -1,5 +1,0 @@
-showCloud(
-  document.getElementById("cloud-view"),
-  JSON.parse(document.getElementById("cloud-data").textContent),
-  document.getElementById("cloud-colors"),
-);
