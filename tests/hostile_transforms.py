@@ -131,7 +131,7 @@ TRANSFORMS: dict[str, Hostile] = {
     "the LiDAR's usual name for the camera": Hostile(
         lambda folder: None,
         ("convert", "drive", "--to", "tf2", "--to-camera", "lidar"),
-        "--to-camera, --to-lidar: found 'lidar' for both camera and LiDAR, needed two names$",
+        "--to-camera, --to-lidar: found 'lidar' for both, needed two names$",
     ),
     "into YAML with a byte order mark, CRLF and comments in the matrix": Hostile(
         beside(
