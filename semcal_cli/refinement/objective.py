@@ -147,17 +147,17 @@ class MutualInformation(torch.nn.Module):
         if not self._anchored:
             self.anchor(T_camera_lidar)
         pairs = [
-            (x[chosen], self._sample(y, self._pixels(points[chosen], T_camera_lidar)))
+            (x[chosen], self._sample(y, self._project(points[chosen], T_camera_lidar)[0]))
             for (points, x, y), chosen in zip(self.frames, self._anchored, strict=True)
         ]
         return torch.cat([x for x, _ in pairs]), torch.cat([y for _, y in pairs])
 
-    def _pixels(self, points: Tensor, T_camera_lidar: Tensor) -> Tensor:
-        pixels: Tensor = self.projection(points @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3])[0]
-        return pixels
+    def _project(self, points: Tensor, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
+        pixels, holds = self.projection(points @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3])
+        return pixels, holds
 
     def _inside(self, points: Tensor, T_camera_lidar: Tensor) -> Tensor:
-        pixels, holds = self.projection(points @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3])
+        pixels, holds = self._project(points, T_camera_lidar)
         inside: Tensor = (
             holds & (pixels >= -0.5).all(1) & (pixels < pixels.new_tensor(self.size) - 0.5).all(1)
         )

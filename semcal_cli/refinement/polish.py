@@ -79,11 +79,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     return Polish(
         T_camera_lidar=T_polished,
         agreement=_core.agreement(observations.core, T_polished),
-        findings=_rejected(check, max_loss)
-        if not is_accepted
-        else ()
-        if is_settled
-        else _unsettled(moved_px, config.settled_px),
+        findings=_findings(check, max_loss, moved_px, config),
         settings={"polish": asdict(config)},
         note=note,
         details=f"held out {gain:+.4f} +- {sigma if math.isfinite(sigma) else math.inf:.4f} {observations.unit}",
@@ -107,25 +103,26 @@ def _held_out_gain(
     return _core.held_out_gain(kept.core, held_out.core, T_before, T_after)
 
 
-def _rejected(check: HeldOut, max_loss: float) -> tuple[Finding, ...]:
-    if check.held_out_sigma_nats is None:
+def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishConfig) -> tuple[Finding, ...]:
+    """List what speaks against a polish: held-out data, or that it has not come to its end."""
+    if not check.accepted and check.held_out_sigma_nats is None:
         found = "the polish was rejected, too few pixels were held out to test it"
         return (POLISH_NOT_TESTED.finding(found),)
-    by = -check.held_out_gain_nats / max(check.held_out_sigma_nats, LEAST_SIGMA)
-    found = (
-        f"the polish was rejected, held-out data agree less after it by {by:.1f} standard errors, needed at most "
-        f"{max_loss:g}"
-    )
-    return (POLISH_REJECTED.finding(found),)
-
-
-def _unsettled(moved_px: float, most_px: float) -> tuple[Finding, ...]:
+    if not check.accepted:
+        by = -check.held_out_gain_nats / max(check.held_out_sigma_nats or 0.0, LEAST_SIGMA)
+        found = (
+            f"the polish was rejected, held-out data agree less after it by {by:.1f} standard errors, needed at most "
+            f"{max_loss:g}"
+        )
+        return (POLISH_REJECTED.finding(found),)
+    if moved_px <= config.settled_px:
+        return ()
     if not math.isfinite(moved_px):
         found = "the polish found no direction in which the pose changes the agreement"
         return (NO_DIRECTION.finding(found),)
     found = (
         f"the polish had not settled, its last round still moved points by {moved_px:.2f} pixels, needed at most "
-        f"{most_px:g}"
+        f"{config.settled_px:g}"
     )
     return (POLISH_NOT_SETTLED.finding(found),)
 

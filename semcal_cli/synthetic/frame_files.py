@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,12 +54,10 @@ def write_frame(
     frame = renderer.frame(config.seed, number, lidar_twist(config, number))
     labels, image_labels = frame.point_labels, frame.image_labels
     path = {folder: out / name for folder, name in file_names(config, number).items()}
-    try:
-        if sweeps is None:
+    if sweeps is None:
+        with written_below(out):
             path["points"].write_bytes(_cloud(config, frame))
             _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
-    except OSError as error:
-        raise unwritable(out, error) from None
     # The label noise of two cameras is in different places.
     rng = generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
     noisy = mislabel(image_labels, config.label_noise, class_ids(), rng, UNLABELED)
@@ -101,9 +101,13 @@ def file_names(config: SynthConfig, number: int) -> dict[str, str]:
     return {folder: f"{folder}/{number:06d}.{suffix}" for folder, suffix in suffixes.items()}
 
 
-def unwritable(out: Path, error: OSError) -> InputError:
-    """Say in a line why a drive cannot be written."""
-    return InputError(f"{out}: cannot be written: {os_reason(error)}")
+@contextmanager
+def written_below(out: Path) -> Iterator[None]:
+    """Name the folder of a drive in the error if something in it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {os_reason(error)}") from None
 
 
 def _cloud(config: SynthConfig, frame: _core.RenderedFrame) -> bytes:

@@ -25,8 +25,8 @@ from semcal_cli.synthetic.frame_files import (
     SWEEP_FOLDERS,
     UNLABELED,
     frame_document,
-    unwritable,
     write_frame,
+    written_below,
 )
 from semcal_cli.synthetic.motion import MOUNTING, POSES_FILE, check_motion, generator, poses_text, shutter
 
@@ -86,7 +86,11 @@ def synthesize(
     check_motion(config)
     T_camera_lidar = mounting(config)
     renderer = make_renderer(config, T_camera_lidar)
-    _prepare_folder(out, force, sweeps)
+    _check_empty(out, force)
+    with written_below(out):
+        for folder in PICTURE_FOLDERS if sweeps else SWEEP_FOLDERS + PICTURE_FOLDERS:
+            (out / folder).mkdir(parents=True, exist_ok=True)
+        (out / DRIVE_FILE).unlink(missing_ok=True)
     # Rust renders one frame at a time on all cores, while the other thread writes the previous frame.
     with ThreadPoolExecutor(max_workers=2) as threads:
         frames = []
@@ -132,10 +136,8 @@ def synthesize_rig(
     """
     check_motion(config)
     _check_empty(out, force)
-    try:
+    with written_below(out):
         (out / RIG_FILE).unlink(missing_ok=True)
-    except OSError as error:
-        raise unwritable(out, error) from None
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed
     first_deg = config.camera_azimuth_deg or 0.0
     names = [f"camera_{index}" for index in range(num_cameras)]
@@ -165,9 +167,9 @@ def mounting(config: SynthConfig) -> Pose:
     rig = config if config.rig_seed is None else replace(config, seed=config.rig_seed)
     rng = generator(rig, MOUNTING)
     azimuth, pitch, roll = rng.uniform((-180.0, -PITCH_DEG, -ROLL_DEG), (180.0, PITCH_DEG, ROLL_DEG))
-    azimuth = azimuth if config.camera_azimuth_deg is None else config.camera_azimuth_deg
-    pitch = pitch if config.camera_pitch_deg is None else config.camera_pitch_deg
-    roll = roll if config.camera_roll_deg is None else config.camera_roll_deg
+    asked = config.camera_azimuth_deg, config.camera_pitch_deg, config.camera_roll_deg
+    drawn = azimuth, pitch, roll
+    azimuth, pitch, roll = (one if other is None else other for one, other in zip(drawn, asked, strict=True))
     return pose_from_mounting((roll, -pitch, azimuth), _camera_center(config, rng).tolist())
 
 
@@ -180,22 +182,18 @@ def make_camera(config: SynthConfig) -> Camera:
     model, distortion, lens_hfov_deg = LENSES[config.lens]
     hfov_deg = lens_hfov_deg if config.hfov_deg is None else config.hfov_deg
     focal = round(config.width / _width_at_unit_focal(config.lens, math.radians(0.5 * hfov_deg)), 6)
-    parameters = LENS_PARAMETERS.get(config.lens)
-    return Camera.model_validate(
-        {
-            "model": model,
-            "width": config.width,
-            "height": config.height,
-            "K": (
-                (focal, 0.0, 0.5 * (config.width - 1)),
-                (0.0, focal, 0.5 * (config.height - 1)),
-                (0.0, 0.0, 1.0),
-            ),
-            "distortion": distortion,
-            "intrinsics_sigma": {"fx": 0.0, "fy": 0.0, "cx": 0.0, "cy": 0.0},
-        }
-        | ({"parameters": parameters} if parameters else {})
-    )
+    cx, cy = 0.5 * (config.width - 1), 0.5 * (config.height - 1)
+    document = {
+        "model": model,
+        "width": config.width,
+        "height": config.height,
+        "K": ((focal, 0.0, cx), (0.0, focal, cy), (0.0, 0.0, 1.0)),
+        "distortion": distortion,
+        "intrinsics_sigma": {"fx": 0.0, "fy": 0.0, "cx": 0.0, "cy": 0.0},
+    }
+    if config.lens in LENS_PARAMETERS:
+        document["parameters"] = LENS_PARAMETERS[config.lens]
+    return Camera.model_validate(document)
 
 
 def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
@@ -237,21 +235,9 @@ def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
 
 
 def _check_empty(out: Path, force: bool) -> None:
-    try:
+    with written_below(out):
         if not force and out.is_dir() and any(out.iterdir()):
             raise InputError(f"{out}: the folder is not empty; name another, or write into it with --force")
-    except OSError as error:
-        raise unwritable(out, error) from None
-
-
-def _prepare_folder(out: Path, force: bool, sweeps: str | None) -> None:
-    _check_empty(out, force)
-    try:
-        for folder in PICTURE_FOLDERS if sweeps else SWEEP_FOLDERS + PICTURE_FOLDERS:
-            (out / folder).mkdir(parents=True, exist_ok=True)
-        (out / DRIVE_FILE).unlink(missing_ok=True)
-    except OSError as error:
-        raise unwritable(out, error) from None
 
 
 def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | None) -> dict[str, Any]:
