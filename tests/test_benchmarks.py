@@ -31,153 +31,32 @@ START = make_pose((0.021, -0.0224, 0.0168), (0.12, -0.1, 0.12))
 NEAR_DEG, NEAR_CM = 0.3, 5.0
 """Two small pairs in plain torch end at 0.05 degrees and 0.5 cm; a script that learns nothing stays at the start."""
 
-FIGURE = r"[\d.,+%-]+"
 NUMBER = r"\d+\.\d+"
-RUNS: dict[str, tuple[str, list[str]]] = {
-    "batch": (
-        "batch.py --drives 1 --bookkeeping 3 --frames 2 --width 160 --height 90",
-        [
-            rf"\| bookkeeping of 3 drives: first time, resumed \| {NUMBER} s, {NUMBER} s \|",
-            rf"\| 1 drives, bare runs in one process, one thread \| {NUMBER} s \|",
-            rf"\| `--jobs 1 --threads 1` \| {NUMBER} s, {FIGURE} against bare runs \|",
-            rf"\| `--jobs 2` \| {NUMBER} s, {NUMBER} times as fast \|",
-        ],
-    ),
-    "bootstrap": (
-        "bootstrap.py --pool POOL --seeds 1 --resamples 2 --pairs 1 2 --frames 2 --width 320 --height 180",
-        [rf"\| {pairs} \| {NUMBER} \| {NUMBER} to {NUMBER} \|" for pairs in (1, 2)],
-    ),
-    "cues": (
-        "cues.py --seeds 1 --frames 2 --width 160",
-        [
-            rf"\| default \| {cue} \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER}, {NUMBER} \| [01] \|"
-            for cue in ("labels", "edges", "intensity", "labels,edges", "labels,intensity")
-        ],
-    ),
-    "features": (
-        "features.py --seeds 1 --frames 1 --width 128",
-        [rf"\| features \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER}, {NUMBER} \|"],
-    ),
-    "fleet": (
-        "fleet.py --fleets 1",
-        [rf"\| {n} \| {extra} \| {FIGURE} \| {FIGURE} \| {FIGURE} \|" for n in (3, 60) for extra in (0, 3)],
-    ),
-    "import bag": (
-        "import_bag.py -o OUT/recordings --gigabytes 0.001 --rounds 1 --points 1000 --width 160",
-        [
-            rf"\| {kind} \| 0.00 \| {NUMBER} \| {NUMBER} \| {NUMBER} \| \d+ \| \d+ \|"
-            for kind in ("mcap", "ros1", "sqlite3")
-        ],
-    ),
-    "initialization": (
-        "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160",
-        [
-            rf"\| 35-degree lens \| [01] of 1 \| [01] of 1 \| {NUMBER} deg, {NUMBER} cm \| [0-2] of 2 .*\|",
-            rf"\| 35-degree lens \| 2 \|( [01] of 1, {NUMBER} deg, {NUMBER} cm \|){{4}}",
-        ],
-    ),
-    "knocked drive": (
-        "knocked_drive.py -o OUT/knocked.png --frames 4 --width 320 --height 180 --angle-deg 3",
-        [r"found: .*", r"truth: frame 2, 3\.00 degrees, 5\.0 cm"],
-    ),
-    "labels from pictures": (
-        "labels_from_pictures.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128",
-        [
-            r"\| 0 \| [\d.]+% \|( no answer \|| [\d.]+ deg, [\d.]+ cm, \w+ \|){2}",
-            rf"\| the one above \|( -?{NUMBER} \|){{3}}",
-            rf"\| 3 times as wide \|( -?{NUMBER} \|){{3}}",
-        ],
-    ),
-    "point clouds": (
-        "point_clouds.py --rounds 1 --columns 32",
-        [
-            rf"\| KITTI \.bin \| {NUMBER} \| numpy.fromfile, mask, copy \| {NUMBER} \| {NUMBER} \|",
-            rf"\| KITTI \.bin \| {NUMBER} \| {NUMBER} \| {NUMBER} \|",
-            rf"\| PCD binary \|( {NUMBER} \|| pypcd4 \|){{4}}|pypcd4 is not installed: its formats are left out",
-            rf"\| PLY binary \|( {NUMBER} \|| plyfile \|){{4}}|plyfile is not installed: its formats are left out",
-        ],
-    ),
-    "real drives": (
-        "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges",
-        [
-            rf"\| nuScenes front, 1 of them \| near \| {cues} \| 1 \|( {NUMBER}, {NUMBER} \|){{2}} - \|.*"
-            for cues in ("edges", "segments,edges")
-        ],
-    ),
-    "pictures": (
-        "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL",
-        [
-            rf".*/{name}\.webp: \d+ kB"
-            for name in ("overlay", "terminal", "report", "verify_phone", "fleet", "view", "view_phone")
-        ],
-    ),
-    "report": (
-        "report.py --frames 2 --width 320 --height 180 --runs 1",
-        [rf"\| 2 \| {NUMBER} s \| {NUMBER} to {NUMBER} s \| {NUMBER} MB \|"],
-    ),
-    "rig": (
-        "rig.py --seeds 1 --cameras 2 --frames 2 --width 160",
-        [rf"\| 2 \| 1 \| (0 \|  \|  |1 \| {NUMBER}% \| [01] )\| {NUMBER} \|"],
-    ),
-    "same results": (
-        "same_results.py --before SEMCAL --after SEMCAL --work OUT/work --cases CASES",
-        [
-            r"\| synth \| 1 x 0 \| \d+ \| 0 \| 0 \| 0 \| 0 \| .*",
-            r"\| inspect \| 1 x 0, 1 x 1 \| \d+ \| 0 \| .*",
-        ],
-    ),
-    "segmentation": (
-        "segmentation.py --rounds 1 --frames 1 --columns 100",
-        [
-            rf"\| {name} \| \d+ \| {NUMBER} \| \d+ \| {NUMBER} \| {NUMBER} \|"
-            for name in ("64 rings", "16 rings", "rosette")
-        ],
-    ),
-    "segment scores": (
-        "segment_scores.py DATA -o OUT/scores.png --only KITTI --max-frames 1 --steps 1",
-        [
-            rf"\| KITTI jam, 13 pairs \| {score} \|( [+-]?[\d.]+ \|){{6}}"
-            for score in ("mutual information", "uncertainty coefficient", "adjusted mutual information")
-        ],
-    ),
-    "edges' picture": (
-        "edges_picture.py DATA -o OUT/edges.png --max-frames 1",
-        [r"written to .*"],
-    ),
-    "edges' ideas": (
-        "edge_ideas.py DATA -o OUT/ideas.png --only jam --max-frames 1 --starts 1 --steps 1",
-        [
-            rf"\| KITTI jam, 13 pairs \| {idea} \| {NUMBER} deg, {NUMBER} cm \| (-?{NUMBER}|inf) \| [01] of 1 \|"
-            for idea in ("steps in range", "steps in intensity", "planes that meet")
-        ],
-    ),
-    "speed ratio": (
-        "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed "
-        "--repeats 1 --pairs 1 --width 64 --height 48 --process calibrate --process inspect",
-        [
-            *(
-                rf"\| {name} \| {NUMBER} \| {NUMBER} \| {NUMBER} \| {NUMBER}, {NUMBER} \|"
-                for name in ("--help", "calibrate, 1 pair", "inspect, 1 pair")
-            ),
-            rf"\| 1 pair: the rest \| {NUMBER} \| {NUMBER} \|",
-        ],
-    ),
-    "world realism": (
-        "world_realism.py --seeds 1 --frames 1 --drive DRIVE",
-        [
-            r"\| a frame \| synthetic, standard lens, 1 frames \| drive, 2 frames \|",
-            rf"\| label agreement \| {FIGURE} \| {FIGURE} \({FIGURE} to {FIGURE}\) \|",
-        ],
-    ),
+RUNS = {
+    "batch.py --drives 1 --bookkeeping 3 --frames 2 --width 160": 5,
+    "bootstrap.py --pool POOL --seeds 1 --resamples 2 --pairs 1 --pairs 2 --frames 2 --width 320": 2,
+    "cues.py --seeds 1 --frames 2 --width 160": 5,
+    "features.py --seeds 1 --frames 1 --width 128": 1,
+    "fleet.py --fleets 1": 15,
+    "import_bag.py -o OUT/recordings --gigabytes 0.001 --rounds 1 --points 1000 --width 160": 3,
+    "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160": 3,
+    "knocked_drive.py -o OUT/knocked.png --frames 4 --width 320 --angle-deg 3": 0,
+    "labels_from_pictures.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128": 4,
+    "point_clouds.py --rounds 1 --columns 32": 2,
+    "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges": 12,
+    "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL": 0,
+    "report.py --frames 2 --width 320 --runs 1": 1,
+    "rig.py --seeds 1 --cameras 2 --frames 2 --width 160": 1,
+    "segmentation.py --rounds 1 --frames 1 --columns 100": 3,
+    "segment_scores.py DATA -o OUT/scores.png --only KITTI --max-frames 1 --steps 1": 3,
+    "edges_picture.py DATA -o OUT/edges.png --max-frames 1": 0,
+    "edge_ideas.py DATA -o OUT/ideas.png --only jam --max-frames 1 --starts 1 --steps 1": 7,
+    "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed --repeats 1 --pairs 1 --width 64 "
+    "--process calibrate --process inspect": 9,
+    "world_realism.py --seeds 1 --frames 1 --drive DRIVE": 13,
 }
-"""Arguments of the smallest run of each script, and lines that it prints."""
-WITHOUT_TABLES = {"knocked_drive.py", "pictures.py", "edges_picture.py"}
-"""Scripts that make pictures."""
-CASES = {
-    "synth": ["synth pinhole --frames 1 --width 64 --height 48 -q"],
-    "inspect": ["inspect @pinhole --json", "inspect @nothing"],
-}
-"""Commands that two versions are compared by."""
+"""The smallest run of each script, and the least number of rows that its tables have."""
+PICTURES = ("overlay", "terminal", "report", "verify_phone", "fleet", "view", "view_phone")
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +66,6 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     synthesize(SMALL, folder / "drive")
     T = START @ read_transform(folder / "drive")
     (folder / "start.yaml").write_text(yaml.safe_dump({"semcal_transform": 1, "T_camera_lidar": T.tolist()}))
-    (folder / "cases.yaml").write_text(yaml.safe_dump(CASES, sort_keys=False))
     semcal = folder / "semcal"
     # As pip writes it: processes that are spawned import it again.
     lines = ("from semcal_cli.cli import main", 'if __name__ == "__main__":', "    main()")
@@ -195,7 +73,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     semcal.chmod(0o755)
     for name in ("pool", "out"):
         (folder / name).mkdir()
-    names = {"DRIVE": "drive", "START": "start.yaml", "CASES": "cases.yaml", "SEMCAL": "semcal"}
+    names = {"DRIVE": "drive", "START": "start.yaml", "SEMCAL": "semcal"}
     places = {word: folder / name for word, name in {**names, "POOL": "pool", "OUT": "out"}.items()}
     return {**places, "DATA": TEST_DATA}
 
@@ -223,25 +101,25 @@ def page_for(name: str, folder: Path) -> Path:
     return page
 
 
-@pytest.mark.parametrize("name", RUNS)
-def test_a_script_runs_to_its_end(name: str, places: dict[str, Path], tmp_path: Path) -> None:
-    command, lines = RUNS[name]
+@pytest.mark.parametrize("command", RUNS, ids=lambda command: command.split()[0])
+def test_a_script_runs_to_its_end(command: str, places: dict[str, Path], tmp_path: Path) -> None:
     script, *arguments = shlex.split(command)
-    if name == "pictures" and shutil.which("chromedriver") is None and "CI" not in os.environ:
+    if script == "pictures.py" and shutil.which("chromedriver") is None and "CI" not in os.environ:
         pytest.skip("no chromedriver on this machine")
     if "DATA" in arguments and not TEST_DATA.is_dir():
         pytest.skip(f"no real frames: {TEST_DATA} does not exist; set SEMCAL_TEST_DATA")
     page = page_for(Path(script).stem, tmp_path)
     outside = find_place(str(page), page.stem).split()
-    into = [] if script in WITHOUT_TABLES else ["--into", str(page)]
+    into = ["--into", str(page)] if RUNS[command] else []
     printed = run([sys.executable, str(BENCHMARKS / script), *arguments, *into], places)
-    for line in lines:
-        assert re.search(rf"^({line})$", printed, re.MULTILINE), f"{line}\n\n{printed}"
+    if script == "pictures.py":
+        assert all((places["OUT"] / f"pictures/{name}.webp").stat().st_size > 0 for name in PICTURES)
     if into:
         assert find_place(str(page), page.stem).split() == outside
         written = page.read_text().removeprefix(outside[0]).removesuffix(outside[1])
         *tables, measured = filter(None, written.splitlines())
         assert tables == [line for line in printed.splitlines() if line.startswith("|")]
+        assert len(tables) - 2 * sum(line.startswith("|---") for line in tables) >= RUNS[command]
         assert measured.startswith(f"Measured by `python tests/benchmarks/{script} ")
         assert str(places["OUT"].parent) not in measured
 
@@ -293,5 +171,9 @@ def test_a_script_has_the_options_that_the_documentation_gives_it(
 
 
 def test_every_script_is_run() -> None:
-    scripts = {command.split()[0] for command, _ in RUNS.values()} | {"plain_torch.py"}
-    assert scripts == {path.name for path in BENCHMARKS.glob("*.py")} - {"real_data.py", "profiles.py"}
+    scripts = {command.split()[0] for command in RUNS} | {"plain_torch.py"}
+    assert scripts == {path.name for path in BENCHMARKS.glob("*.py")} - {
+        "benchmark.py",
+        "real_data.py",
+        "profiles.py",
+    }

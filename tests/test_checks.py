@@ -10,7 +10,7 @@ from conftest import STREET
 from documentation import ROOT, blocks
 
 from semcal_cli.cli import semcal
-from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.drives import RIGS, Pool
 from semcal_cli.experiments.limits import (
     ANOTHER_DRIVE,
     BAD_OF,
@@ -21,11 +21,12 @@ from semcal_cli.experiments.limits import (
     MOTIONS,
     WRONG_POSE,
     Case,
-    Runner,
     Value,
+    limits_text,
+    markdown,
+    rows,
+    run,
 )
-from semcal_cli.experiments.limits_table import limits_text, markdown, rows
-from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.trust import OTHER_DRIVE
 from semcal_cli.result import checks
 from semcal_cli.result.checks import (
@@ -86,15 +87,15 @@ def test_what_cannot_be_computed_keeps_no_limit() -> None:
 
 def test_the_worst_value_of_a_calibration_counts() -> None:
     (row,) = rows([value(GOOD, 1.1, "one-class"), value(GOOD, 5.0, "one-class")])
-    assert (row.num_good, row.worst_good, row.num_good_beyond) == (1, 1.1, 1)
+    assert (row["num_good"], row["worst_good"], row["num_good_beyond"]) == (1, 1.1, 1)
 
 
 def test_the_rule_lies_midway_between_good_and_bad() -> None:
     found = [value(GOOD, 0.2, "wrong-pairing", "labels"), value(FEW, 0.4, "wrong-pairing", "labels")]
     found += [value(ANOTHER_DRIVE, 0.8, "wrong-pairing", "labels", is_right=False)] * 3
     (row,) = rows(found)
-    assert (row.num_good, row.worst_good, row.num_bad, row.mildest_bad) == (2, 0.4, 1, 0.8)
-    assert row.by_rule == pytest.approx(0.6)
+    assert (row["num_good"], row["worst_good"], row["num_bad"], row["mildest_bad"]) == (2, 0.4, 1, 0.8)
+    assert row["by_rule"] == pytest.approx(0.6)
     assert (
         "| wrong-pairing | labels | 2 | 40 % | 0 | 1, pictures of another drive | 80 % | 0 | 55 % | 60 % |"
         in (markdown([row]))
@@ -103,14 +104,14 @@ def test_the_rule_lies_midway_between_good_and_bad() -> None:
 
 def test_there_is_no_rule_where_good_and_bad_overlap_and_a_margin_without_bad_ones() -> None:
     (row,) = rows([value(GOOD, 0.9, "leaked-labels"), value(BAD_OF["leaked-labels"], 0.8, "leaked-labels")])
-    assert (row.by_rule, row.num_good_beyond, row.num_bad_within) == (None, 1, 1)
+    assert (row["by_rule"], row["num_good_beyond"], row["num_bad_within"]) == (None, 1, 1)
     (row,) = rows([value(GOOD, 5.0, "other-pose")])
-    assert (row.by_rule, row.bad_kind, row.mildest_bad) == (4.0, None, None)
+    assert (row["by_rule"], row["bad_kind"], row["mildest_bad"]) == (4.0, None, None)
 
 
 def test_a_wrong_pose_of_a_good_drive_is_a_bad_one() -> None:
     (row,) = rows([value(GOOD, 5.0, "other-pose"), value(FEW, 1.0, "other-pose", is_right=False)])
-    assert (row.worst_good, row.mildest_bad, row.by_rule) == (5.0, 1.0, 3.0)
+    assert (row["worst_good"], row["mildest_bad"], row["by_rule"]) == (5.0, 1.0, 3.0)
 
 
 def test_the_file_of_limits_is_written_as_it_is_read() -> None:
@@ -133,10 +134,10 @@ def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> 
     seed = 6 * 7 + list(RIGS).index("default")
     for number in (seed, seed + OTHER_DRIVE):
         synthesize(replace(STREET, seed=number, num_frames=4), tmp_path / f"default_{number:06d}")
-    experiment = Runner(Pool(tmp_path, has_pictures=True))
+    pool = Pool(tmp_path, has_pictures=True)
 
     def measured(kind: str) -> dict[tuple[str, str], float]:
-        found = experiment(Case(kind, "labels", seed, 3, 0.0))
+        found = run(pool, Case(kind, "labels", seed, 3, 0.0))
         return {(each.topic, each.limit): each.value for each in found}
 
     good, exchanged, leaked = (measured(kind) for kind in (GOOD, ANOTHER_DRIVE, LABELLED_FROM_PICTURES))

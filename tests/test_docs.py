@@ -29,7 +29,7 @@ from semcal_cli.datasets import kitti_360_windows
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
-from semcal_cli.experiments import journal
+from semcal_cli.experiments import experiment
 from semcal_cli.files import point_clouds, reading, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.formats import format
@@ -47,7 +47,7 @@ LIMITS = {
     reading.MAX_DOCUMENT_BYTES: "bytes",
     reading.MAX_TABLE_BYTES: "bytes",
     records.MAX_RECORD_BYTES: "bytes",
-    journal.MAX_BYTES: "bytes",
+    experiment.MAX_JOURNAL_BYTES: "bytes",
     kitti_360_windows.MAX_BYTES: "bytes",
     rows.MAX_ROWS_BYTES: "bytes",
     rows.MAX_ROW: "characters a row",

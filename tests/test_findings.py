@@ -10,8 +10,6 @@ from semcal_cli.result import checks
 from semcal_cli.result.checks import CHECKS, Check
 
 PACKAGE = Path(semcal_cli.__file__).parent
-OF_EXPERIMENTS = {"experiments/rivals", "experiments/rivals_results", "experiments/gradient"}
-"""Modules with another `Finding`, a row of a table."""
 MAKERS = {"finding": 0, "without_value": 0, "measured": 1}
 """Methods of a check that make a finding, with the place of its sentence among their arguments."""
 NAMES = {name: value for name, value in vars(checks).items() if isinstance(value, Check)}
@@ -26,7 +24,7 @@ def sources() -> dict[str, ast.Module]:
     names = {
         path.relative_to(PACKAGE).with_suffix("").as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))
     }
-    return {name: ast.parse(path.read_text()) for name, path in names.items() if name not in OF_EXPERIMENTS}
+    return {name: ast.parse(path.read_text()) for name, path in names.items()}
 
 
 def places() -> list[tuple[str, Check, ast.expr]]:

@@ -1,10 +1,11 @@
 """Tables are written into their places of a page, with where and when they were measured."""
 
+import importlib
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,17 +13,24 @@ import pytest
 from click.testing import CliRunner
 from documentation import ROOT
 
+from semcal_cli.batch.pace import Pace
 from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
-from semcal_cli.experiments import journal, page_tables
-from semcal_cli.experiments.page_tables import command_line, find_place, measured_here, run_script
-from semcal_cli.experiments.runner import read_measured, run_cases
+from semcal_cli.experiments import experiment, measured, page_tables
+from semcal_cli.experiments.experiment import Experiment, Report, read_measured
+from semcal_cli.experiments.page_tables import command_line, find_place
 
 BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"
 AFTER = "<!-- end of table -->\n\nMore \u00e9, without a line break at the end"
-OF_WINDOWS = "found line breaks or a byte order mark of Windows, needed neither"
 THEIRS = "<!-- table: theirs -->\n<!-- end of table -->\n"
 PRINTED = "2 cores\n| a |\n|---|\n| 1 |\n\nwords | between\n| b |\n|---|\nwritten to FILE\n"
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], Iterable[str]]], None]:
+    """What runs the scripts of tests/benchmarks."""
+    monkeypatch.syspath_prepend(ROOT / "tests/benchmarks")
+    return importlib.import_module("benchmark").script
 
 
 @pytest.fixture
@@ -47,26 +55,25 @@ def test_a_place_may_have_another_name(page: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "number"),
     [
-        ("", "found 0 lines '<!-- table: ours -->', needed one"),
-        (THEIRS, "found 0 lines '<!-- table: ours -->', needed one"),
-        (2 * (BEFORE + AFTER + "\n"), "found 2 lines '<!-- table: ours -->', needed one"),
-        (BEFORE, "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one"),
-        (BEFORE + THEIRS, "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one"),
-        (
-            f"{BEFORE}no <!-- end of table -->\n",
-            "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one",
-        ),
-        ((BEFORE + AFTER).replace("\n", "\r\n"), OF_WINDOWS),
-        (f"\ufeff{BEFORE}{AFTER}", OF_WINDOWS),
+        ("", 0),
+        (THEIRS, 0),
+        (2 * (BEFORE + AFTER + "\n"), 2),
+        (BEFORE, 0),
+        (BEFORE + THEIRS, 0),
+        (f"{BEFORE}no <!-- end of table -->\n", 0),
+        ((BEFORE + AFTER).replace("\n", "\r\n"), 0),
     ],
 )
-def test_a_page_without_one_such_place_is_refused(page: Path, text: str, message: str) -> None:
+def test_a_page_without_one_such_place_is_refused(page: Path, text: str, number: int) -> None:
     page.write_bytes(text.encode())
     with pytest.raises(InputError) as refused:
         find_place(str(page), "ours")
-    assert str(refused.value) == f"{page}: {message}"
+    assert str(refused.value) == (
+        f"{page}: found {number} places from a line '<!-- table: ours -->' to a line '<!-- end of table -->', "
+        "needed one"
+    )
     assert page.read_bytes() == text.encode()
 
 
@@ -97,7 +104,7 @@ def test_a_page_may_have_the_sign_of_a_place_in_its_name(name: str, page: Path) 
 def test_an_experiment_refuses_before_it_measures(page: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     ended = CliRunner().invoke(semcal, ["experiment", "gradient", "-o", str(out), "--into", str(page)])
-    assert str(ended.exception) == f"{page}: found 0 lines '<!-- table: gradient -->', needed one"
+    assert f"{page}: found 0 places from a line '<!-- table: gradient -->'" in str(ended.exception)
     assert not out.exists()
 
 
@@ -125,8 +132,8 @@ def test_a_clone_tells_its_commit_and_whether_it_has_changes(
         who = ["-c", "user.name=a", "-c", "user.email=a@b"]
         return subprocess.check_output(["git", "-C", str(tmp_path), *who, *words], text=True).strip()
 
-    monkeypatch.setattr(page_tables, "ROOT", tmp_path)
-    assert page_tables._commit().startswith("semcal ")
+    monkeypatch.setattr(measured, "ROOT", tmp_path)
+    assert measured.commit().startswith("semcal ")
     git("init", "-q")
     for name in ("code.py", "page.md"):
         (tmp_path / name).write_text("1")
@@ -135,16 +142,16 @@ def test_a_clone_tells_its_commit_and_whether_it_has_changes(
     commit = f"commit {git('rev-parse', '--short', 'HEAD')}"
     # A table that was just written is no change of what is measured.
     (tmp_path / "page.md").write_text("2")
-    assert page_tables._commit() == commit
+    assert measured.commit() == commit
     (tmp_path / "code.py").write_text("2")
-    assert page_tables._commit() == f"{commit} and changes"
+    assert measured.commit() == f"{commit} and changes"
 
 
 def test_this_machine_is_told() -> None:
     told = (
         r".+, \d+ cores?, (no NVIDIA GPU|.+), \d{4}-\d\d-\d\d, (commit [0-9a-f]+( and changes)?|semcal \S+)"
     )
-    assert re.fullmatch(told, measured_here())
+    assert re.fullmatch(told, measured.measured_here())
 
 
 @dataclass(frozen=True)
@@ -156,84 +163,63 @@ def run(case: Case) -> list[Case]:
     return [case]
 
 
-def test_results_that_are_kept_tell_where_they_were_measured(
+def test_results_that_are_kept_say_where_they_were_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for place, seeds in (("first", (1, 2)), ("second", (2, 3))):
-        monkeypatch.setattr(journal, "measured_here", lambda place=place: place)
-        run_cases([Case(seed) for seed in seeds], run, Case, tmp_path, 1)
-    assert read_measured(tmp_path) == ["first", "second"]
-    run_cases([Case(1)], run, Case, tmp_path, 1)
-    assert read_measured(tmp_path) == ["first"]
+    for place, seeds, expected in (
+        ("first", (1, 2), ["first"]),
+        ("second", (2, 3), ["first", "second"]),
+        ("third", (1,), ["first"]),
+    ):
+        monkeypatch.setattr(experiment, "measured_here", lambda place=place: place)
+        cases = [Case(seed) for seed in seeds]
+        made = Experiment("ours", tmp_path, cases, run, Case, lambda results: Report([], ""))
+        made.run_cases(1, Pace(len(cases), 1))
+        assert read_measured(tmp_path) == expected
 
 
-def table() -> None:
-    print("| a |\n|---|\n| 1 |", end="")
+def whole() -> Iterator[str]:
+    """Its last line has no line break."""
+    yield from ("| a |", "|---|", "| 1 |")
 
 
-def half() -> None:
-    print("| half |")
-    raise SystemExit(1)
-
-
-def stopped() -> None:
-    print("| half |")
-    raise KeyboardInterrupt
-
-
-def refused() -> None:
-    print("| half |")
+def refused() -> Iterator[str]:
+    yield "| half |"
     raise InputError("drive.yaml: found nothing, needed a drive")
 
 
-def usage() -> None:
-    print("| a table of options |")
-    raise SystemExit(0)
-
-
-def test_the_last_line_of_a_table_needs_no_line_break(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_script_writes_its_table_into_the_page(
+    script: Callable[..., None], page: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys, "argv", ["ours.py", "--into", str(page)])
-    run_script(table)
+    with pytest.raises(SystemExit) as ended:
+        script(whole)
+    assert ended.value.code == 0
     assert "\n| a |\n|---|\n| 1 |\n\nMeasured by `python tests/benchmarks/ours.py` on" in page.read_text()
 
 
 @pytest.mark.parametrize(
-    ("main", "options", "ending", "said"),
+    ("main", "options", "ending"),
     [
-        (half, [], 1, ""),
-        (stopped, [], 130, "stopped\n"),
-        (refused, [], "drive.yaml: found nothing, needed a drive", ""),
-        (
-            lambda: print("none"),
-            [],
-            "PAGE: found no table to write below '<!-- table: ours -->', needed one",
-            "",
-        ),
-        (usage, ["--help"], 0, ""),
+        (refused, [], "drive.yaml: found nothing, needed a drive"),
+        (lambda: ["none"], [], "PAGE: found no table to write below '<!-- table: ours -->', needed one"),
+        (whole, ["--help"], 0),
     ],
 )
 def test_a_script_without_a_whole_table_leaves_the_page(
-    main: Callable[[], None],
+    main: Callable[[], Iterable[str]],
     options: list[str],
     ending: int | str,
-    said: str,
+    script: Callable[..., None],
     page: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     before = page.read_bytes()
     monkeypatch.setattr(sys, "argv", ["ours.py", "--into", str(page), *options])
     with pytest.raises(SystemExit) as ended:
-        run_script(main)
+        script(main)
     assert ended.value.code == (ending.replace("PAGE", str(page)) if isinstance(ending, str) else ending)
-    assert capsys.readouterr().err == said
     assert page.read_bytes() == before
-
-
-def test_a_script_without_a_page_fails_in_a_line_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["ours.py"])
-    with pytest.raises(SystemExit, match=r"^drive\.yaml: found nothing, needed a drive$"):
-        run_script(refused)
 
 
 UNMARKED = {

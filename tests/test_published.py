@@ -79,7 +79,7 @@ def test_the_paper_stands_beside_the_reference(
     monkeypatch.setitem(PUBLISHED, "street", (row,))
     drive = read_drive(street)
     poses = {"reference": street_truth, "start": street_truth}
-    found = Comparison(drive, load_observations(drive), poses, {}, {}, None, (), published_rows(street_truth))
+    found = Comparison(drive, load_observations(drive), poses, published_rows(street_truth))
     rows = describe(found)
     assert [row.method for row in rows] == ["reference", "reference, published", "start"]
     assert rows[1].cells[:2] == rows[0].cells[:2]

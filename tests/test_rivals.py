@@ -15,11 +15,10 @@ from semcal_cli import _core
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import rivals
+from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.methods import METHODS
-from semcal_cli.experiments.plot_style import plot_png
-from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.rivals import EXPERIMENTS, Finding, Runner, Setting, cases, complete
-from semcal_cli.experiments.rivals_results import report
+from semcal_cli.experiments.plots import plot_png
+from semcal_cli.experiments.rivals import EXPERIMENTS, Result, Setting, cases, complete, report, run
 from semcal_cli.files.images import read_image, write_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting
@@ -192,10 +191,10 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(rivals, "SLOW_SETTINGS", ("right",))
     settings = Setting("right", 3), Setting("wrong", 3, 0.5)
     changes = {key: value for key, value in vars(STREET).items() if key != "seed"}
-    experiment = Runner(settings, Pool(tmp_path / "drives", has_pictures=True), changes=changes)
+    pool = Pool(tmp_path / "drives", has_pictures=True)
     runs = cases(settings, range(15, 16))
     assert {case.setting for case in runs if not METHODS[case.method].is_by_labels} == {"right"}
-    found = complete([finding for case in runs for finding in experiment(case)], settings)
+    found = complete(settings, [each for case in runs for each in run(settings, pool, changes, True, case)])
     by = {(f.setting, f.method): f for f in found}
     slow_by_labels = {name for name, method in METHODS.items() if method.is_slow and method.is_by_labels}
     assert set(by) == {
@@ -206,7 +205,7 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for method in ("semcal", "SOIC"):
         assert by["wrong", method].rotation_deg > by["right", method].rotation_deg
     assert by["wrong", "PMI"].rotation_deg == by["right", "PMI"].rotation_deg
-    reported = report("noise", found)
+    reported = report("noise", True, found)
     assert reported.table.count("\n") == 2 + len(found)
     assert len(plot_png(reported.draw)) > 1000
     assert reported.facts["start"]["rotation_deg"] == 2.0
@@ -223,13 +222,13 @@ def test_drives_take_turns_and_slow_methods_run_on_some() -> None:
 
 def test_what_came_back_counts() -> None:
     findings = [
-        *(Finding("10", "semcal", seed, 0.01 * seed, 0.1, 1.0) for seed in range(1, 4)),
-        Finding("10", "SOIC", 1, 2.5, 1.0, 1.0),
-        Finding("10", "SOIC", 2, 0.1, 25.0, 1.0),
-        Finding("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
-        Finding("10", "SOIC", 4, 0.1, 1.0, 1.0),
+        *(Result("10", "semcal", seed, 0.01 * seed, 0.1, 1.0) for seed in range(1, 4)),
+        Result("10", "SOIC", 1, 2.5, 1.0, 1.0),
+        Result("10", "SOIC", 2, 0.1, 25.0, 1.0),
+        Result("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
+        Result("10", "SOIC", 4, 0.1, 1.0, 1.0),
     ]
-    semcal, soic = report("pairs", findings[::-1]).rows
+    semcal, soic = report("pairs", True, findings[::-1]).rows
     assert (semcal["method"], soic["method"]) == ("semcal", "SOIC")
     assert semcal["rotation_deg"] == pytest.approx((0.02, 0.03, 0.03))
     assert (semcal["num_back"], soic["num_back"]) == (3, 1)

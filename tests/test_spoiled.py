@@ -12,12 +12,14 @@ from click.testing import CliRunner
 from conftest import STREET
 
 from semcal_cli.cli import semcal
+from semcal_cli.cli.experiment import PARTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments import accuracy, diagnosis, pool, spoiled, trust, trust_rates
-from semcal_cli.experiments.outcome import Case, Outcome
-from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.spoiled_rates import kinds_markdown, spoiled_rates, subtle_rates
+from semcal_cli.experiments import diagnosis, drives, spoiled, trust, trust_table
+from semcal_cli.experiments.drives import Pool
+from semcal_cli.experiments.experiment import Experiment
+from semcal_cli.experiments.trust import Case, Outcome
+from semcal_cli.experiments.trust_table import kinds_markdown, spoiled_rates, subtle_rates
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
@@ -30,33 +32,34 @@ def outcome(kind: str, status: str, error_deg: float, **more: Any) -> Outcome:
     return Outcome(kind, 0, "default", 10, 0.1, status, "", errors, (0.1,) * 6, (0.2,) * 6, **more)
 
 
-def run_of(raw: RawDrive, found: Any, **more: Any) -> diagnosis.Run:
-    return diagnosis.Run(raw, found, outcome("", "trusted", 1.0, **more))
+OFF = outcome("", "trusted", 1.0)
+"""One degree off."""
 
 
 def test_every_seed_is_spoiled_in_every_way() -> None:
-    cases = trust.cases(range(100, 103), ["spoiled", "subtle"])
+    cases = trust_table.cases(range(100, 103), ["spoiled", "subtle"])
     assert len(cases) == len(set(cases)) == 3 * len(spoiled.KINDS)
-    assert {case.kind for case in trust.cases(range(100, 103), ["good", "bad"])} == {
+    assert {case.kind for case in trust_table.cases(range(100, 103), ["good", "bad"])} == {
         "good",
         "mine",
         trust.SHARED,
         *trust.BAD,
     }
-    assert sum(case.kind in spoiled.KINDS for case in trust.cases(range(100, 110))) == 2 * len(spoiled.KINDS)
-    subtle = trust.cases(range(100, 103), ["subtle"])
+    assert sum(case.kind in spoiled.KINDS for case in trust_table.cases(range(100, 110), PARTS)) == 2 * len(
+        spoiled.KINDS
+    )
+    subtle = trust_table.cases(range(100, 103), ["subtle"])
     assert subtle == [case for case in cases if spoiled.KINDS[case.kind].is_subtle]
     assert {case.num_pairs for case in subtle} == {1, 4, 10, 20}
 
 
 def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, "NUM_FRAMES", 2)
+    monkeypatch.setattr(drives, "NUM_FRAMES", 2)
     monkeypatch.setattr(spoiled, "NUM_FRAMES", 2)
-    rigs = list(accuracy.RIGS)
+    rigs = list(drives.RIGS)
     seed = 6 * 7 + rigs.index("default")
-    monkeypatch.setitem(accuracy.RIGS, "default", {"width": STREET.width, "height": STREET.height})
+    monkeypatch.setitem(drives.RIGS, "default", {"width": STREET.width, "height": STREET.height})
     pools = Pool(tmp_path / "pool"), Pool(tmp_path / "pool_with_pictures", has_pictures=True)
-    experiment = trust.Runner(*pools)
     kinds = {
         "half of the frames turned by 3 degrees": 2,
         "two mountings, 1 degree apart": 2,
@@ -72,7 +75,9 @@ def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             spoiled.KINDS["one frame 20 times"], spoil=lambda raw, rng: spoiling.one_frame_again(raw, rng, 2)
         ),
     )
-    found = [experiment(Case(kind, seed, num_pairs, 0.0))[0] for kind, num_pairs in kinds.items()]
+    found = [
+        trust_table.run(*pools, Case(kind, seed, num_pairs, 0.0))[0] for kind, num_pairs in kinds.items()
+    ]
     assert [each.kind for each in found] == list(kinds)
     assert {each.status for each in found} <= {"trusted", "not_trusted", "failed"}
     assert [each.has_frame for each in found[:2]] == [True, True]
@@ -133,21 +138,21 @@ def test_a_knock_is_told_with_its_frame_and_offset(raw: RawDrive, rng: np.random
         (SimpleNamespace(parts=()), False, False, None),
         (CalibrationError("no overlap"), False, False, None),
     ):
-        result = diagnosis.names_knock(run_of(knocked, found))
+        result = diagnosis.names_knock(knocked, found, OFF)
         assert (result.is_told, result.has_frame, result.num_axes_inside) == (is_told, has_frame, inside)
 
 
 def test_scale_and_principal_point_are_told(raw: RawDrive) -> None:
     found = SimpleNamespace(uncertainty=None)
-    assert diagnosis.names_scale(run_of(raw, found, notes="points may be in other units than metres")).is_told
-    assert not diagnosis.names_scale(run_of(raw, found)).is_told
+    assert diagnosis.names_scale(raw, found, replace(OFF, notes="points may be in other units")).is_told
+    assert not diagnosis.names_scale(raw, found, OFF).is_told
     # The error is one degree, and half the interval 0.2 degrees.
-    assert not diagnosis.covers_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told
+    assert not diagnosis.covers_intrinsics({"cx": 4.0}, raw, found, OFF).is_told
     for cost_deg, is_told in ((0.19, False), (0.21, True)):
         cost = SimpleNamespace(camera_center_m=(0.0,) * 3, rotation_deg=(cost_deg,) * 3)
         found.uncertainty = SimpleNamespace(intrinsics_cost=SimpleNamespace(cx=cost, cy=cost))
-        assert diagnosis.covers_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told is is_told
-        assert diagnosis.covers_intrinsics({"cx": 1.5, "cy": 2.5}, run_of(raw, found)).is_told is is_told
+        assert diagnosis.covers_intrinsics({"cx": 4.0}, raw, found, OFF).is_told is is_told
+        assert diagnosis.covers_intrinsics({"cx": 1.5, "cy": 2.5}, raw, found, OFF).is_told is is_told
 
 
 @pytest.mark.parametrize(
@@ -162,21 +167,17 @@ def test_copies_are_told_by_interval_and_verdict(
 
     answer: Callable[[RawDrive], SimpleNamespace] = lambda raw: calibration(alone, 1.0)  # noqa: E731
     monkeypatch.setattr(diagnosis, "attempt", answer)
-    assert diagnosis.matches_one_frame(run_of(raw, calibration("trusted", widths))).is_told is is_told
+    assert diagnosis.matches_one_frame(raw, calibration("trusted", widths), OFF).is_told is is_told
 
 
 def test_only_some_parts_are_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trust_rates, "cases", lambda seeds, parts: [*map(str, parts)])
-    monkeypatch.setattr(
-        "semcal_cli.experiments.experiment.run_cases",
-        lambda cases, *_: [replace(outcome("good", "trusted", 0.0), errors=(0.1,) * 6)] * len(cases),
-    )
-    found = CliRunner().invoke(
-        semcal, ["experiment", "trust", "--only", "good", "--only", "verify", "-o", str(tmp_path)]
-    )
-    assert "| good drives are trusted, all | 2 | 2 |" in found.output
-    found = CliRunner().invoke(semcal, ["experiment", "trust", "--only", "all", "-o", str(tmp_path)])
-    assert found.exit_code == 2
+    found = [replace(outcome("good", "trusted", 0.0), errors=(0.1,) * 6)]
+    monkeypatch.setattr(trust_table, "cases", lambda seeds, parts: parts)
+    monkeypatch.setattr(Experiment, "run_cases", lambda experiment, *_: found * len(experiment.cases))
+    command = ["experiment", "trust", "-o", str(tmp_path), "--only"]
+    ended = CliRunner().invoke(semcal, [*command, "good", "--only", "verify"])
+    assert "| good drives are trusted, all | 2 | 2 |" in ended.output
+    assert CliRunner().invoke(semcal, [*command, "all"]).exit_code == 2
 
 
 def test_users_give_no_more_than_they_know(raw: RawDrive, tmp_path: Path) -> None:

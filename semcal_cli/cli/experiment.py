@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -18,13 +19,14 @@ from semcal_cli.cli.options import (
 )
 from semcal_cli.config import Estimator
 from semcal_cli.errors import check_torch
-from semcal_cli.experiments.parts import PARTS
 
 if TYPE_CHECKING:
     from semcal_cli.experiments.experiment import Experiment
     from semcal_cli.experiments.page_tables import Place
 
 ESTIMATORS = get_args(Estimator)
+PARTS = ("good", "bad", "spoiled", "subtle", "verify")
+"""Parts of the experiment on trust; MINE belongs to the good drives."""
 
 
 @click.group()
@@ -51,8 +53,8 @@ def accuracy(
 ) -> Experiment[Any, Any]:
     """Compare calibrations with the truth, over sensors, lenses, labels and starts.
 
-    Takes about two minutes for each seed. Writes results.csv, summary.json, table.md and plot.png into a folder of DIR,
-    and keeps its drives in a pool beside it, about 45 MB each. A stopped run resumes where it was.
+    Takes about two minutes for each seed. Writes results.csv, summary.json and table.md into a folder of DIR, and keeps
+    its drives in a pool beside it, about 45 MB each. A stopped run resumes where it was.
     """
     from semcal_cli.experiments import accuracy
 
@@ -93,63 +95,66 @@ def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, A
 )
 @click.option(
     "--limits",
+    "with_limits",
     is_flag=True,
     help="Measure instead what each check finds on good and on bad drives, beside its limit: 19 calibrations of each "
     "drive.",
 )
 @measures
-def trust(out: Path, seeds: range, parts: tuple[str, ...], limits: bool) -> Experiment[Any, Any]:
+def trust(out: Path, seeds: range, parts: tuple[str, ...], with_limits: bool) -> Experiment[Any, Any]:
     """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
 
     Drives are also spoiled in the ways of real recordings, and given subtle faults: none should be trusted and wrong.
     Takes about two minutes for each drive, and seven for one that is spoiled. Writes the same files as `accuracy`; a
     stopped run resumes.
     """
-    from semcal_cli.experiments import limits_table, trust_rates
+    from semcal_cli.experiments import limits, trust_table
 
-    if limits:
+    if with_limits:
         if parts != PARTS:
             raise click.UsageError("--limits has no parts: leave out --only")
-        return limits_table.experiment(out, seeds)
+        return limits.experiment(out, seeds)
     if "good" in parts:  # every fifth drive of which is calibrated by MINE, too
         check_torch("semcal experiment trust --only good")
-    return trust_rates.experiment(out, seeds, parts)
+    return trust_table.experiment(out, seeds, parts)
 
 
-def _rivals_command(name: str, help: str) -> None:
-    """Add a command that compares methods."""
-
-    @experiment.command(name, help=help)
-    @seeds_options(20, "Drives, a run in every box each.", first_seed=50_000)
-    @click.option(
+def _compares(declare: Callable[..., Experiment[Any, Any]]) -> click.Command:
+    """Make a command of a function that declares an experiment which compares methods."""
+    unmended = click.option(
         "--unmended",
         is_flag=True,
         help="Leave isolated wrong pixels as they are for every method, as the paper's always does. Results go to a "
         "folder of their own.",
     )
-    @measures
-    def compare(out: Path, seeds: range, unmended: bool) -> Experiment[Any, Any]:
-        from semcal_cli.experiments import rivals_results
-
-        check_torch(f"semcal experiment {name}")
-        return rivals_results.experiment(out, seeds, name, is_mended=not unmended)
+    drives = seeds_options(20, "Drives, a run in every box each.", first_seed=50_000)
+    return experiment.command()(drives(unmended(measures(declare))))
 
 
-_rivals_command(
-    "pairs",
+def _rivals(name: str, out: Path, seeds: range, unmended: bool) -> Experiment[Any, Any]:
+    from semcal_cli.experiments import rivals
+
+    check_torch(f"semcal experiment {name}")
+    return rivals.experiment(out, seeds, name, is_mended=not unmended)
+
+
+@_compares
+def pairs(**options: Any) -> Experiment[Any, Any]:
     """Compare methods over the number of pairs: 1, 2, 5, 10, 20, 50 and 70.
 
     semcal, the paper's method, SOIC and PMI start at the same pose, 2 degrees and 0.2 m off; the paper's also at its
-    own start, from nothing. Writes the same files as `accuracy`; a stopped run resumes where it was.
-    """,
-)
-_rivals_command(
-    "noise",
+    own start, from nothing. Writes the same files as `accuracy`, and plot.png; a stopped run resumes where it was.
+    """
+    return _rivals("pairs", **options)
+
+
+@_compares
+def noise(**options: Any) -> Experiment[Any, Any]:
     """Compare methods over the share of wrong labels on both sides, 0 to 50 %, with 20 pairs.
 
     Otherwise as `pairs`; PMI does not look at labels.
-    """,
-)
+    """
+    return _rivals("noise", **options)
 
 
 @experiment.command()
@@ -211,7 +216,7 @@ def table(
     from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.loading import load
-    from semcal_cli.experiments.runner import make_folder
+    from semcal_cli.experiments.experiment import make_folder
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
 

@@ -1,4 +1,4 @@
-"""What all commands of `semcal experiment` share: which drives, where results go, and the table at the end."""
+"""What all commands of `semcal experiment` share: drives, folder and progress, and the table at the end."""
 
 from __future__ import annotations
 
@@ -6,26 +6,21 @@ from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.console import Console
+from rich.text import Text
 
+from semcal_cli.batch.pace import Pace
 from semcal_cli.cli.options import PATH, Command, number_option
+from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 from semcal_cli.config import MAX_SEED
 
 if TYPE_CHECKING:
     from semcal_cli.experiments.experiment import Experiment
     from semcal_cli.experiments.page_tables import Place
-
-_out_option = click.option(
-    "-o",
-    "--out",
-    type=PATH,
-    default="semcal_experiments",
-    show_default=True,
-    metavar="DIR",
-    help="Folder of the results and the pool.",
-)
 
 
 def _find_place(context: click.Context, parameter: click.Parameter, into: str | None) -> Place | None:
@@ -35,18 +30,25 @@ def _find_place(context: click.Context, parameter: click.Parameter, into: str | 
     return None if into is None else find_place(into, str(context.info_name))
 
 
-_into_option = click.option(
-    "--into",
-    metavar="PAGE[#NAME]",
-    callback=_find_place,
-    help="Markdown page to write the table into, too: between its lines `<!-- table: NAME -->` and "
-    "`<!-- end of table -->`.  [default NAME: that of the experiment]",
-)
-
-
 def out_options(command: Command) -> Command:
     """Add the options for the folder of the results, and for the page of the table."""
-    return _out_option(_into_option(command))
+    into = click.option(
+        "--into",
+        metavar="PAGE[#NAME]",
+        callback=_find_place,
+        help="Markdown page to write the table into, too: between its lines `<!-- table: NAME -->` and "
+        "`<!-- end of table -->`.  [default NAME: that of the experiment]",
+    )
+    out = click.option(
+        "-o",
+        "--out",
+        type=PATH,
+        default="semcal_experiments",
+        show_default=True,
+        metavar="DIR",
+        help="Folder of the results and the pool.",
+    )
+    return out(into(command))
 
 
 def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Command], Command]:
@@ -57,19 +59,12 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
         help: Help text of the number of drives.
         first_seed: Default seed of the first drive.
     """
-
-    def add(command: Command) -> Command:
-        for option in (
-            number_option("--jobs", default=1, help="Number of runs at a time."),
-            number_option(
-                "--first-seed", least=0, most=MAX_SEED, default=first_seed, help="Seed of the first drive."
-            ),
-            number_option("--seeds", default=num_seeds, help=help),
-        ):
-            command = option(command)
-        return command
-
-    return add
+    jobs = number_option("--jobs", default=1, help="Number of runs at a time.")
+    first = number_option(
+        "--first-seed", least=0, most=MAX_SEED, default=first_seed, help="Seed of the first drive."
+    )
+    seeds = number_option("--seeds", default=num_seeds, help=help)
+    return lambda command: seeds(first(jobs(command)))
 
 
 def rows_option(module: str, example: str) -> Callable[[Command], Command]:
@@ -81,12 +76,11 @@ def rows_option(module: str, example: str) -> Callable[[Command], Command]:
     """
 
     def check(_: click.Context, __: click.Parameter, rows: tuple[str, ...]) -> tuple[str, ...]:
-        if rows:
-            known = import_module(f"semcal_cli.experiments.{module}").ROWS
-            for row in rows:
-                if row not in known:
-                    needed = ", ".join(known)
-                    raise click.BadParameter(f"found {row!r}, needed one of: {needed}", param_hint="--row")
+        known = import_module(f"semcal_cli.experiments.{module}").ROWS if rows else ()
+        for row in rows:
+            if row not in known:
+                needed = ", ".join(known)
+                raise click.BadParameter(f"found {row!r}, needed one of: {needed}", param_hint="--row")
         return rows
 
     return click.option(
@@ -107,17 +101,15 @@ def measures(declare: Callable[..., Experiment[Any, Any]]) -> Callable[..., None
 
     @out_options
     @wraps(declare)
-    def command(out: Path, into: Place | None, jobs: int = 1, **options: Any) -> None:
-        from semcal_cli.cli.experiment_progress import experiment_progress
-        from semcal_cli.experiments.runner import make_folder
-
+    def command(out: Path, into: Place | None, jobs: int | None = None, **options: Any) -> None:
         if "first_seed" in options:
             first_seed = options.pop("first_seed")
             options["seeds"] = range(first_seed, first_seed + options["seeds"])
         experiment = declare(out=out, **options)
-        make_folder(experiment.folder)
-        with experiment_progress(jobs) as watcher:
-            table = experiment.measure(jobs, watcher)
+        console = make_console(quiet=False)
+        progress = Progress(console, jobs or 1)
+        with live_lines(console, progress.lines):
+            table = experiment.measure(jobs, progress)
         print_table(table, experiment.folder, into)
 
     return command
@@ -125,9 +117,38 @@ def measures(declare: Callable[..., Experiment[Any, Any]]) -> Callable[..., None
 
 def print_table(table: str, folder: Path, into: Place | None) -> None:
     """Print the table of an experiment, and where its files lie; write it into its place of a page."""
-    from semcal_cli.experiments.runner import read_measured
+    from semcal_cli.experiments.experiment import read_measured
 
     click.echo(table, nl=False)
     click.echo(f"written to {folder}", err=True)
     if into is not None:
         into.write(table, read_measured(folder))
+
+
+class Progress(Pace):
+    """Shows the runs of an experiment: the running ones on a terminal, or a line for each finished one on a pipe."""
+
+    def __init__(self, console: Console, num_jobs: int) -> None:
+        super().__init__(0, num_jobs)
+        self._console, self._began = console, monotonic()
+
+    def resume(self, num_done: int, num_items: int) -> None:
+        """Tell how many runs are done already."""
+        super().resume(num_done, num_items)
+        if num_done and not self._console.is_terminal:
+            self._console.print(f"{num_done:,} of {num_items:,} runs are done already")
+
+    def end(self, name: str) -> None:
+        """Count a run, and name it on a pipe."""
+        super().end(name)
+        if not self._console.is_terminal:
+            told = ", ".join(
+                filter(None, [f"after {clock_time(monotonic() - self._began)}", time_left(self)])
+            )
+            number = f"{self.num_done:>{len(str(self.num_items))}}/{self.num_items}"
+            self._console.print(f"{number}  {name}  ({told})", markup=False)
+
+    def lines(self) -> list[Text]:
+        """Say how many runs are done and about how long the others take, and name those that are running."""
+        count = f"{self.num_done:,} of {self.num_items:,} runs are done"
+        return [Text("   ".join(filter(None, [count, time_left(self)]))), *running_lines(self)]

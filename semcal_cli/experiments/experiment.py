@@ -1,21 +1,97 @@
-"""What all experiments are: cases, a function that runs one, and a report of all results."""
+"""What all experiments are: cases that each run once, results that are kept, and the files of all of them.
+
+A stopped run resumes where it was, and the results of a machine stay beside those of another.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import csv
+import io
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from shutil import rmtree
-from typing import Generic
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from semcal_cli.batch.pace import Pace
-from semcal_cli.experiments.journal import Found
-from semcal_cli.experiments.result_files import Report, write_report
-from semcal_cli.experiments.runner import Case, run_cases
+from semcal_cli.batch.processes import ProcessError, Worker, in_processes
+from semcal_cli.errors import CalibrationError, InputError, os_reason
+from semcal_cli.experiments.measured import machine, measured_here
+from semcal_cli.experiments.plots import plot_png
+from semcal_cli.experiments.summary import Column, summarise, summary_table
+from semcal_cli.files.reading import check_own_file, read_text
+from semcal_cli.files.writing import locked, write_bytes, write_text
+from semcal_cli.threads import set_num_threads
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+JOURNAL, MEASURED = "results.jsonl", "measured.txt"
+"""File of the results of each case, and one with a line for each machine, date and commit that they are of."""
+FILES = RESULTS, SUMMARY, TABLE, PLOT = "results.csv", "summary.json", "table.md", "plot.png"
+"""Files that are written when all cases have run."""
+MAX_JOURNAL_BYTES = 256 << 20
+UNKNOWN = "a machine that is not known"
+"""Where the results of a semcal that did not record it were measured."""
+Case = TypeVar("Case")
+"""Unit of an experiment that runs once, a dataclass; its `repr` identifies it."""
+Result = TypeVar("Result")
+"""Result of a case: a dataclass of numbers and strings."""
 
 
 @dataclass(frozen=True)
-class Experiment(Generic[Case, Found]):
+class Report:
+    """What an experiment writes beside its results."""
+
+    rows: Sequence[Mapping[str, Any]]
+    """Rows of the summary."""
+    table: str
+    """Markdown of the table."""
+    draw: Callable[[], Figure] | None = None
+    """Draws the plot; None without one."""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    """Entries of the summary before its rows."""
+    texts: Mapping[str, str] = field(default_factory=dict)
+    """Texts of further files, by their names."""
+
+    @classmethod
+    def of(cls, results: Sequence[Any], columns: Sequence[Column], **more: Any) -> Report:
+        """Sum up the results of each group, in the columns of the table; the rest are other fields."""
+        rows = summarise(results, columns)
+        return cls(rows, summary_table(rows, columns), **more)
+
+    def write(self, name: str, results: Sequence[Any], folder: Path, num_jobs: int | None = None) -> None:
+        """Write results.csv, summary.json with this machine, table.md, and plot.png if there is a plot.
+
+        Args:
+            name: Name of the experiment.
+            results: Results, dataclasses of one class.
+            folder: Folder of the files.
+            num_jobs: Number of cases that ran at a time; None leaves it out of the summary.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        file = io.StringIO()
+        writer = csv.DictWriter(file, list(vars(results[0])), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(vars(result) for result in results)
+        jobs = {} if num_jobs is None else {"jobs": num_jobs}
+        document = {"experiment": name, "machine": machine(), **jobs, **self.facts, "rows": self.rows}
+        summary = json.dumps(document, indent=2) + "\n"
+        texts = {RESULTS: file.getvalue(), SUMMARY: summary, TABLE: self.table, **self.texts}
+        for file_name, text in texts.items():
+            write_text(text, folder / file_name)
+        if self.draw is not None:
+            write_bytes(plot_png(self.draw), folder / PLOT)
+
+
+@dataclass(frozen=True)
+class Experiment(Generic[Case, Result]):
     """An experiment, as one of the modules declares it."""
 
     name: str
@@ -24,30 +100,151 @@ class Experiment(Generic[Case, Found]):
     """Folder of the results."""
     cases: Sequence[Case]
     """All cases."""
-    run: Callable[[Case], list[Found]]
+    run: Callable[[Case], list[Result]]
     """Runs one case; it is pickled for other processes."""
-    result: type[Found]
+    result: type[Result]
     """Class of the results."""
-    report: Callable[[Sequence[Found]], Report]
+    report: Callable[[Sequence[Result]], Report]
     """Sums up all results."""
-    complete: Callable[[list[Found]], list[Found]] = list
+    complete: Callable[[list[Result]], list[Result]] = list
     """Adds results that follow from others."""
     scratch: Path | None = None
     """Folder that is deleted at the end."""
-    has_jobs: bool = True
-    """Whether the summary tells the number of jobs."""
 
-    def measure(self, num_jobs: int, watcher: Pace) -> str:
+    def measure(self, num_jobs: int | None, watcher: Pace) -> str:
         """Run all cases that have no results yet, write the files, and return the table.
 
+        Args:
+            num_jobs: Number of cases at a time; None runs one at a time, and is left out of the summary.
+            watcher: Informed of the cases that begin and end, in words.
+
         Raises:
-            InputError: as `run_cases`, or a file cannot be written.
-            CalibrationError: as `run_cases`.
+            InputError: the existing results are not of this experiment, another process writes to them, or a file
+                cannot be written.
+            CalibrationError: the process of a case crashed.
         """
-        results = run_cases(self.cases, self.run, self.result, self.folder, num_jobs, watcher)
+        make_folder(self.folder)
+        results = self.run_cases(num_jobs or 1, watcher)
         if self.scratch is not None:
             rmtree(self.scratch, ignore_errors=True)
         results = self.complete(results)
         report = self.report(results)
-        write_report(self.name, results, report, self.folder, num_jobs if self.has_jobs else None)
+        report.write(self.name, results, self.folder, num_jobs)
         return report.table
+
+    def run_cases(self, num_jobs: int, watcher: Pace) -> list[Result]:
+        """Run each case that has no results in the folder yet; with several jobs, each computes on one thread.
+
+        Returns:
+            Results of all cases, in the order of the cases.
+
+        Raises:
+            InputError: as `measure`.
+            CalibrationError: as `measure`.
+        """
+        num_threads = 1 if num_jobs > 1 else None
+
+        def run(worker: Worker, case: Case) -> tuple[Case, list[Result]]:
+            watcher.begin(in_words(case))
+            try:
+                return case, worker.ask(_run, self.run, num_threads, case)
+            except ProcessError as error:
+                raise CalibrationError(f"{case}: {error}") from None
+
+        with locked(self.folder / JOURNAL, "run"):
+            journal = Journal(self.folder / JOURNAL, self.result)
+            missing = [case for case in self.cases if repr(case) not in journal.known]
+            watcher.resume(len(self.cases) - len(missing), len(self.cases))
+            try:
+                # It is closed here, not when a traceback releases it: its processes end with it.
+                with closing(in_processes(missing, run, num_jobs)) as done:
+                    for case, results in done:
+                        journal.append(case, results)
+                        watcher.end(in_words(case))
+            finally:
+                journal.sort(self.cases)
+            found = [journal.known[repr(case)] for case in self.cases]
+            places = dict.fromkeys(where for _, where in found)
+            write_text("".join(f"{where}\n" for where in places), self.folder / MEASURED)
+        return [result for results, _ in found for result in results]
+
+
+def make_folder(folder: Path) -> None:
+    """Create the folder of an experiment, and check that only files stand where files will be written at the end.
+
+    Raises:
+        InputError: the folder cannot be created, or a link, a pipe or a folder is in the way.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {os_reason(error)}") from None
+    for file in (JOURNAL, MEASURED, *FILES):
+        check_own_file(folder / file)
+
+
+def read_measured(folder: Path) -> list[str]:
+    """Read where and when the results in a folder were measured; here and now, if it keeps no results of cases.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    file = folder / MEASURED
+    return read_text(file).splitlines() if file.exists() else [measured_here()]
+
+
+def in_words(case: Any) -> str:
+    """Describe a case by its fields: texts as they are, and numbers with their names."""
+    return ", ".join(
+        value if isinstance(value, str) and not value.isdecimal() else f"{name.removeprefix('num_')} {value}"
+        for name, value in vars(case).items()
+    )
+
+
+class Journal(Generic[Result]):
+    """`results.jsonl`: a line for each case that has run; cases of another version of semcal do not count."""
+
+    def __init__(self, file: Path, kind: type[Result]) -> None:
+        """Read the file; an incomplete last line, left by a stopped run, is cut off.
+
+        Raises:
+            InputError: a line is not a case of this experiment.
+        """
+        self.file, self._here, self._new = file, measured_here(), dict[str, str]()
+        self.known = dict[str, tuple[list[Result], str]]()
+        """Results, and where they were measured, by the `repr` of the case."""
+        text = read_text(file, limit=MAX_JOURNAL_BYTES)
+        self._before = text[: text.rfind("\n") + 1]
+        if half := text[len(self._before) :]:
+            # The file is cut in place, since it is locked: a new file of the same name would not be.
+            os.truncate(file, file.stat().st_size - len(half.encode()))
+        for number, text in enumerate(self._before.splitlines(keepends=True), start=1):
+            try:
+                line = json.loads(text)
+                if line["version"] == version("semcal"):
+                    results = [kind(**result) for result in line["results"]]
+                    self.known[line["case"]] = results, line.get("measured", UNKNOWN)
+            except (ValueError, KeyError, TypeError):
+                needed = "needed a case of this experiment; without the file, all is run anew"
+                raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
+
+    def append(self, case: object, results: list[Result]) -> None:
+        """Append the results of a case."""
+        self.known[repr(case)] = results, self._here
+        listed = [vars(result) for result in results]
+        line = {"case": repr(case), "version": version("semcal"), "measured": self._here, "results": listed}
+        self._new[repr(case)] = json.dumps(line) + "\n"
+        with self.file.open("a") as file:
+            file.write(self._new[repr(case)])
+
+    def sort(self, cases: Sequence[object]) -> None:
+        """Sort the new lines by the order of the cases; several jobs finish cases in another order."""
+        ordered = [self._new[repr(case)] for case in cases if repr(case) in self._new]
+        if ordered != list(self._new.values()):
+            write_text(self._before + "".join(ordered), self.file)
+
+
+def _run(run: Callable[[Case], list[Result]], num_threads: int | None, case: Case) -> list[Result]:
+    """Run a case in another process."""
+    set_num_threads(num_threads)
+    return run(case)

@@ -7,8 +7,9 @@ before ended. Adam follows the gradient; Powell's method, SciPy's with its own t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -19,9 +20,8 @@ from semcal_cli import _core
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
-from semcal_cli.experiments.experiment import Experiment
-from semcal_cli.experiments.pool import Pool
-from semcal_cli.experiments.result_files import Report
+from semcal_cli.experiments.drives import Pool
+from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.rivals import START_DEG, START_M
 from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, median, of
 from semcal_cli.geometry.poses import Pose, compare_poses, cross_matrix
@@ -134,7 +134,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Result:
     """The end of one optimisation."""
 
     optimizer: str
@@ -147,28 +147,25 @@ class Finding:
     """Time from pairs in memory to a pose."""
 
 
-@dataclass(frozen=True)
-class Runner:
-    """What all runs share; a call makes one run. It can be pickled for other processes."""
+def cases(seeds: range) -> list[Case]:
+    """List the runs; the optimisers take turns, so that a busy machine slows both."""
+    return [Case(optimizer, seed) for seed in seeds for optimizer in OPTIMIZERS]
 
-    pool: Pool
-    changes: dict[str, object] = field(default_factory=dict)
-    """Changes of the drives' `SynthConfig`."""
 
-    def __call__(self, case: Case) -> list[Finding]:
-        """Maximise over the pyramid from a wrong start."""
-        drive, truth = self.pool.read("drive", {**self.changes, "num_frames": NUM_PAIRS}, case.seed)
-        observations = load_observations(drive)
-        T = displaced(truth, START_DEG, START_M, np.random.default_rng(case.seed))
-        _ = observations.core
-        start, num_evaluations = perf_counter(), 0
-        for factor in pyramid_factors(drive.camera, PyramidConfig(coarsest_block_deg=FAR_DEG)):
-            objective = Objective(observations, T, factor, case.seed)
-            T = OPTIMIZERS[case.optimizer](objective)
-            num_evaluations += objective.num_evaluations
-        seconds, error = perf_counter() - start, compare_poses(T, truth)
-        errors = error.rotation_deg, error.camera_center_cm
-        return [Finding(case.optimizer, case.seed, *errors, num_evaluations, seconds)]
+def run(pool: Pool, changes: Mapping[str, object], case: Case) -> list[Result]:
+    """Maximise over the pyramid from a wrong start, on a drive with some changes of its `SynthConfig`."""
+    drive, truth = pool.read("drive", {**changes, "num_frames": NUM_PAIRS}, case.seed)
+    observations = load_observations(drive)
+    T = displaced(truth, START_DEG, START_M, np.random.default_rng(case.seed))
+    _ = observations.core
+    start, num_evaluations = perf_counter(), 0
+    for factor in pyramid_factors(drive.camera, PyramidConfig(coarsest_block_deg=FAR_DEG)):
+        objective = Objective(observations, T, factor, case.seed)
+        T = OPTIMIZERS[case.optimizer](objective)
+        num_evaluations += objective.num_evaluations
+    seconds, error = perf_counter() - start, compare_poses(T, truth)
+    errors = error.rotation_deg, error.camera_center_cm
+    return [Result(case.optimizer, case.seed, *errors, num_evaluations, seconds)]
 
 
 COLUMNS = (
@@ -180,19 +177,9 @@ COLUMNS = (
 )
 
 
-def cases(seeds: range) -> list[Case]:
-    """List the runs; the optimisers take turns, so that a busy machine slows both."""
-    return [Case(optimizer, seed) for seed in seeds for optimizer in OPTIMIZERS]
-
-
-def report(findings: Sequence[Finding]) -> Report:
-    """Sum up what each optimiser did over the seeds."""
-    return Report.of(findings, COLUMNS)
-
-
-def experiment(out: Path, seeds: range) -> Experiment[Case, Finding]:
+def experiment(out: Path, seeds: range) -> Experiment[Case, Result]:
     """Declare the experiment."""
     folder = out / "gradient"
     drives = folder / "drives"
-    run = Runner(Pool(drives))
-    return Experiment("gradient", folder, cases(seeds), run, Finding, report, scratch=drives)
+    run_case, report = partial(run, Pool(drives), {}), partial(Report.of, columns=COLUMNS)
+    return Experiment("gradient", folder, cases(seeds), run_case, Result, report, scratch=drives)

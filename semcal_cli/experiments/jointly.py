@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -18,16 +19,23 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.experiment import Experiment
-from semcal_cli.experiments.pool import Pool, consecutive
-from semcal_cli.experiments.rate import Rate
-from semcal_cli.experiments.result_files import Report
-from semcal_cli.experiments.rows import Case, Degrade, calibrate_from, cases, wrong
-from semcal_cli.experiments.summary import NUMBER, SECONDS, Column, common, count, digits, median, of
+from semcal_cli.experiments.drives import Case, Degrade, Pool, calibrate_from, consecutive, row_cases, wrong
+from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.summary import (
+    NUMBER,
+    SECONDS,
+    Column,
+    Rate,
+    common,
+    count,
+    digits,
+    median,
+    median_and_worst,
+    of,
+)
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.pipeline import initialize
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera import RefinedCamera
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02
@@ -43,9 +51,8 @@ def _flat(observations: Observations, rng: np.random.Generator) -> Observations:
 
     def kept(names: Sequence[str]) -> np.ndarray:
         table = np.full(256, NO_CLASS, np.uint8)
-        for index, name in enumerate(names):
-            if name in STANDING:
-                table[index] = index
+        ground = [index for index, name in enumerate(names) if name in STANDING]
+        table[ground] = ground
         return table
 
     point_classes, image_classes = kept(observations.point_class_names), kept(observations.image_class_names)
@@ -66,7 +73,7 @@ class Row:
     intrinsics: tuple[str, ...] = INTRINSICS
     with_delay: bool = False
     num_pairs: int = 20
-    degrade: Degrade | None = None
+    degrade: Degrade = lambda observations, rng: observations
 
 
 def _clock(delay_ms: float, motion: str = "mixed") -> Row:
@@ -131,29 +138,23 @@ class Result:
     """Time from pairs in memory to a verdict."""
 
 
-@dataclass(frozen=True)
-class Runner:
-    """The settings shared by all cases; a call runs one case. It can be pickled for other processes."""
-
-    pool: Pool
-
-    def __call__(self, case: Case) -> list[Result]:
-        """Calibrate from nothing, with what is wrong about the drive."""
-        row = ROWS[case.row]
-        drive, truth = self.pool.read(row.rig, row.changes, case.seed)
-        data = _load(consecutive(drive, row.num_pairs, case.seed), row, case.rng(ROWS))
-        refinement = RefinementConfig(jointly=JointlyConfig(row.intrinsics, with_delay=row.with_delay))
-        start = perf_counter()
-        try:
-            stages, found = calibrate_from(initialize(data, InitializationConfig()), data, refinement)
-        except SemcalError as failure:
-            return [Result(case.row, case.seed, f"failed: {failure}")]
-        return [_compared(case, found, stages, drive.camera, truth, perf_counter() - start)]
+def run(pool: Pool, case: Case) -> list[Result]:
+    """Calibrate from nothing, with what is wrong about the drive, and compare with the truth."""
+    row, rng = ROWS[case.row], case.rng(ROWS)
+    drive, truth = pool.read(row.rig, row.changes, case.seed)
+    data = _load(consecutive(drive, row.num_pairs, case.seed), row, rng)
+    refinement = RefinementConfig(jointly=JointlyConfig(row.intrinsics, with_delay=row.with_delay))
+    start = perf_counter()
+    try:
+        stages, found = calibrate_from(initialize(data, InitializationConfig()), data, refinement)
+    except SemcalError as failure:
+        return [Result(case.row, case.seed, f"failed: {failure}")]
+    result = Result(case.row, case.seed, found.status, stages.is_joint, seconds=perf_counter() - start)
+    return [_compared(result, found, stages, drive.camera, truth)]
 
 
 def _load(drive: Drive, row: Row, rng: np.random.Generator) -> LoadedDrive:
-    observations = read_observations(drive)
-    observations = mend(observations if row.degrade is None else row.degrade(observations, rng))
+    observations = mend(row.degrade(read_observations(drive), rng))
     camera = _spoiled(drive.camera, rng) if row.is_wrong else drive.camera
     spoiled = drive.model_copy(update={"camera": camera})
     return LoadedDrive(spoiled, replace(observations, camera=camera))
@@ -171,81 +172,64 @@ def _spoiled(camera: Camera, rng: np.random.Generator) -> Camera:
     return with_intrinsics(camera, changed)
 
 
-def _compared(
-    case: Case, found: Calibration, stages: Stages, camera: Camera, truth: Pose, seconds: float
-) -> Result:
-    """Compare a result with the truth."""
-    row = ROWS[case.row]
+def _compared(result: Result, found: Calibration, stages: Stages, camera: Camera, truth: Pose) -> Result:
+    """Add the errors of a result, and how many true values its intervals hold."""
     error = compare_poses(found.pose, truth)
-    *_, (_, before_joint) = ((name, stage) for name, stage in stages.poses.items() if name != "joint")
+    *_, before_joint = (stage for name, stage in stages.poses.items() if name != "joint")
     before = compare_poses(before_joint.T_camera_lidar, truth)
     offsets: list[tuple[float, float]] = []
     if found.uncertainty is not None:
         offsets += zip(error.offsets.tolist(), found.uncertainty.half_widths, strict=True)
-    off = {} if found.camera is None else _off(found.camera, camera)
+    intrinsics = {} if found.camera is None else found.camera.intrinsics
+    off = {
+        name: (each.found - intrinsic_value(camera, name), each.half_width_95)
+        for name, each in intrinsics.items()
+        if each.half_width_95 is not None
+    }
     offsets += off.values()
     clock_ms = None
     if found.clock is not None and found.clock.half_width_95_s is not None:
-        delay_s = 1e-3 * float(row.changes["delay_ms"])  # type: ignore[arg-type]
+        delay_s = 1e-3 * float(ROWS[result.row].changes["delay_ms"])  # type: ignore[arg-type]
         clock_ms = 1e3 * (found.clock.time_offset_s - delay_s)
         offsets.append((1e-3 * clock_ms, found.clock.half_width_95_s))
-    is_kept = stages.is_joint
     (fx, _, _), (_, fy, _), _ = camera.K
-
-    def value(name: str, scale: float = 1.0) -> float | None:
-        return scale * off[name][0] if name in off else None
-
-    return Result(
-        row=case.row,
-        seed=case.seed,
-        status=found.status,
-        is_kept=is_kept,
+    scales = {"fx": ("fx_percent", 100.0 / fx), "fy": ("fy_percent", 100.0 / fy)}
+    scales |= {"cx": ("cx_px", 1.0), "cy": ("cy_px", 1.0), "k1": ("k1", 1.0)}
+    return replace(
+        result,
         rotation_deg=error.rotation_deg,
         camera_center_cm=error.camera_center_cm,
         polished_deg=before.rotation_deg,
         polished_cm=before.camera_center_cm,
-        fx_percent=value("fx", 100.0 / fx),
-        fy_percent=value("fy", 100.0 / fy),
-        cx_px=value("cx"),
-        cy_px=value("cy"),
-        k1=value("k1"),
+        **{field: scale * off[name][0] for name, (field, scale) in scales.items() if name in off},  # type: ignore[arg-type]
         clock_ms=clock_ms,
         num_inside=sum(abs(x) <= half for x, half in offsets),
         num_intervals=len(offsets),
         is_far_off=found.status == "trusted" and any(abs(x) > FAR_OFF * half for x, half in offsets),
-        seconds=seconds,
     )
-
-
-def _off(found: RefinedCamera, camera: Camera) -> dict[str, tuple[float, float]]:
-    """Give the errors of the intrinsics that are determined, with the half widths of their intervals."""
-    return {
-        name: (each.found - intrinsic_value(camera, name), each.half_width_95)
-        for name, each in found.intrinsics.items()
-        if each.half_width_95 is not None
-    }
 
 
 PARTS = ("fx_percent", "fy_percent", "cx_px", "cy_px", "k1", "clock_ms")
 """Fields of what is estimated beside the pose."""
 
 
-def _sizes(*names: str) -> Callable[[Sequence[Result]], tuple[float, float] | None]:
-    """Compute the median and the worst size of some fields; None where nothing was determined."""
+def _sizes(header: str, key: str, number: int, *fields: str) -> Column:
+    """Make the column of the median and the worst size of some fields; empty where nothing was determined."""
 
     def spread(found: Sequence[Result]) -> tuple[float, float] | None:
-        values = [getattr(result, name) for result in found for name in names]
+        values = [getattr(result, field) for result in found for field in fields or (key,)]
         sizes = [abs(value) for value in values if value is not None]
-        return (median(sizes), max(sizes)) if sizes else None
+        return median_and_worst(sizes) if sizes else None
 
-    return spread
+    return Column(f"{header}: median, worst", {key: spread}, digits(number))
 
 
 def _beside_before(found: Sequence[Result]) -> float:
     """Divide the median error of the pose by that of the pose before, in rotation or place, whichever is larger."""
-    pairs = (("rotation_deg", "polished_deg"), ("camera_center_cm", "polished_cm"))
-    medians = [[median([getattr(result, name) for result in found]) for name in pair] for pair in pairs]
-    return max(after / before for after, before in medians)
+    middle: Callable[[str], float] = lambda field: of(field, median)(found)  # noqa: E731
+    return max(
+        middle("rotation_deg") / middle("polished_deg"), middle("camera_center_cm") / middle("polished_cm")
+    )
 
 
 def _is_undetermined(result: Result) -> bool:
@@ -260,13 +244,13 @@ COLUMNS = (
     count("kept", "num_kept", lambda result: result.is_kept),
     count("trusted", "num_trusted", lambda result: result.status == "trusted"),
     count("not determined", "num_not_determined", _is_undetermined),
-    Column("rotation, deg: median, worst", {"rotation_deg": _sizes("rotation_deg")}, digits(4)),
-    Column("camera centre, cm: median, worst", {"camera_center_cm": _sizes("camera_center_cm")}, digits(2)),
+    _sizes("rotation, deg", "rotation_deg", 4),
+    _sizes("camera centre, cm", "camera_center_cm", 2),
     Column("pose beside that before, times: median", {"beside_before": _beside_before}, digits(2)),
-    Column("fx, fy off, %: median, worst", {"focal_percent": _sizes("fx_percent", "fy_percent")}, digits(3)),
-    Column("cx, cy off, px: median, worst", {"center_px": _sizes("cx_px", "cy_px")}, digits(2)),
-    Column("k1 off: median, worst", {"k1": _sizes("k1")}, digits(4)),
-    Column("clock off, ms: median, worst", {"clock_ms": _sizes("clock_ms")}, digits(2)),
+    _sizes("fx, fy off, %", "focal_percent", 3, "fx_percent", "fy_percent"),
+    _sizes("cx, cy off, px", "center_px", 2, "cx_px", "cy_px"),
+    _sizes("k1 off", "k1", 4),
+    _sizes("clock off, ms", "clock_ms", 2),
     Column(
         "intervals true",
         {"num_inside": of("num_inside", sum), "num_intervals": of("num_intervals", sum)},
@@ -277,12 +261,8 @@ COLUMNS = (
 )
 
 
-def report(results: Sequence[Result]) -> Report:
-    """Sum up the results of each row."""
-    return Report.of(results, COLUMNS)
-
-
 def experiment(out: Path, seeds: range, rows: Sequence[str]) -> Experiment[Case, Result]:
     """Declare the experiment on some keys of `ROWS`, or on all if none are given."""
-    chosen = cases(rows or ROWS, seeds)
-    return Experiment("jointly", out / "jointly", chosen, Runner(Pool(out / "pool")), Result, report)
+    run_case = partial(run, Pool(out / "pool"))
+    report = partial(Report.of, columns=COLUMNS)
+    return Experiment("jointly", out / "jointly", row_cases(rows or ROWS, seeds), run_case, Result, report)

@@ -1,28 +1,31 @@
-"""What the checks measure on good drives and on bad ones, by labels and by segments."""
+"""Limits of the checks beside what these measure on good drives and on bad ones, by labels and by segments."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
-from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.accuracy import RIGS
-from semcal_cli.experiments.outcome import distance_in_limits, errors_of
-from semcal_cli.experiments.pool import Pool, with_frames
+from semcal_cli.experiments.drives import RIGS, Pool, rig_of, with_frames
+from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.spoiled import KINDS as SPOILED
-from semcal_cli.experiments.trust import OTHER_DRIVE
+from semcal_cli.experiments.spoiled import Spoil
+from semcal_cli.experiments.summary import markdown_table
+from semcal_cli.experiments.trust import OTHER_DRIVE, distance_in_limits, errors_of
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization
 from semcal_cli.pipeline import assess, initialize, refine_and_polish
+from semcal_cli.result.checks import CHECKS, LIMITS, Evidence, Limit
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import Labels, RawDrive, read_raw_drive, write_raw_drive
 
@@ -31,7 +34,15 @@ NUM_FRAMES: dict[str, object] = {"num_frames": max(PAIRS) + 1}
 """Change of a rig: frames of each drive, one more than are used."""
 NOISES = (0.0, 0.1, 0.2)
 DELAY_MS = 40.0
-Spoil = Callable[[RawDrive, np.random.Generator], RawDrive]
+LIMITS_FILE = "limits.json"
+MARGIN = 1.25
+"""Factor between the worst good value and the limit where there are no bad drives."""
+QUANTILE = 0.05
+"""Share of the bad drives that a limit by the rule may miss."""
+RULE = (
+    f"The rule: midway between the worst good value and that which {1 - QUANTILE:.0%} of the bad drives exceed; none "
+    f"where these overlap; {MARGIN:g} times the worst good value where there are no bad drives.\n"
+)
 
 
 def _of_another_drive(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
@@ -50,12 +61,8 @@ def _one_class(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
         return np.where(rng.random(ids.shape) < 0.01, ids, counts.argmax()).astype(np.uint8)
 
     return raw.with_frames(
-        replace(
-            frame,
-            point_labels=mostly_one(frame.point_labels),
-            image_labels=mostly_one(frame.image_labels),
-        )
-        for frame in raw.frames
+        replace(each, point_labels=mostly_one(each.point_labels), image_labels=mostly_one(each.image_labels))
+        for each in raw.frames
     )
 
 
@@ -152,64 +159,162 @@ def cases(seeds: range) -> list[Case]:
     return found
 
 
-@dataclass(frozen=True)
-class Runner:
-    """Runs a case; it can be pickled for other processes."""
+def run(pool: Pool, case: Case) -> list[Value]:
+    """Calibrate a drive, and list what the checks measured; nothing if it cannot be calibrated."""
+    with TemporaryDirectory() as folder:
+        drive, truth = _drive(pool, case, Path(folder))
+        config = CalibrationConfig(cues=(case.cue,))
+        try:
+            data = load(drive, config)
+            stages = refine_and_polish(data, initialize(data, config.initialization), config.refinement)
+            stages = assess(data, stages, config.refinement, with_label_bleed=False, with_remedies=False)
+        except SemcalError:
+            return []
+    measured = []
+    if isinstance(stages.initial, Initialization) and stages.initial.runner_up_margin is not None:
+        measured.append(("other-mounting", "", stages.initial.runner_up_margin))
+    if stages.assessment is not None:
+        checks = stages.assessment.measured
+        measured += [(each.topic, each.limit, each.value) for each in checks if each.value is not None]
+    is_right = distance_in_limits(errors_of(stages.T_camera_lidar, truth)) <= 1.0
+    about = {**vars(case), "rig": rig_of(case.seed), "is_right": is_right}
+    return [
+        Value(**about, topic=topic, limit=limit, value=value)
+        for topic, limit, value in measured
+        if np.isfinite(value)
+    ]
 
-    pool: Pool
-    """Pool of drives with pictures."""
 
-    def __call__(self, case: Case) -> list[Value]:
-        """Calibrate a drive, and list what the checks measured; nothing if it cannot be calibrated."""
-        rig = list(RIGS)[case.seed % len(RIGS)]
-        with TemporaryDirectory() as folder:
-            drive, truth = self._drive(case, rig, Path(folder))
-            try:
-                stages = _calibrate(drive, case.cue)
-            except SemcalError:
-                return []
-        is_right = distance_in_limits(errors_of(stages.T_camera_lidar, truth)) <= 1.0
-        about = Value(**vars(case), rig=rig, is_right=is_right, topic="", limit="", value=0.0)
-        return [
-            replace(about, topic=topic, limit=limit, value=value)
-            for topic, limit, value in _values(stages)
-            if np.isfinite(value)
-        ]
+def _drive(pool: Pool, case: Case, folder: Path) -> tuple[Path | Drive, Pose]:
+    """Make the drive of a case, with its true pose (4, 4)."""
+    rig = rig_of(case.seed)
+    rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode(), *case.cue.encode()))
+    if case.kind in MOTIONS:
+        changes = RIGS[rig] | NUM_FRAMES | {"motion": "mixed", "delay_ms": MOTIONS[case.kind]}
+        drive, truth = pool.read(f"{rig}_{case.kind.split()[-1]}", changes, case.seed)
+        return with_frames(drive, range(case.num_pairs)), truth
 
-    def _drive(self, case: Case, rig: str, folder: Path) -> tuple[Path | Drive, Pose]:
-        """Make the drive of a case, with its true pose (4, 4)."""
-        rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode(), *case.cue.encode()))
-        if case.kind in MOTIONS:
-            changes = RIGS[rig] | NUM_FRAMES | {"motion": "mixed", "delay_ms": MOTIONS[case.kind]}
-            drive, truth = self.pool.read(f"{rig}_{case.kind.split()[-1]}", changes, case.seed)
-            return with_frames(drive, range(case.num_pairs)), truth
-        raw = self._read(rig, case.seed, rng, case.num_pairs + 1)
-        other = partial(self._read, rig, case.seed + OTHER_DRIVE, rng, case.num_pairs)
-        unused = other().frames if case.kind == ANOTHER_DRIVE else raw.frames[case.num_pairs :]
-        raw = replace(raw, frames=raw.frames[: case.num_pairs], unused=unused)
-        raw = KINDS[case.kind](spoiling.wrong_labels(raw, rng, case.noise), rng)
-        return write_raw_drive(raw, folder), raw.frames[0].T_camera_lidar
-
-    def _read(self, rig: str, seed: int, rng: np.random.Generator, num_frames: int) -> RawDrive:
+    def read(seed: int, num_frames: int) -> RawDrive:
         """Read a random choice of the frames of a drive."""
-        drive, truth = self.pool.read(rig, RIGS[rig] | NUM_FRAMES, seed)
+        drive, truth = pool.read(rig, RIGS[rig] | NUM_FRAMES, seed)
         chosen = rng.choice(len(drive.frames), num_frames, replace=False).tolist()
         return read_raw_drive(with_frames(drive, chosen), truth)
 
+    raw = read(case.seed, case.num_pairs + 1)
+    unused = raw.frames[case.num_pairs :]
+    if case.kind == ANOTHER_DRIVE:
+        unused = read(case.seed + OTHER_DRIVE, case.num_pairs).frames
+    raw = replace(raw, frames=raw.frames[: case.num_pairs], unused=unused)
+    raw = KINDS[case.kind](spoiling.wrong_labels(raw, rng, case.noise), rng)
+    return write_raw_drive(raw, folder), raw.frames[0].T_camera_lidar
 
-def _calibrate(drive: Path | Drive, cue: CueName) -> Stages:
-    config = CalibrationConfig(cues=(cue,))
-    data = load(drive, config)
-    stages = refine_and_polish(data, initialize(data, config.initialization), config.refinement)
-    return assess(data, stages, config.refinement, with_label_bleed=False, with_remedies=False)
 
+def rows(values: Sequence[Value]) -> list[dict[str, Any]]:
+    """Compare each limit that was measured with the values on both sides of it.
 
-def _values(stages: Stages) -> list[tuple[str, str, float]]:
-    """List topic, limit and value of each check that has a value."""
+    Returns:
+        For each limit its `topic`, its `name`, its value `today`, and the figures of an `Evidence`.
+    """
     found = []
-    if isinstance(stages.initial, Initialization) and stages.initial.runner_up_margin is not None:
-        found.append(("other-mounting", "", stages.initial.runner_up_margin))
-    if stages.assessment is not None:
-        measured = stages.assessment.measured
-        found += [(each.topic, each.limit, each.value) for each in measured if each.value is not None]
+    for topic, check in CHECKS.items():
+        for name, limit in check.limits.items():
+            of_limit = [each for each in values if (each.topic, each.limit) == (topic, name)]
+            if figures := _figures(BAD_OF.get(topic), limit, of_limit):
+                found.append({"topic": topic, "name": name, "today": limit.value, **figures})
     return found
+
+
+def _figures(kind: str | None, limit: Limit, values: Sequence[Value]) -> dict[str, Any]:
+    """Compute the figures of a limit from its values; none without those of good drives."""
+    on_good_drives = [each for each in values if each.kind in (GOOD, FEW, MOVING)]
+    good = _worst_of_each([each for each in on_good_drives if each.is_right], limit)
+    if not good:
+        return {}
+    of_bad = [each for each in values if each.kind == kind]
+    if kind == WRONG_POSE:
+        of_bad = [each for each in on_good_drives if not each.is_right]
+    bad = _worst_of_each(of_bad, limit)
+    by_rule = _by_rule(limit.sign, [limit.sign * x for x in good], [limit.sign * x for x in bad])
+    return {
+        "num_good": len(good),
+        "worst_good": _short(max(good, key=lambda x: limit.sign * x)),
+        "num_good_beyond": sum(not limit.is_kept_by(x) for x in good),
+        "bad_kind": kind if bad else None,
+        "num_bad": len(bad),
+        "mildest_bad": _short(min(bad, key=lambda x: limit.sign * x)) if bad else None,
+        "num_bad_within": sum(limit.is_kept_by(x) for x in bad),
+        "by_rule": None if by_rule is None else _short(by_rule),
+    }
+
+
+def _worst_of_each(values: Sequence[Value], limit: Limit) -> list[float]:
+    """Take the worst value of each calibration, which decides: some checks look at both sides' labels."""
+    found: dict[tuple[str, str, int], float] = {}
+    for each in values:
+        case = (each.kind, each.cue, each.seed)
+        worst = max(limit.sign * each.value, limit.sign * found.get(case, each.value))
+        found[case] = limit.sign * worst
+    return list(found.values())
+
+
+def _by_rule(sign: int, good: Sequence[float], bad: Sequence[float]) -> float | None:
+    """Compute the limit by the rule, from values of which larger ones are worse."""
+    worst = max(good)
+    if not bad:
+        return sign * worst * MARGIN**sign
+    least_bad = float(np.quantile(bad, QUANTILE))
+    return sign * 0.5 * (worst + least_bad) if least_bad > worst else None
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def limits_text(found: Sequence[Mapping[str, Any]], command: str, seeds: range) -> str:
+    """Write all limits as limits.json has them: today's values with the new evidence."""
+    about: dict[str, Any] = {"command": command, "first_seed": seeds.start, "num_seeds": len(seeds)}
+    names = {field.name for field in fields(Evidence)}
+    evidence = {
+        (row["topic"], row["name"]): Evidence(**about, **{key: row[key] for key in names & row.keys()})
+        for row in found
+    }
+    document = {
+        topic: {
+            name: _entry(replace(limit, measured=evidence.get((topic, name), limit.measured)))
+            for name, limit in limits.items()
+        }
+        for topic, limits in LIMITS.items()
+    }
+    return json.dumps(document, indent=2) + "\n"
+
+
+def _entry(limit: Limit) -> dict[str, object]:
+    return {key: value for key, value in asdict(limit).items() if value not in (None, "")}
+
+
+def markdown(found: Sequence[Mapping[str, Any]]) -> str:
+    """Format the table."""
+    headers = ("check", "limit", "good", "worst", "beyond", "bad drives", "mildest", "within", "limit today")
+    lines = []
+    for row in found:
+        words = CHECKS[row["topic"]].limits[row["name"]].words
+        bad: list[object] = ["", "", ""]
+        if row["mildest_bad"] is not None:
+            bad = [f"{row['num_bad']}, {row['bad_kind']}", words(row["mildest_bad"]), row["num_bad_within"]]
+        by_rule = "none" if row["by_rule"] is None else words(row["by_rule"])
+        good = [row["num_good"], words(row["worst_good"]), row["num_good_beyond"]]
+        lines.append([row["topic"], row["name"], *good, *bad, words(row["today"]), by_rule])
+    return markdown_table((*headers, "by the rule"), lines)
+
+
+def _report(seeds: range, values: Sequence[Value]) -> Report:
+    command = f"semcal experiment trust --limits --first-seed {seeds.start} --seeds {len(seeds)}"
+    found = rows(values)
+    texts = {LIMITS_FILE: limits_text(found, command, seeds)}
+    return Report(found, f"{markdown(found)}\n{RULE}", texts=texts)
+
+
+def experiment(out: Path, seeds: range) -> Experiment[Case, Value]:
+    """Declare the experiment; limits.json in its folder is that of the next version."""
+    run_case = partial(run, Pool(out / "pool_of_limits", has_pictures=True))
+    return Experiment("limits", out / "limits", cases(seeds), run_case, Value, partial(_report, seeds))

@@ -18,7 +18,7 @@ from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.experiments.baselines import paper
 from semcal_cli.experiments.baselines.config import PaperConfig, SoicConfig
 from semcal_cli.experiments.baselines.soic import Soic
-from semcal_cli.experiments.plot_style import ACCENT, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
+from semcal_cli.experiments.plots import ACCENT, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize, refine_and_polish, start_at

@@ -1,20 +1,32 @@
-"""Error against the number of pairs, and against wrong labels, in comparison with the paper's method, SOIC and PMI."""
+"""Error against the number of pairs, and against wrong labels, in comparison with the paper's method, SOIC and PMI.
+
+The plots follow the box plots of Jiang, Osteen and Saripalli, arXiv 2104.12023.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from semcal_cli.errors import SemcalError
+from semcal_cli.experiments.drives import Pool, with_frames
+from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.methods import METHODS, Scene
-from semcal_cli.experiments.pool import Pool, with_frames
+from semcal_cli.experiments.plots import GREY, draw_groups, make_logarithmic
+from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, common, count, grouped
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 START_DEG, START_M = 2.0, 0.2
 """Distance of the common start from the truth."""
@@ -41,6 +53,8 @@ EXPERIMENTS: dict[str, tuple[Setting, ...]] = {
 }
 AXES = {"pairs": "pairs", "noise": "wrong labels"}
 """Axis of the plot of each experiment, along which its settings differ."""
+MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
+"""Errors of a result, with the labels of their axes."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +70,12 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Result:
     """The error of one calibration against the truth."""
 
     setting: str
-    """Name of the setting."""
     method: str
-    """Key of `METHODS`."""
     seed: int
-    """Seed of the drive."""
     rotation_deg: float
     """Rotation error; infinite, as the other error is, if the calibration failed."""
     camera_center_cm: float
@@ -97,51 +108,119 @@ def cases(settings: Sequence[Setting], seeds: range) -> list[Case]:
     return found
 
 
-def complete(findings: Sequence[Finding], settings: Sequence[Setting]) -> list[Finding]:
+def complete(settings: Sequence[Setting], results: Sequence[Result]) -> list[Result]:
     """Add the results of methods without labels to all settings of the same number of pairs."""
     num_pairs = {setting.name: setting.num_pairs for setting in settings}
+    return [
+        replace(result, setting=setting.name)
+        for result in results
+        for setting in settings
+        if setting.name == result.setting
+        or (setting.num_pairs == num_pairs[result.setting] and not METHODS[result.method].is_by_labels)
+    ]
 
-    def all_of(finding: Finding) -> Iterator[Finding]:
-        for setting in settings:
-            is_same = setting.num_pairs == num_pairs[finding.setting]
-            if setting.name == finding.setting or (is_same and not METHODS[finding.method].is_by_labels):
-                yield replace(finding, setting=setting.name)
 
-    return [each for finding in findings for each in all_of(finding)]
+def run(
+    settings: Sequence[Setting], pool: Pool, changes: Mapping[str, object], is_mended: bool, case: Case
+) -> list[Result]:
+    """Cut a drive down to a setting, and calibrate it by one method.
+
+    Args:
+        settings: All settings.
+        pool: Drives, with their pictures.
+        changes: Changes of the drives' `SynthConfig`.
+        is_mended: Whether isolated wrong pixels are mended for all methods but the paper's.
+        case: The run.
+    """
+    setting = next(setting for setting in settings if setting.name == case.setting)
+    num_frames = max(setting.num_pairs for setting in settings)
+    drive, truth = pool.read("drive", {**changes, "num_frames": num_frames}, case.seed)
+    rng = np.random.default_rng(case.seed)
+    order, T_init = rng.permutation(num_frames), displaced(truth, START_DEG, START_M, rng)
+    some = with_frames(drive, sorted(order[: setting.num_pairs]))
+    scene = Scene(some, wrong=setting.wrong, seed=case.seed, is_mended=is_mended)
+    method, start = METHODS[case.method], perf_counter()
+    try:
+        seen, start = method.prepare(scene), perf_counter()
+        error = compare_poses(method.find(scene, seen, T_init), truth)
+    except SemcalError as failure:
+        deg, cm, reason = math.inf, math.inf, str(failure)
+    else:
+        deg, cm, reason = error.rotation_deg, error.camera_center_cm, ""
+    return [Result(case.setting, case.method, case.seed, deg, cm, perf_counter() - start, reason)]
 
 
-@dataclass(frozen=True)
-class Runner:
-    """What all runs share; a call makes one run. It can be pickled for other processes."""
+def report(name: str, is_mended: bool, results: Sequence[Result]) -> Report:
+    """Sum up the results of each setting, in the order of the results, by each method, in that of `METHODS`."""
+    columns = (
+        common("setting", AXES[name]),
+        common("method", "method"),
+        NUMBER,
+        *ERRORS,
+        count("came back", "num_back", lambda result: result.is_back),
+        SECONDS,
+    )
+    settings, methods = list(dict.fromkeys(each.setting for each in results)), list(METHODS)
+    ordered = sorted(results, key=lambda each: (settings.index(each.setting), methods.index(each.method)))
+    start = {"rotation_deg": START_DEG, "camera_center_m": START_M}
+    facts = {"start": start, "is_mended": is_mended}
+    return Report.of(ordered, columns, draw=partial(_plot, AXES[name], results), facts=facts)
 
-    settings: tuple[Setting, ...]
-    pool: Pool
-    """Drives, with their pictures."""
-    is_mended: bool = True
-    """Whether isolated wrong pixels are mended for all methods but the paper's."""
-    changes: dict[str, object] = field(default_factory=dict)
-    """Changes of the drives' `SynthConfig`."""
 
-    def __call__(self, case: Case) -> list[Finding]:
-        """Cut a drive down to a setting, and calibrate it by one method."""
-        setting = next(setting for setting in self.settings if setting.name == case.setting)
-        num_frames = max(setting.num_pairs for setting in self.settings)
-        drive, truth = self.pool.read("drive", {**self.changes, "num_frames": num_frames}, case.seed)
-        rng = np.random.default_rng(case.seed)
-        order, T_init = rng.permutation(num_frames), displaced(truth, START_DEG, START_M, rng)
-        scene = Scene(
-            with_frames(drive, sorted(order[: setting.num_pairs])),
-            wrong=setting.wrong,
-            seed=case.seed,
-            is_mended=self.is_mended,
-        )
-        method, start = METHODS[case.method], perf_counter()
-        try:
-            seen, start = method.prepare(scene), perf_counter()
-            error = compare_poses(method.find(scene, seen, T_init), truth)
-        except SemcalError as failure:
-            deg, cm, reason = math.inf, math.inf, str(failure)
-        else:
-            deg, cm, reason = error.rotation_deg, error.camera_center_cm, ""
-        seconds = perf_counter() - start
-        return [Finding(case.setting, case.method, case.seed, deg, cm, seconds, reason)]
+def experiment(out: Path, seeds: range, name: str, *, is_mended: bool) -> Experiment[Case, Result]:
+    """Declare an experiment of `EXPERIMENTS`.
+
+    Args:
+        out: Folder of all experiments.
+        seeds: Seeds of the drives.
+        name: Key of `EXPERIMENTS`.
+        is_mended: Whether isolated wrong pixels are mended for all methods but the paper's.
+    """
+    settings = EXPERIMENTS[name]
+    folder = out / (name if is_mended else f"{name}_unmended")
+    drives = folder / "drives"
+    return Experiment(
+        name,
+        folder,
+        cases(settings, seeds),
+        partial(run, settings, Pool(drives, has_pictures=True), {}, is_mended),
+        Result,
+        partial(report, name, is_mended),
+        complete=partial(complete, settings),
+        scratch=drives,
+    )
+
+
+def _plot(axis: str, results: Sequence[Result]) -> Figure:
+    """Draw the errors of each method in each setting, side by side as in the paper's, and the shares that came back."""
+    from matplotlib.figure import Figure
+
+    settings = list(dict.fromkeys(result.setting for result in results))
+    groups = grouped(results, lambda f: (f.method, f.setting))
+    colors = {name: METHODS[name].color for name in METHODS if any(f.method == name for f in results)}
+    figure = Figure(figsize=(13.0, 9.0))
+    *of_errors, of_shares = figure.subplots(3, 1, height_ratios=(3, 3, 2))
+    for axes, (field, label) in zip(of_errors, MEASURES, strict=True):
+        errors = [[[getattr(f, field) for f in groups.get((m, s), ())] for s in settings] for m in colors]
+        above = {"transform": axes.get_xaxis_transform(), "rotation": 90.0, "va": "top", "ha": "center"}
+        for place, values in draw_groups(axes, errors, colors):
+            if num_failed := sum(not math.isfinite(value) for value in values):
+                axes.text(place, 1.0, f"{num_failed} failed", **above)
+        make_logarithmic(axes)
+        axes.set_ylabel(label)
+    # The first method is drawn last: lines at 100 % cover one another.
+    for method, color in reversed(colors.items()):
+        known = [(place, groups[method, s]) for place, s in enumerate(settings) if (method, s) in groups]
+        shares = [100.0 * sum(f.is_back for f in found) / len(found) for _, found in known]
+        of_shares.plot([place for place, _ in known], shares, "o-", color=color, markersize=4)
+    of_shares.set_ylabel("nearer to the truth\nthan the start, %")
+    of_shares.set_ylim(-5.0, 105.0)
+    for axes in (*of_errors, of_shares):
+        axes.set_xticks(range(len(settings)), settings)
+        axes.set_xlim(-0.5, len(settings) - 0.5)
+        axes.grid(axis="y")
+        for border in range(1, len(settings)):
+            axes.axvline(border - 0.5, color=GREY, linewidth=0.5)
+    of_shares.set_xlabel(axis)
+    figure.legend(*of_errors[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(colors))
+    return figure

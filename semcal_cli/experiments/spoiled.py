@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.diagnosis import (
-    Diagnosis,
-    Run,
+    Diagnose,
     attempt,
     covers_intrinsics,
     matches_one_frame,
@@ -20,9 +18,8 @@ from semcal_cli.experiments.diagnosis import (
     names_leak,
     names_scale,
 )
-from semcal_cli.experiments.outcome import Case, Outcome, distance_in_limits, errors_of, with_statement
-from semcal_cli.experiments.pool import NUM_FRAMES, Pool, with_frames
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.experiments.drives import NUM_FRAMES, RIGS, Pool, rig_of, with_frames
+from semcal_cli.experiments.trust import Case, Outcome, distance_in_limits, errors_of
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive
 
@@ -49,7 +46,7 @@ class Kind:
     """Function that spoils a good drive."""
     group: str
     """Name of the ways that are counted together."""
-    diagnose: Callable[[Run], Diagnosis] | None = None
+    diagnose: Diagnose | None = None
     """Function that decides whether the result says what is wrong; None if nothing is asked of it."""
     num_pairs: tuple[int, ...] = PAIRS
     """Numbers of pairs of the spoiled drives."""
@@ -72,36 +69,39 @@ class Kind:
         return self.group in SUBTLE
 
 
-def _subtle(name: str, kind: Kind) -> dict[str, Kind]:
-    """Declare a subtle kind by labels of both sides, and by segments."""
-    return {name: kind, **_by_segments(name, kind)}
+def _by_segments(kinds: Mapping[str, Kind]) -> dict[str, Kind]:
+    """Declare kinds by labels of the pictures alone."""
+    return {
+        f"{name}, by segments": replace(kind, has_point_labels=False, has_pictures=False)
+        for name, kind in kinds.items()
+    }
 
 
-def _by_segments(name: str, kind: Kind) -> dict[str, Kind]:
-    """Declare a subtle kind by labels of the pictures alone."""
-    segments = replace(kind, has_point_labels=False, has_pictures=False)
-    return {f"{name}, by segments": segments}
+def _by_both(name: str, kind: Kind) -> dict[str, Kind]:
+    """Declare a kind by labels of both sides, and by segments."""
+    return {name: kind, **_by_segments({name: kind})}
 
 
-KNOCKED, SCALE, PRINCIPAL_POINT, COPIES = (
-    "camera knocked",
-    "clouds scaled",
-    "principal point wrong",
-    "copies of a frame",
-)
-NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED = (
-    "4 frames with noisy labels",
-    "pictures late",
-    "intrinsics slightly wrong",
-    "label pictures misplaced",
-)
-LEAKED, SINGLE, SEGMENTS = "leaked labels", "single frames", "good drives by segments"
+KNOCKED, SCALE, PRINCIPAL_POINT = "camera knocked", "clouds scaled", "principal point wrong"
+COPIES, SHIFTED, MERGED = "copies of a frame", "labels shifted", "classes merged"
+NOISY, LATE, SLIGHTLY_WRONG_K = "4 frames with noisy labels", "pictures late", "intrinsics slightly wrong"
+MISPLACED, LEAKED, SINGLE = "label pictures misplaced", "leaked labels", "single frames"
+SEGMENTS = "good drives by segments"
 SUBTLE = (NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED, LEAKED, SINGLE, SEGMENTS)
 """Groups of the part `subtle`."""
 SHARES = {"half of the frames": 0.5, "a quarter of the frames": 0.25, "some frames": None}
 TURNS = {f"turned by {angle:g} degrees": (angle, 0.0) for angle in (0.5, 1.0, 3.0)}
 MOVES = {f"moved by {100 * distance:.0f} cm": (0.0, distance) for distance in (0.1, 0.2)}
 """Knocks of the camera: degrees and metres."""
+SLIGHTLY = partial(Kind, group=SLIGHTLY_WRONG_K, has_exact_intrinsics=False)
+OFF_ITS_PLACE = partial(
+    Kind,
+    group=MISPLACED,
+    diagnose=partial(covers_intrinsics, {"cx": MISPLACED_PX, "cy": MISPLACED_PX}),
+    has_pictures=False,
+    has_exact_intrinsics=False,
+)
+BY_A_NETWORK = partial(Kind, spoiling.labels_by_a_network, noises=(0.0,))
 KINDS: dict[str, Kind] = {
     **{
         f"{where} {how}": Kind(
@@ -116,20 +116,21 @@ KINDS: dict[str, Kind] = {
     "two mountings, 1 degree apart": Kind(spoiling.as_it_is, KNOCKED, names_knock, has_two_mountings=True),
     "each cloud turned by its own 0.7 to 1 degrees": Kind(spoiling.clouds_turned, "clouds turned"),
     **{
-        f"point labels shifted by {entries}": Kind(
-            partial(spoiling.point_labels_shifted, entries=entries), "labels shifted"
-        )
-        for entries in (1, 3, 5)
+        f"point labels shifted by {n}": Kind(partial(spoiling.point_labels_shifted, entries=n), SHIFTED)
+        for n in (1, 3, 5)
     },
-    "picture labels shifted by 3 to 4 px": Kind(spoiling.image_labels_shifted, "labels shifted"),
-    "the same in every other frame": Kind(partial(spoiling.image_labels_shifted, step=2), "labels shifted"),
-    **{
-        what: Kind(spoil, PRINCIPAL_POINT, partial(covers_intrinsics, offsets))
-        for what, spoil, offsets in (
-            ("cx wrong by 4 px", partial(spoiling.principal_point_wrong, cx_px=4.0), {"cx": 4.0}),
-            ("cy wrong by 15 px", partial(spoiling.principal_point_wrong, cy_px=15.0), {"cy": 15.0}),
-        )
-    },
+    "picture labels shifted by 3 to 4 px": Kind(spoiling.image_labels_shifted, SHIFTED),
+    "the same in every other frame": Kind(partial(spoiling.image_labels_shifted, step=2), SHIFTED),
+    "cx wrong by 4 px": Kind(
+        partial(spoiling.principal_point_wrong, cx_px=4.0),
+        PRINCIPAL_POINT,
+        partial(covers_intrinsics, {"cx": 4.0}),
+    ),
+    "cy wrong by 15 px": Kind(
+        partial(spoiling.principal_point_wrong, cy_px=15.0),
+        PRINCIPAL_POINT,
+        partial(covers_intrinsics, {"cy": 15.0}),
+    ),
     "fx alone wrong by 3 %": Kind(partial(spoiling.focal_length_wrong, share=0.03), "focal length wrong"),
     **{
         f"clouds {name}": Kind(partial(spoiling.clouds_scaled, scale=scale), SCALE, names_scale)
@@ -140,75 +141,64 @@ KINDS: dict[str, Kind] = {
             partial(spoiling.one_frame_again, times=times, noise_m=noise_m, is_renamed=times > 20),
             COPIES,
             matches_one_frame,
-            (times,),
-            1,
+            num_pairs=(times,),
+            num_read=1,
         )
         for times in (20, 70)
         for words, noise_m in (("", None), (", with 5 mm of noise", 0.005))
     },
-    "classes merged to two at random": Kind(spoiling.classes_merged, "classes merged"),
+    "classes merged to two at random": Kind(spoiling.classes_merged, MERGED),
     "classes merged to 3, 9, 11 and the rest": Kind(
-        partial(spoiling.classes_merged, first=(3, 9, 11)), "classes merged"
+        partial(spoiling.classes_merged, first=(3, 9, 11)), MERGED
     ),
     "half of the pictures mirrored": Kind(spoiling.pictures_mirrored, "pictures exchanged"),
     "one picture of another moment": Kind(
         spoiling.picture_of_another_moment, "pictures exchanged", num_pairs=(MOMENT_PAIRS,)
     ),
     **_by_segments(
-        "20 or 30 % wrong labels", Kind(spoiling.as_it_is, NOISY, num_pairs=(4,), noises=STRONG_NOISES)
-    ),
-    **_by_segments(
-        "labels as by a network", Kind(spoiling.labels_by_a_network, NOISY, num_pairs=(4,), noises=(0.0,))
+        {
+            "20 or 30 % wrong labels": Kind(spoiling.as_it_is, NOISY, num_pairs=(4,), noises=STRONG_NOISES),
+            "labels as by a network": BY_A_NETWORK(NOISY, num_pairs=(4,)),
+        }
     ),
     **{
         name: kind
         for how, speeds in SPEEDS_M_S.items()
-        for name, kind in _subtle(
+        for name, kind in _by_both(
             f"pictures {1000 * LATE_S:.0f} ms late {how}",
             Kind(partial(spoiling.pictures_late, late_s=LATE_S, speeds_m_s=speeds), LATE),
         ).items()
     },
-    **{
-        name: kind
-        for what, spoil, offsets in (
-            ("f wrong by 1 %", partial(spoiling.zoom_wrong, share=0.01), {"fx": 10.0, "fy": 10.0}),
-            ("cy wrong by 10 px", partial(spoiling.principal_point_wrong, cy_px=10.0), {"cy": 10.0}),
-        )
-        for name, kind in _subtle(
-            what,
-            Kind(spoil, SLIGHTLY_WRONG_K, partial(covers_intrinsics, offsets), has_exact_intrinsics=False),
-        ).items()
-    },
-    **{
-        name: kind
-        for how, spoil in (
-            ("shifted", partial(spoiling.image_labels_shifted, distance_px=(MISPLACED_PX, MISPLACED_PX))),
-            ("cropped", partial(spoiling.image_labels_cropped, pixels=MISPLACED_PX)),
-        )
-        for name, kind in _subtle(
-            f"label pictures {how} by {MISPLACED_PX} px",
-            Kind(
-                spoil,
-                MISPLACED,
-                partial(covers_intrinsics, {"cx": MISPLACED_PX, "cy": MISPLACED_PX}),
-                has_pictures=False,
-                has_exact_intrinsics=False,
-            ),
-        ).items()
-    },
+    **_by_both(
+        "f wrong by 1 %",
+        SLIGHTLY(
+            partial(spoiling.zoom_wrong, share=0.01),
+            diagnose=partial(covers_intrinsics, {"fx": 10.0, "fy": 10.0}),
+        ),
+    ),
+    **_by_both(
+        "cy wrong by 10 px",
+        SLIGHTLY(
+            partial(spoiling.principal_point_wrong, cy_px=10.0),
+            diagnose=partial(covers_intrinsics, {"cy": 10.0}),
+        ),
+    ),
+    **_by_both(
+        f"label pictures shifted by {MISPLACED_PX} px",
+        OFF_ITS_PLACE(partial(spoiling.image_labels_shifted, distance_px=(MISPLACED_PX, MISPLACED_PX))),
+    ),
+    **_by_both(
+        f"label pictures cropped by {MISPLACED_PX} px",
+        OFF_ITS_PLACE(partial(spoiling.image_labels_cropped, pixels=MISPLACED_PX)),
+    ),
     "points labelled from pictures through a wrong transform": Kind(
         spoiling.point_labels_from_pictures, LEAKED, names_leak
     ),
     "a single frame": Kind(spoiling.as_it_is, SINGLE, num_pairs=(1,)),
-    "a single frame with labels as by a network": Kind(
-        spoiling.labels_by_a_network, SINGLE, num_pairs=(1,), noises=(0.0,)
-    ),
-    **_by_segments("a good drive", Kind(spoiling.as_it_is, SEGMENTS)),
+    "a single frame with labels as by a network": BY_A_NETWORK(SINGLE, num_pairs=(1,)),
+    **_by_segments({"a good drive": Kind(spoiling.as_it_is, SEGMENTS)}),
     "points labelled from a network's pictures through a wrong transform": Kind(
-        partial(spoiling.point_labels_from_pictures, is_by_a_network=True),
-        LEAKED,
-        names_leak,
-        noises=(0.0,),
+        partial(spoiling.point_labels_from_pictures, is_by_a_network=True), LEAKED, names_leak, noises=(0.0,)
     ),
 }
 """Ways to spoil a drive, by name."""
@@ -223,21 +213,19 @@ def cases(seed: int) -> list[Case]:
     ]
 
 
-def run(case: Case, pool: Pool) -> Outcome:
+def run(pool: Pool, case: Case) -> list[Outcome]:
     """Spoil a drive, calibrate it, and compare with the nearest of its true poses."""
-    kind = KINDS[case.kind]
-    rig = list(RIGS)[case.seed % len(RIGS)]
+    kind, rig = KINDS[case.kind], rig_of(case.seed)
     rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
     raw = given(kind, kind.spoil(_good_drive(pool, rig, case, rng), rng))
     found = attempt(raw)
-    outcome = Outcome(case.kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
+    outcome = Outcome(case.kind, case.seed, rig, case.num_pairs, case.noise)
     if isinstance(found, SemcalError):
         outcome = replace(outcome, reasons=str(found))
     else:
-        outcome = with_statement(outcome, found, _nearest_errors(found, raw))
-    if kind.diagnose is None:
-        return outcome
-    return replace(outcome, **kind.diagnose(Run(raw, found, outcome))._asdict())
+        errors = [errors_of(found.pose, truth) for truth in raw.truths]
+        outcome = outcome.stating(found, min(errors, key=distance_in_limits))
+    return [outcome if kind.diagnose is None else kind.diagnose(raw, found, outcome)]
 
 
 def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> RawDrive:
@@ -276,8 +264,3 @@ def _two_mountings(pool: Pool, rig: str, seed: int, num_frames: int) -> RawDrive
         drive, truth = pool.read(f"{rig}_at_{azimuth_deg:g}", changes, seed + half * SECOND_SEED)
         halves.append(read_raw_drive(with_frames(drive, range(num_frames // 2)), truth, prefix=f"{half}_"))
     return halves[0].with_frames([frame for half in halves for frame in half.frames])
-
-
-def _nearest_errors(found: Calibration, raw: RawDrive) -> tuple[float, ...]:
-    """Compute the errors (6,) from the nearest true pose, centimetres and degrees."""
-    return min((errors_of(found.pose, truth) for truth in raw.truths), key=distance_in_limits)

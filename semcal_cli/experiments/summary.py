@@ -1,7 +1,8 @@
-"""The summary of an experiment: figures of each group of results, for summary.json and for the table."""
+"""The summary of an experiment: figures and rates of groups of results, for summary.json and for the table."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -37,11 +38,9 @@ def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key
 
 
 def summarise(results: Iterable[Any], columns: Sequence[Column]) -> list[dict[str, Any]]:
-    """Compute the figures of each group of results, in the order of the results.
+    """Compute the figures of the columns for each group of results, in the order of the results.
 
-    Args:
-        results: Results of an experiment.
-        columns: Columns, whose figures are computed; results with the same values of their fields are a group.
+    Results with the same values of the fields of the columns are a group.
     """
     fields = [column.field for column in columns if column.field]
     groups = grouped(results, lambda result: tuple(getattr(result, field) for field in fields))
@@ -51,16 +50,20 @@ def summarise(results: Iterable[Any], columns: Sequence[Column]) -> list[dict[st
 
 def summary_table(rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> str:
     """Format the rows that `summarise` computed as a Markdown table."""
-    header = "".join(f" {column.header} |" if column.header else " |" for column in columns)
     cells = [[column.show(*(row[key] for key in column.figures)) for column in columns] for row in rows]
-    return markdown_table(f"|{header}", cells)
+    return markdown_table([column.header for column in columns], cells)
 
 
-def markdown_table(header: str, rows: Iterable[Sequence[object]]) -> str:
-    """Format a Markdown table; the header is its first line."""
-    rule = "|" + (header.count("|") - 1) * "---|"
-    lines = [f"| {' | '.join(map(str, row))} |" for row in rows]
-    return "\n".join([header, rule, *lines]) + "\n"
+def markdown_table(headers: Iterable[str], rows: Iterable[Sequence[object]]) -> str:
+    """Format a Markdown table."""
+    heads = [f" {header} |" if header else " |" for header in headers]
+    lines = [f"|{''.join(heads)}", f"|{len(heads) * '---|'}", *(table_row(*row) for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def table_row(*cells: object) -> str:
+    """Format a line of a Markdown table."""
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def of(field: str, measure: Callable[[Sequence[Any]], Any]) -> Measure:
@@ -98,24 +101,93 @@ def median(values: Sequence[float]) -> float:
     return float(np.median(values))
 
 
+def median_and_worst(values: Sequence[float]) -> tuple[float, float]:
+    """Median and worst of values."""
+    return median(values), max(values)
+
+
 def distribution(values: Sequence[float]) -> tuple[float, float, float]:
     """Median, 95 % quantile and worst of errors."""
     # Quantiles are not interpolated, since a value may be infinite.
     return median(values), float(np.quantile(values, 0.95, method="higher")), max(values)
 
 
+def error_columns(
+    figures: str, measure: Callable[[Sequence[float]], Any], deg_digits: int = 4, cm_digits: int = 2
+) -> tuple[Column, Column]:
+    """Make the columns of figures of the errors of the rotation in degrees and of the camera centre in centimetres."""
+    deg, cm = ({field: of(field, measure)} for field in ("rotation_deg", "camera_center_cm"))
+    return (
+        Column(f"rotation, deg: {figures}", deg, digits(deg_digits)),
+        Column(f"camera centre, cm: {figures}", cm, digits(cm_digits)),
+    )
+
+
 NUMBER = Column("n", {"n": len})
 """Number of results."""
-ERRORS = (
-    Column(
-        "rotation, deg: median, 95 %, worst", {"rotation_deg": of("rotation_deg", distribution)}, digits(4)
-    ),
-    Column(
-        "camera centre, cm: median, 95 %, worst",
-        {"camera_center_cm": of("camera_center_cm", distribution)},
-        digits(2),
-    ),
-)
-"""Errors of the rotation in degrees and of the camera centre in centimetres."""
+ERRORS = error_columns("median, 95 %, worst", distribution)
 SECONDS = Column("s", {"seconds": of("seconds", median)}, digits(1))
 """Median time."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Frequency of an event, with the binomial 95 % interval of Wilson (1927).
+
+    Runs on one drive, and axes of one run, are not independent: the interval is then too narrow.
+    """
+
+    name: str
+    count: int
+    n: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the rate."""
+        if self.n == 0:
+            return 0.0, 1.0
+        z2, p = 1.96**2, self.count / self.n
+        middle = (p + z2 / (2 * self.n)) / (1 + z2 / self.n)
+        half = 1.96 * math.sqrt(p * (1 - p) / self.n + z2 / (4 * self.n**2)) / (1 + z2 / self.n)
+        return max(middle - half, 0.0), min(middle + half, 1.0)
+
+    @property
+    def share(self) -> str:
+        """The rate as text."""
+        return f"{self.count / self.n:.1%}" if self.n else "-"
+
+    @property
+    def cells(self) -> tuple[object, ...]:
+        """Cells of a row of a table: name, count, number, rate and interval."""
+        low, high = self.interval
+        return self.name, self.count, self.n, self.share, f"{low:.1%} to {high:.1%}"
+
+
+def rate_of(name: str, results: Iterable[Result], is_so: Callable[[Result], bool | Sequence[bool]]) -> Rate:
+    """Count the results of which something is so, or what is so of several parts of each."""
+    found = [is_so(result) for result in results]
+    flags = [flag for each in found for flag in ([each] if isinstance(each, bool) else each)]
+    return Rate(name, sum(flags), len(flags))
+
+
+def rates_by(
+    name: str,
+    results: Sequence[Result],
+    key: Callable[[Result], Hashable],
+    is_so: Callable[[Result], bool | Sequence[bool]],
+    values: Iterable[Hashable] | None = None,
+) -> list[Rate]:
+    """Count part by part.
+
+    Args:
+        name: Names of the rates, with `{}` for the value of the part.
+        results: Results.
+        key: Value by which the results are parted.
+        is_so: Event that is counted, as in `rate_of`.
+        values: Values of the parts; None for those that occur, in the order of the results.
+    """
+    parts = grouped(results, key)
+    return [
+        rate_of(name.format(value), parts.get(value, []), is_so)
+        for value in (parts if values is None else values)
+    ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -24,10 +24,10 @@ from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.baselines.config import SoicConfig
 from semcal_cli.experiments.baselines.soic import Soic
+from semcal_cli.experiments.drives import calibrate_from
+from semcal_cli.experiments.experiment import RESULTS, SUMMARY, TABLE, Report
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.published import PublishedRow, published_rows
-from semcal_cli.experiments.result_files import Report, write_report
-from semcal_cli.experiments.rows import calibrate_from
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.files.images import write_image
 from semcal_cli.geometry.poses import Pose, compare_poses, mounting_rpy_deg, rotation_vector_deg
@@ -43,7 +43,7 @@ ORDER = (
 PICTURES = ("reference", "SOIC", "PMI", "semcal")
 """Poses of the images (a) to (d), in the paper's order."""
 PICTURE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", PICTURES, strict=True))
-FILES = ("results.csv", "summary.json", "table.md", *PICTURE_FILES)
+FILES = (RESULTS, SUMMARY, TABLE, *PICTURE_FILES)
 LEGEND = (
     "Rotation vector and translation are T_camera_lidar's. Roll, pitch and yaw: the camera's body frame (x forward, "
     "y left, z up) in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll). MI: of labels. Distance: from points to pixels "
@@ -51,7 +51,7 @@ LEGEND = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass
 class Comparison:
     """The poses of every method on a drive."""
 
@@ -59,15 +59,15 @@ class Comparison:
     labels: Observations
     poses: dict[str, Pose]
     """T_camera_lidar (4, 4) by name: `reference`, `start`, and each method with an answer."""
-    seconds: dict[str, float]
-    """Time by method, from pairs in memory to a pose; semcal's includes its assessment."""
-    failures: dict[str, str]
-    """Reasons of the methods without an answer, by name."""
-    status: Status | None
-    """Status of semcal's own pose; the other methods have none."""
-    reasons: tuple[str, ...]
     published: tuple[PublishedRow, ...] = ()
     """Rows of the paper, if the drive's reference is that of one of its data sets."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time by method, from pairs in memory to a pose; semcal's includes its assessment."""
+    failures: dict[str, str] = field(default_factory=dict)
+    """Reasons of the methods without an answer, by name."""
+    status: Status | None = None
+    """Status of semcal's own pose; the other methods have none."""
+    reasons: tuple[str, ...] = ()
 
 
 def compare(
@@ -90,17 +90,20 @@ def compare(
         InputError: a file is missing or is not what its name or the drive says, or there is no such frame.
         CalibrationError: labels cannot be compared at all.
     """
-    _check_frame(data.drive, frame)
+    if frame >= len(data.drive.frames):
+        found = len(data.drive.frames)
+        raise InputError(f"{data.drive.path}: found {found} frames, needed one numbered {frame}")
+    # The image to draw on is checked before the long computation.
+    read_frame_image(data.drive, data.drive.frames[frame])
     progress(
         "searching all mounting directions" if initial_pose is None else f"starting at {initial_pose.name}"
     )
     # Without a given pose, the others start at the result of semcal's initial calibration.
     initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
     T_init = initial.T_camera_lidar if initial_pose is None else initial_pose.T_camera_lidar
-    poses, seconds = {"reference": T_reference, "start": T_init}, {}
-    status: Status | None = None
-    reasons: tuple[str, ...] = ()
-    scene, failures = Scene(data.drive, is_initialized=initial_pose is None), dict[str, str]()
+    poses = {"reference": T_reference, "start": T_init}
+    comparison = Comparison(data.drive, data.observations, poses, published_rows(T_reference))
+    scene = Scene(data.drive, is_initialized=initial_pose is None)
     for method in ORDER:
         progress(f"calibrating by {method}")
         try:
@@ -109,21 +112,13 @@ def compare(
             if method == "semcal":
                 stages, verdict = calibrate_from(initial, data, RefinementConfig())
                 poses[method] = stages.T_camera_lidar
-                status, reasons = verdict.status, verdict.reasons
+                comparison.status, comparison.reasons = verdict.status, verdict.reasons
             else:
                 poses[method] = METHODS[method].find(scene, seen, T_init)
-            seconds[method] = perf_counter() - start
+            comparison.seconds[method] = perf_counter() - start
         except SemcalError as failure:
-            failures[method] = str(failure)
-    published = published_rows(T_reference)
-    return Comparison(data.drive, data.observations, poses, seconds, failures, status, reasons, published)
-
-
-def _check_frame(drive: Drive, frame: int) -> None:
-    """Check the image to draw on before the long computation."""
-    if frame >= len(drive.frames):
-        raise InputError(f"{drive.path}: found {len(drive.frames)} frames, needed one numbered {frame}")
-    read_frame_image(drive, drive.frames[frame])
+            comparison.failures[method] = str(failure)
+    return comparison
 
 
 @dataclass(frozen=True)
@@ -185,9 +180,13 @@ def describe(found: Comparison) -> list[Row]:
 
 def markdown(found: Comparison, rows: Sequence[Row]) -> str:
     """Format the table."""
-    header = (
-        "| | rotation vector, deg | translation, m | roll, pitch, yaw, deg | off the reference | MI, nats "
-        "| distance, px | s |"
+    headers = (
+        "",
+        "rotation vector, deg",
+        "translation, m",
+        "roll, pitch, yaw, deg",
+        "off the reference",
+        "MI, nats",
     )
     lines = []
     for row in rows:
@@ -197,7 +196,7 @@ def markdown(found: Comparison, rows: Sequence[Row]) -> str:
         seconds = f"{found.seconds[row.method]:.1f}" if row.method in found.seconds else ""
         information = f"{row.mutual_information_nats:.4f}"
         lines.append((row.method, *row.cells, off, information, distance, seconds))
-    table = markdown_table(header, lines)
+    table = markdown_table((*headers, "distance, px", "s"), lines)
     # A row without an answer has empty cells of another width.
     table += "".join(
         f"| {method} | failed: {_cell(text)} | | | | | | |\n" for method, text in found.failures.items()
@@ -228,7 +227,7 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
         "failures": found.failures,
         "published": [vars(row) for row in found.published],
     }
-    write_report("table", rows, Report([vars(row) for row in rows], table, facts=facts), folder)
+    Report([vars(row) for row in rows], table, facts=facts).write("table", rows, folder)
     _write_images(found, frame, folder)
     return table
 

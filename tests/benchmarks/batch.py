@@ -11,19 +11,17 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-import click
+from benchmark import script, seconds_of, street, table
 
 from semcal_cli.batch.folders import check_made_by_batch, make_folder_of_drive
 from semcal_cli.batch.records import read_inputs, write_record
 from semcal_cli.batch.run import run_batch
 from semcal_cli.batch.tasks import Outcome, Task
-from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.speed import SEMCAL
 
 BARE = """
 import sys
@@ -31,31 +29,19 @@ from semcal_cli.cli import run
 codes = []
 for number, drive in enumerate(sys.argv[2:]):
     codes.append(run(["calibrate", drive, "--threads", "1", "-q", "-o", f"{sys.argv[1]}/{number}.yaml"])[0])
-sys.exit(max(codes, key=(0, 3, 1, 2).index))
+sys.exit(max(codes, key=(0, 3, 1, 2).index) in (1, 2))
 """
 
 
-def seconds(arguments: Sequence[str]) -> float:
-    """Time a process in which every drive ends with a result, trusted or not."""
-    start = perf_counter()
-    ended = subprocess.run(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False)
-    if ended.returncode not in (0, 3):
-        raise click.ClickException(f"exit code {ended.returncode}: {ended.stderr.decode()[-500:]}")
-    return perf_counter() - start
-
-
-def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
-    """Seconds to keep the outcomes of so many drives, and to find them all done; and the peak memory in MiB."""
-    drive = folder / "drive"
-    subprocess.run(
-        [*SEMCAL, "synth", str(drive), "--frames", "1", "--width", "64", "--height", "48", "-q"], check=True
-    )
+def bookkeeping(folder: Path, count: int) -> Iterator[float]:
+    """Seconds to keep the outcomes of so many drives, and to find them all done."""
+    street(folder / "drive", 0, 1, 64)
     tasks = [
-        Task(f"drives/{n:06d}", str(drive), str(folder / f"out/{n:06d}"), "calibrate") for n in range(count)
+        Task(f"drives/{n:06d}", str(folder / "drive"), str(folder / f"out/{n:06d}"), "calibrate")
+        for n in range(count)
     ]
     rows = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
     covariance = tuple(tuple(0.1 * (i + j) for j in range(6)) for i in range(6))
-
     inputs = read_inputs(tasks[0])
 
     def stub(missing: Sequence[Task]) -> Generator[Outcome, None, None]:
@@ -77,46 +63,39 @@ def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
             write_record(task, outcome, inputs, timed_out=False)
             yield outcome
 
-    times = []
     for _ in range(2):
         start = perf_counter()
         check_made_by_batch(tasks, folder / "out", folder / "out")
         run_batch(tasks, folder / "out", stub)
-        times.append(perf_counter() - start)
-    return times[0], times[1], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        yield perf_counter() - start
 
 
-@click.command()
-@click.option("--drives", "num_drives", default=200)
-@click.option("--bookkeeping", "num_records", default=10_000)
-@click.option("--frames", "num_frames", default=5, show_default=True, help="Pairs of each drive.")
-@click.option("--width", default=640, show_default=True, help="Columns of the pictures.")
-@click.option("--height", default=360, show_default=True, help="Rows of the pictures.")
-def main(num_drives: int, num_records: int, num_frames: int, width: int, height: int) -> None:
-    """Print the table."""
-    print("| | measured |\n|---|---|")
+def rows(num_drives: int, num_records: int, frames: int, width: int) -> Iterator[tuple[str, str]]:
+    """Measure both."""
     with TemporaryDirectory() as name:
-        kept, resumed, memory_mib = bookkeeping(Path(name), num_records)
-        print(
-            f"| bookkeeping of {num_records:,} drives: first time, resumed | {kept:.1f} s, {resumed:.1f} s |"
-        )
-        print(f"| its peak memory | {memory_mib:.0f} MiB |", flush=True)
+        kept, resumed = bookkeeping(Path(name), num_records)
+        yield f"bookkeeping of {num_records:,} drives: first time, resumed", f"{kept:.1f} s, {resumed:.1f} s"
+        memory_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        yield "its peak memory", f"{memory_mib:.0f} MiB"
     with TemporaryDirectory() as name:
-        folder = Path(name)
-        small = ("--frames", f"{num_frames}", "--width", f"{width}", "--height", f"{height}", "-q")
-        subprocess.run(
-            [*SEMCAL, "synth", str(folder / "drives"), "--drives", str(num_drives), *small], check=True
-        )
+        folder, size = Path(name), ("--width", width, "--height", width * 9 // 16)
+        seconds_of("synth", folder / "drives", "--drives", num_drives, "--frames", frames, *size)
         drives = sorted(map(str, (folder / "drives").iterdir()))
         (folder / "bare").mkdir()
-        bare = seconds([sys.executable, "-I", "-c", BARE, str(folder / "bare"), *drives])
-        batch = [*SEMCAL, "batch", *drives]
-        one = seconds([*batch, "-o", str(folder / "one"), "--jobs", "1", "--threads", "1"])
-        two = seconds([*batch, "-o", str(folder / "two"), "--jobs", "2"])
-        print(f"| {num_drives} drives, bare runs in one process, one thread | {bare:.1f} s |")
-        print(f"| `--jobs 1 --threads 1` | {one:.1f} s, {one / bare - 1.0:+.1%} against bare runs |")
-        print(f"| `--jobs 2` | {two:.1f} s, {one / two:.2f} times as fast |")
+        start = perf_counter()
+        subprocess.run([sys.executable, "-I", "-c", BARE, str(folder / "bare"), *drives], check=True)
+        bare = perf_counter() - start
+        one = seconds_of("batch", *drives, "-o", folder / "one", "--jobs", 1, "--threads", 1)
+        two = seconds_of("batch", *drives, "-o", folder / "two", "--jobs", 2)
+    yield f"{num_drives} drives, bare runs in one process, one thread", f"{bare:.1f} s"
+    yield "`--jobs 1 --threads 1`", f"{one:.1f} s, {one / bare - 1.0:+.1%} against bare runs"
+    yield "`--jobs 2`", f"{two:.1f} s, {one / two:.2f} times as fast"
+
+
+def main(*, drives: int = 200, bookkeeping: int = 10_000, frames: int = 5, width: int = 640) -> Iterator[str]:
+    """Print the table."""
+    yield from table(" | measured", rows(drives, bookkeeping, frames, width))
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

@@ -11,37 +11,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
-import click
 import cv2
 import numpy as np
-from profiles import AXES, Profile, draw_profiles, poses_along
+from benchmark import script, street, table
+from profiles import draw_profiles, profiles
 from real_data import real_drives
 
 from semcal_cli import _core
 from semcal_cli.assessment.rivals import sigmas_behind
 from semcal_cli.config import PolishConfig
-from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.cues.edges import EDGES, STARTS, observe_edges
 from semcal_cli.drive.cues.intensity import grey_values
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
-from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.summary import markdown_table
+from semcal_cli.experiments.drives import with_frames
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import ExactEstimator, refine_pose
 from semcal_cli.refinement.several_starts import pyramid_of
-from semcal_cli.synthetic.synthesis import synthesize
 
 START_DEG, START_M = 2.0, 0.2
 SAME_DEG, SAME_CM = 0.5, 15.0
 """Errors within which an ascent has come back to the top."""
+RANGE_ALONE, INTENSITY_ALONE = replace(EDGES, intensity_shares=()), replace(EDGES, range_steps_m=())
 QUARTER_TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Turns elevations near the horizon straight ahead into azimuths."""
 
@@ -65,29 +63,16 @@ def with_pictures(
     )
 
 
-def range_and_intensity(drive: Drive) -> Observations:
-    """Steps in range and in intensity along the scan: the cue."""
-    return observe_edges(drive)
-
-
-def range_alone(drive: Drive) -> Observations:
-    """Steps in range along the scan."""
-    return observe_edges(drive, config=replace(EDGES, intensity_shares=()))
-
-
-def intensity_alone(drive: Drive) -> Observations:
-    """Steps in intensity along the scan."""
-    return observe_edges(drive, config=replace(EDGES, range_steps_m=()))
-
-
 def any_gradient(drive: Drive) -> Observations:
     """The cue beside gradients in any direction."""
-    return with_pictures(drive, range_and_intensity(drive), lambda grey: _levels(_gradient(grey, (0, 1))))
+    return with_pictures(drive, observe_edges(drive), lambda grey: _levels(_gradient(grey, (0, 1))))
 
 
 def between_rings(drive: Drive) -> Observations:
     """Steps in range from ring to ring, beside gradients from top to bottom."""
-    upright = with_pictures(drive, range_alone(drive), lambda grey: _levels(_gradient(grey, (1,))))
+    upright = with_pictures(
+        drive, observe_edges(drive, config=RANGE_ALONE), lambda grey: _levels(_gradient(grey, (1,)))
+    )
 
     def classes_of(index: int, cloud: LabelledCloud) -> np.ndarray:
         turned = np.ascontiguousarray(cloud.points @ QUARTER_TURN.T.astype(np.float32))
@@ -112,7 +97,7 @@ def distance_to_edge(drive: Drive) -> Observations:
         distance = cv2.distanceTransform((~is_edge).astype(np.uint8), cv2.DIST_L2, 5)
         return np.digitize(distance, [0.7, 1.2, 1.8, 2.5, 4.0, 7.0, 12.0])
 
-    return with_pictures(drive, range_and_intensity(drive), levels_of)
+    return with_pictures(drive, observe_edges(drive), levels_of)
 
 
 def creases(drive: Drive) -> Observations:
@@ -132,13 +117,13 @@ def creases(drive: Drive) -> Observations:
         classes[order] = np.where(is_surface, np.digitize(angles, [20.0, 40.0, 60.0]), NO_CLASS)
         return classes
 
-    return with_points(range_alone(drive), classes_of, ["flat", "20", "40", "60"])
+    return with_points(observe_edges(drive, config=RANGE_ALONE), classes_of, ["flat", "20", "40", "60"])
 
 
 IDEAS: dict[str, Callable[[Drive], Observations]] = {
-    "steps in range and intensity (the cue)": range_and_intensity,
-    "steps in range": range_alone,
-    "steps in intensity": intensity_alone,
+    "steps in range and intensity (the cue)": lambda drive: observe_edges(drive),
+    "steps in range": lambda drive: observe_edges(drive, config=RANGE_ALONE),
+    "steps in intensity": lambda drive: observe_edges(drive, config=INTENSITY_ALONE),
     "the cue, gradients in any direction": any_gradient,
     "the cue, distance to the next edge": distance_to_edge,
     "steps between rings, gradients downwards": between_rings,
@@ -163,18 +148,8 @@ def _elevation(points: np.ndarray) -> np.ndarray:
     return np.asarray(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
 
 
-class Figures(NamedTuple):
-    """What an idea reaches on a drive."""
-
-    rotation_deg: float
-    center_cm: float
-    behind: float
-    """Standard errors by which the highest other top is behind."""
-    returned: int
-
-
-def measure(seen: Observations, T: Pose, num_starts: int) -> Figures:
-    """Find the top near the published pose, and ascend from poses around it."""
+def measure(seen: Observations, T: Pose, num_starts: int) -> tuple[str, str, str]:
+    """Find the top near the published pose, and ascend from poses around it: cells of the table."""
     pyramid, coarse = pyramid_of(STARTS), STARTS.coarse
     assert coarse is not None
     top = newton(seen, T, PolishConfig()).T_camera_lidar
@@ -187,55 +162,47 @@ def measure(seen: Observations, T: Pose, num_starts: int) -> Figures:
     others = [end for end, back in zip(ends, is_back, strict=True) if not back]
     error = compare_poses(top, T)
     behind = min(sigmas_behind(seen, top, others), default=np.inf)
-    return Figures(error.rotation_deg, error.camera_center_cm, behind, sum(is_back))
-
-
-def profile(seen: Observations, T: Pose, axis: int, steps: int) -> Profile:
-    """Offsets along an axis, in its unit, and the mutual information there."""
-    offsets, poses = poses_along(T, axis, steps)
-    agreements = [_core.agreement(seen.core, pose) for pose in poses]
-    return offsets, np.array([each.mutual_information - each.bias for each in agreements])
+    off = f"{error.rotation_deg:.2f} deg, {error.camera_center_cm:.1f} cm"
+    return off, f"{behind:.1f}", f"{sum(is_back)} of {num_starts}"
 
 
 def drives(data: Path, folder: Path, only: str, num_frames: int) -> Iterator[tuple[str, Drive, Pose]]:
     """The real drives, and a synthetic one."""
-    names = ("KITTI object", "KITTI raw", "KITTI jam")
     for found in real_drives(data, folder):
-        if found.name.startswith(names) and "DiCENet" not in found.name and only in found.name:
+        is_kitti = found.name.startswith("KITTI") and "DiCENet" not in found.name
+        if is_kitti and only in found.name:
             drive = read_drive(found.path)
-            yield (
-                found.name,
-                drive.model_copy(update={"frames": drive.frames[:num_frames]}),
-                read_transform(found.path),
-            )
+            some = with_frames(drive, range(min(num_frames, len(drive.frames))))
+            yield found.name, some, read_transform(found.path)
     if only in "synthetic":
-        synthesize(SynthConfig(num_frames=min(num_frames, 12), seed=95000), folder / "synthetic")
-        yield "synthetic, 12 pairs", read_drive(folder / "synthetic"), read_transform(folder / "synthetic")
+        yield "synthetic, 12 pairs", *street(folder / "synthetic", 95_000, min(num_frames, 12), 1280)
 
 
-@click.command()
-@click.argument("data", type=click.Path(path_type=Path, exists=True))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
-@click.option("--only", default="", help="Only drives whose names contain this.")
-@click.option("--max-frames", default=70, help="Frames of each drive.")
-@click.option("--starts", default=12, show_default=True, help="Single ascents of each idea.")
-@click.option("--steps", default=8, show_default=True, help="Poses on either side of the published one.")
-def main(data: Path, output: Path, only: str, max_frames: int, starts: int, steps: int) -> None:
-    """Print the table, and draw the profiles."""
-    rows, curves = [], {}
-    with TemporaryDirectory() as folder:
-        for name, drive, T in drives(data.resolve(), Path(folder), only, max_frames):
-            curves[name] = {}
+def main(
+    data: Path, *, output: Path, only: str = "", max_frames: int = 70, starts: int = 12, steps: int = 8
+) -> Iterator[str]:
+    """Print the table, and draw the profiles, `steps` poses to either side."""
+    curves: dict[str, dict[str, list[tuple[np.ndarray, np.ndarray]]]] = {}
+
+    def rows(folder: Path) -> Iterator[tuple[str, ...]]:
+        for name, drive, T in drives(data.resolve(), folder, only, max_frames):
             for idea, observe in IDEAS.items():
                 seen = observe(drive)
-                found = measure(seen, T, starts)
-                top = f"{found.rotation_deg:.2f} deg, {found.center_cm:.1f} cm"
-                rows.append((name, idea, top, f"{found.behind:.1f}", f"{found.returned} of {starts}"))
-                curves[name][idea] = [profile(seen, T, axis, steps) for axis in range(len(AXES))]
-    print(markdown_table("| drive | edges | top | other tops behind, sigmas | ascents that return |", rows))
+                yield name, idea, *measure(seen, T, starts)
+                curves.setdefault(name, {})[idea] = profiles(partial(information, seen), T, steps)
+
+    with TemporaryDirectory() as folder:
+        header = "drive | edges | top | other tops behind, sigmas | ascents that return"
+        yield from table(header, rows(Path(folder)))
     draw_profiles(curves, output, head=1.2, linewidth=1.2)
-    print(f"written to {output}")
+    yield f"written to {output}"
+
+
+def information(seen: Observations, T: Pose) -> float:
+    """Mutual information at a pose, less its bias."""
+    agreement = _core.agreement(seen.core, T)
+    return agreement.mutual_information - agreement.bias
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

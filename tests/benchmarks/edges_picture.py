@@ -7,12 +7,13 @@ The frame is one of KITTI's jam, of which no picture is shown: only how much it 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import click
 import cv2
 import numpy as np
+from benchmark import script
 from real_data import real_drives
 
 from semcal_cli import _core
@@ -52,14 +53,8 @@ def draw(data: LoadedDrive, frame: int, T_camera_lidar: Pose, title: str) -> np.
     return panel
 
 
-@click.command()
-@click.argument("data", type=click.Path(path_type=Path, exists=True))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
-@click.option("--frame", default=6, show_default=True, help="Frame that is shown.")
-@click.option("--seed", default=3, show_default=True, help="Seed of the start.")
-@click.option("--max-frames", default=70, help="Frames of the drive.")
-def main(data: Path, output: Path, frame: int, seed: int, max_frames: int) -> None:
-    """Draw both panels into one picture."""
+def main(data: Path, *, output: Path, frame: int = 6, seed: int = 3, max_frames: int = 70) -> Iterator[str]:
+    """Draw both panels, of one frame, into one picture."""
     with TemporaryDirectory() as folder:
         jam = next(each for each in real_drives(data.resolve(), Path(folder)) if "jam" in each.name)
         config = CalibrationConfig(cues=("edges",), max_frames=max_frames)
@@ -67,16 +62,12 @@ def main(data: Path, output: Path, frame: int, seed: int, max_frames: int) -> No
         start = displaced(read_transform(jam.path), START_DEG, START_M, np.random.default_rng(seed))
         found = calibrate(loaded, config, initial_pose=InitialPose(start, "start"))
         frame = min(frame, len(loaded.drive.frames) - 1)
-        before = f"before: {START_DEG:g} degrees and {START_M:g} m off"
-        panels = [
-            draw(loaded, frame, T, title)
-            for title, T in ((before, start), ("after", np.array(found.T_camera_lidar)))
-        ]
-    picture = np.vstack(panels)
+        before = draw(loaded, frame, start, f"before: {START_DEG:g} degrees and {START_M:g} m off")
+        picture = np.vstack([before, draw(loaded, frame, found.pose, "after")])
     size = WIDTH, round(picture.shape[0] * WIDTH / picture.shape[1])
     cv2.imwrite(str(output), cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
-    print(f"written to {output}")
+    yield f"written to {output}"
 
 
 if __name__ == "__main__":
-    main()
+    script(main)

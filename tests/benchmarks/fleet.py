@@ -8,11 +8,12 @@ and scatter by these and by `extra` times as much again. Prints a Markdown table
 
 from __future__ import annotations
 
-import click
+from collections.abc import Iterator
+
 import numpy as np
+from benchmark import script, table
 
 from semcal_cli.config import Limits
-from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.members import Member
 from semcal_cli.geometry.poses import pose_from_mounting
@@ -28,34 +29,32 @@ def fleet(rng: np.random.Generator, count: int, extra: float) -> list[Member]:
     for index in range(count):
         stated = rng.uniform(0.5, 2.0) * SIGMAS
         off = stated * rng.standard_normal(6) + extra * SIGMAS * rng.standard_normal(6)
-        members.append(
-            Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, pose_at(TRUTH, off), np.diag(stated**2), None)
-        )
+        pose, covariance = pose_at(TRUTH, off), np.diag(stated**2)
+        members.append(Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, pose, covariance, None))
     return members
 
 
-@click.command()
-@click.option("--fleets", "num_fleets", default=150, show_default=True)
-@click.option("--first-seed", default=1000, show_default=True)
-def main(num_fleets: int, first_seed: int) -> None:
-    """Print the table."""
-    print(
-        "| drives | extra scatter | 95 % intervals hold | a change or a drift is seen | a drive is said to disagree |"
-    )
-    print("|---|---|---|---|---|")
+def rows(fleets: int, first_seed: int) -> Iterator[tuple[object, ...]]:
+    """Combine fleets of each size."""
     for count in (3, 5, 8, 20, 60):
         for extra in (0.0, 1.0, 3.0):
             held, moves, alarms = [], 0, 0
-            for seed in range(first_seed, first_seed + num_fleets):
+            for seed in range(first_seed, first_seed + fleets):
                 found = combine_drives(fleet(np.random.default_rng(seed), count, extra), Limits())
                 (off,) = local_coordinates([found.T_camera_lidar], TRUTH)
                 off[3:] = np.degrees(off[3:])
                 held.append(np.abs(off) <= found.parts[-1].half_widths)
                 moves += len(found.parts) > 1 or found.drift is not None
                 alarms += any(drive.disagrees for drive in found.drives)
-            shares = f"{np.mean(held):.1%} | {moves / num_fleets:.1%} | {alarms / num_fleets:.1%}"
-            print(f"| {count} | {extra:g} | {shares} |", flush=True)
+            shares = (np.mean(held), moves / fleets, alarms / fleets)
+            yield count, f"{extra:g}", *(f"{share:.1%}" for share in shares)
+
+
+def main(*, fleets: int = 150, first_seed: int = 1000) -> Iterator[str]:
+    """Print the table."""
+    seen = "95 % intervals hold | a change or a drift is seen | a drive is said to disagree"
+    yield from table(f"drives | extra scatter | {seen}", rows(fleets, first_seed))
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

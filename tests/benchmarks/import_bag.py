@@ -10,11 +10,10 @@ Needs the extra `bag`, and `mcap`.
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
-import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from shutil import rmtree
 from statistics import median
@@ -24,10 +23,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from bags import NS, START_NS, BagWriter
+from benchmark import script, seconds_of, table
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.speed import SEMCAL
 
 RECORD = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")]
 KINDS = {"mcap": "mcap library", "ros1": "ros1", "sqlite3": "sqlite3"}
@@ -85,43 +83,42 @@ def reading_s(path: Path) -> float:
     return perf_counter() - start
 
 
-def import_s(path: Path, out: Path) -> float:
-    forget(path)
-    start = perf_counter()
-    subprocess.run([*SEMCAL, "import", "bag", str(path), "-o", str(out), "-q"], check=True)
-    return perf_counter() - start
-
-
-def row(name: str, path: Path, out: Path, rounds: int) -> str:
-    pairs = [(reading_s(path), import_s(path, out)) for _ in range(rounds)]
+def row(name: str, path: Path, out: Path, rounds: int) -> tuple[str, ...]:
+    pairs = []
+    for _ in range(rounds):
+        read_s = reading_s(path)
+        forget(path)
+        pairs.append((read_s, seconds_of("import", "bag", path, "-o", out)))
     gigabytes = sum(file.stat().st_size for file in files(path)) / 1e9
     read, imported = (median(each) for each in zip(*pairs, strict=True))
     share = median(read / imported for read, imported in pairs)
     frames = len(list(out.glob("points/*/*.pcd")))
     peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / 1e6
-    return (
-        f"| {name} | {gigabytes:.2f} | {read:.1f} | {imported:.1f} | {share:.2f} | {frames} | {peak_mb:.0f} |"
-    )
+    times = f"{read:.1f}", f"{imported:.1f}", f"{share:.2f}"
+    return name, f"{gigabytes:.2f}", *times, str(frames), f"{peak_mb:.0f}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for the recordings")
-    parser.add_argument("--gigabytes", type=float, default=5.0, help="size of each recording")
-    parser.add_argument("--rounds", type=int, default=3, help="measurements of each")
-    parser.add_argument("--points", type=int, default=131_072, help="points of a sweep")
-    parser.add_argument("--width", type=int, default=1280, help="columns of a picture")
-    parser.add_argument("--only", choices=KINDS, help="one kind of recording")
-    options = parser.parse_args()
-    print("| recording | GB | reading s | import s | of reading | frames | peak MB |")
-    print("|---|---|---|---|---|---|---|")
-    for name, kind in KINDS.items():
-        if options.only in (None, name):
-            folder = options.output / name
-            path = write(folder, kind, options.gigabytes * 1e9, options.points, options.width)
-            print(row(name, path, folder / "drive", options.rounds), flush=True)
-            rmtree(folder)
+def main(
+    *,
+    output: Path,
+    gigabytes: float = 5.0,
+    rounds: int = 3,
+    points: int = 131_072,
+    width: int = 1280,
+    only: str = "",
+) -> Iterator[str]:
+    """Print the table, of all kinds of recordings or one."""
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        for name, kind in KINDS.items():
+            if only in ("", name):
+                folder = output / name
+                path = write(folder, kind, gigabytes * 1e9, points, width)
+                yield row(name, path, folder / "drive", rounds)
+                rmtree(folder)
+
+    yield from table("recording | GB | reading s | import s | of reading | frames | peak MB", rows())
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

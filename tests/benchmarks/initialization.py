@@ -3,32 +3,31 @@
 python tests/benchmarks/initialization.py --pool DIR --first-seed 2000 --seeds 20
 
 Each drive is used with all of its frames, and with each frame alone. Drives and results are kept in DIR, so that a run
-that was stopped goes on where it was.
+that was stopped goes on where it was; results of another commit are measured anew.
 """
 
 from __future__ import annotations
 
-import argparse
-import subprocess
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
+from benchmark import script, table
 
+from semcal_cli.batch.pace import Pace
 from semcal_cli.config import AlignmentConfig, InitializationConfig
-from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
-from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.runner import run_cases
-from semcal_cli.experiments.summary import markdown_table
-from semcal_cli.formats import read_transform
+from semcal_cli.experiments.drives import Pool
+from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.measured import commit
+from semcal_cli.experiments.summary import grouped
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, search_mountings
-from semcal_cli.synthetic.synthesis import synthesize
 
 RIGHT_DEG = 5.0
 """The refinement holds from here."""
@@ -69,16 +68,15 @@ VARIANTS = {
     "exact, as registered": REGISTERED,
     "paper, as registered": replace(REGISTERED, zoom="paper"),
 }
-COMPARED = [
+COMPARED = (
     "64 channels, 90-degree lens, any azimuth",
     "35-degree lens",
     "100-degree lens",
     "50 % wrong labels on both sides",
     "camera pitched 35 degrees down",
-]
-"""Conditions on which the variants are compared ..."""
+)
 NUM_COMPARED = 10
-"""... on so many seeds."""
+"""Conditions on which the variants are compared, and on how many seeds."""
 
 
 @dataclass(frozen=True)
@@ -103,52 +101,14 @@ class Result:
     margin: float | None
     seconds: float
 
-    @property
     def is_right(self) -> bool:
         return self.rotation_deg <= RIGHT_DEG
 
-    @property
     def is_trusted(self) -> bool:
         return self.margin is None or self.margin >= MIN_RUNNER_UP_MARGIN
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pool", type=Path, required=True)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=2000)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument(
-        "--only", action="append", choices=list(CONDITIONS), help="This condition; may be repeated."
-    )
-    parser.add_argument("--width", type=int, default=1280, help="Columns of pictures that are made, 16 to 9.")
-    parser.add_argument("--frames", type=int, default=4, help="Frames of drives that are made.")
-    arguments = parser.parse_args()
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    conditions = arguments.only or list(CONDITIONS)
-    for condition in conditions:
-        for seed in seeds:
-            make_drive(arguments.pool, condition, seed, arguments.frames, arguments.width)
-    chosen = cases(conditions, seeds)
-    folder = arguments.pool / f"results_{revision()}"
-    done = run_cases(chosen, partial(run_case, arguments.pool), Result, folder, arguments.jobs)
-    print_conditions(done)
-    print_variants(done)
-
-
-def revision() -> str:
-    """Name the version that is measured; there is none outside a clone."""
-    described = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        cwd=Path(__file__).parent,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    return described.stdout.strip() or "unknown"
-
-
-def cases(conditions: list[str], seeds: range) -> list[Case]:
+def cases(conditions: Sequence[str], seeds: range) -> list[Case]:
     return [
         Case(condition, variant, seed)
         for variant in VARIANTS
@@ -158,98 +118,84 @@ def cases(conditions: list[str], seeds: range) -> list[Case]:
     ]
 
 
-def drive_path(pool: Path, condition: str, seed: int) -> Path:
-    return pool / f"{condition.replace(' ', '_')}_{seed}"
-
-
-def make_drive(pool: Path, condition: str, seed: int, num_frames: int, width: int) -> None:
-    path = drive_path(pool, condition, seed)
-    if not (path / "drive.yaml").exists():
-        size = {"num_frames": num_frames, "width": width, "height": width * 9 // 16}
-        synthesize(SynthConfig(**{**size, "seed": seed, **CONDITIONS[condition]}), path, force=True)
-        for picture in (path / "images").iterdir():
-            picture.unlink()
-
-
-def run_case(pool: Path, case: Case) -> list[Result]:
+def run(pool: Pool, size: dict[str, Any], case: Case) -> list[Result]:
     """Use all frames together, then each alone."""
-    path = drive_path(pool, case.condition, case.seed)
-    observations, truth = load_observations(read_drive(path)), read_transform(path)
-    config = VARIANTS[case.variant]
+    rig = re.sub(r"\W+", "_", case.condition)
+    drive, truth = pool.read(rig, {**size, **CONDITIONS[case.condition]}, case.seed)
+    observations, config = load_observations(drive), VARIANTS[case.variant]
     if case.condition in ANY_ROLL:
         config = replace(config, max_roll_deg=180.0)
     results = []
     every = tuple(range(observations.num_frames))
     for frames in (every, *((frame,) for frame in every)):
-        chosen = observations.of_frames(frames)
-        start = perf_counter()
+        chosen, start = observations.of_frames(frames), perf_counter()
         found = search_mountings(chosen, config, seed=0)
-        seconds = perf_counter() - start
-        error = compare_poses(found.T_camera_lidar, truth)
-        results.append(
-            Result(
-                case.condition,
-                case.seed,
-                case.variant,
-                frames,
-                rotation_deg=error.rotation_deg,
-                camera_center_cm=error.camera_center_cm,
-                margin=found.runner_up_margin,
-                seconds=seconds,
-            )
-        )
+        seconds, error = perf_counter() - start, compare_poses(found.T_camera_lidar, truth)
+        figures = error.rotation_deg, error.camera_center_cm, found.runner_up_margin, seconds
+        results.append(Result(case.condition, case.seed, case.variant, frames, *figures))
     return results
 
 
-def print_conditions(results: list[Result]) -> None:
-    num_frames = max(len(r.frames) for r in results)
-    header = (
-        f"| | {num_frames} frames: right | not trusted | median error | 1 frame: right | wrong and trusted | "
-        "right and not trusted |"
-    )
-    rows = []
-    for condition in [name for name in CONDITIONS if any(r.condition == name for r in results)]:
-        pooled, single = (split(results, condition, "exact", n) for n in (num_frames, 1))
-        of_pooled = share(r.is_right for r in pooled), share(not r.is_trusted for r in pooled)
-        of_single = (
-            share(r.is_right for r in single),
-            share(r.is_trusted and not r.is_right for r in single),
-            share(r.is_right and not r.is_trusted for r in single),
-        )
-        rows.append((condition, *of_pooled, median_error(pooled), *of_single))
-    print(f"\n{markdown_table(header, rows)}", end="")
-
-
-def print_variants(results: list[Result]) -> None:
-    compared = [r for r in results if r.seed < min(r.seed for r in results) + NUM_COMPARED]
-    rows = []
-    for condition in [name for name in COMPARED if any(r.condition == name for r in compared)]:
-        for num_frames in (max(len(r.frames) for r in results), 1):
-            found = [split(compared, condition, variant, num_frames) for variant in VARIANTS]
-            cells = [f"{share(r.is_right for r in part)}, {median_error(part)}" for part in found]
-            rows.append((condition, num_frames, *cells))
-    header = f"| | frames | {' | '.join(VARIANTS)} |"
-    print(f"\n{markdown_table(header, rows)}", end="")
-
-
-def split(results: list[Result], condition: str, variant: str, num_frames: int) -> list[Result]:
-    chosen = [r for r in results if r.condition == condition and r.variant == variant]
-    return [r for r in chosen if len(r.frames) == num_frames]
-
-
-def share(flags: Iterator[bool]) -> str:
+def share(flags: Iterable[bool]) -> str:
     values = list(flags)
     return f"{sum(values)} of {len(values)}"
 
 
-def median_error(results: list[Result]) -> str:
+def median_error(results: Sequence[Result]) -> str:
     """Median rotation and camera-centre errors."""
     if not results:
         return "none"
-    rotation = np.median([r.rotation_deg for r in results])
-    center = np.median([r.camera_center_cm for r in results])
-    return f"{rotation:.2f} deg, {center:.1f} cm"
+    deg, cm = (
+        np.median([getattr(r, name) for r in results]) for name in ("rotation_deg", "camera_center_cm")
+    )
+    return f"{deg:.2f} deg, {cm:.1f} cm"
+
+
+def main(
+    *,
+    pool: Path,
+    seeds: int = 20,
+    first_seed: int = 2000,
+    jobs: int = 2,
+    only: tuple[str, ...] = tuple(CONDITIONS),
+    width: int = 1280,
+    frames: int = 4,
+) -> Iterator[str]:
+    """Print both tables, of all conditions or some, on drives of so many frames."""
+    size = {"num_frames": frames, "width": width, "height": width * 9 // 16}
+    folder = pool / f"results_{re.sub(r'[^0-9a-z.]+', '_', commit())}"
+    chosen = cases(only, range(first_seed, first_seed + seeds))
+    experiment = Experiment(
+        folder.name, folder, chosen, partial(run, Pool(pool), size), Result, partial(Report, [], "")
+    )
+    found = experiment.run_cases(jobs, Pace(len(chosen), jobs))
+    groups = grouped(found, lambda r: (r.condition, r.variant, len(r.frames)))
+
+    def of(condition: str, variant: str, num_frames: int) -> list[Result]:
+        return groups.get((condition, variant, num_frames), [])
+
+    header = f" | {frames} frames: right | not trusted | median error | 1 frame: right | wrong and trusted"
+    rows: list[tuple[object, ...]] = []
+    for condition in (name for name in CONDITIONS if name in only):
+        pooled, single = of(condition, "exact", frames), of(condition, "exact", 1)
+        right = share(r.is_right() for r in pooled), share(not r.is_trusted() for r in pooled)
+        alone = (
+            share(r.is_right() for r in single),
+            share(r.is_trusted() and not r.is_right() for r in single),
+            share(r.is_right() and not r.is_trusted() for r in single),
+        )
+        rows.append((condition, *right, median_error(pooled), *alone))
+    yield from table(f"{header} | right and not trusted", rows)
+    yield ""
+    rows = []
+    for condition in (name for name in COMPARED if name in only):
+        for num_frames in (frames, 1):
+            parts = [of(condition, variant, num_frames) for variant in VARIANTS]
+            few = [[r for r in part if r.seed < first_seed + NUM_COMPARED] for part in parts]
+            cells = [f"{share(r.is_right() for r in part)}, {median_error(part)}" for part in few]
+            rows.append((condition, num_frames, *cells))
+    yield from table(f" | frames | {' | '.join(VARIANTS)}", rows)
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

@@ -7,56 +7,24 @@ Prints what the calibration says of the knock, and the truth. It is the picture 
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from benchmark import script, street
 from matplotlib.figure import Figure
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
-from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import load
-from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.raw_drive import read_raw_drive, write_raw_drive
 from semcal_cli.synthetic.spoiling import knocked, wrong_labels
-from semcal_cli.synthetic.synthesis import synthesize
 
 NOISE = 0.1
 """Share of wrong labels on both sides."""
 PANELS = (("camera centre, cm", 100.0, slice(0, 3)), ("rotation, degrees", 1.0, slice(3, 6)))
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--frames", type=int, default=12)
-    parser.add_argument("--width", type=int, default=1280)
-    parser.add_argument("--height", type=int, default=720)
-    parser.add_argument("--angle-deg", type=float, default=0.5)
-    parser.add_argument("--distance-m", type=float, default=0.05)
-    arguments = parser.parse_args()
-    rng = np.random.default_rng(arguments.seed)
-    with TemporaryDirectory() as good, TemporaryDirectory() as folder:
-        config = SynthConfig(
-            seed=arguments.seed, num_frames=arguments.frames, width=arguments.width, height=arguments.height
-        )
-        synthesize(config, Path(good))
-        raw = wrong_labels(read_raw_drive(read_drive(good), read_transform(good)), rng, NOISE)
-        raw = knocked(raw, rng, arguments.angle_deg, arguments.distance_m, share=0.5)
-        data = load(write_raw_drive(raw, Path(folder)))
-        found = calibrate(data)
-    print(f"found: {'; '.join(found.reasons) or 'nothing'}")
-    before, after = raw.truths
-    truth = compare_poses(after, before)
-    print(f"truth: frame {raw.knock}, {truth.rotation_deg:.2f} degrees, {truth.camera_center_cm:.1f} cm")
-    draw(frame_offsets(data.observations, found.pose, found.parts)).savefig(arguments.output, dpi=100)
 
 
 def draw(found: FrameOffsets) -> Figure:
@@ -78,5 +46,28 @@ def draw(found: FrameOffsets) -> Figure:
     return figure
 
 
+def main(
+    *,
+    output: Path,
+    seed: int = 7,
+    frames: int = 12,
+    width: int = 1280,
+    angle_deg: float = 0.5,
+    distance_m: float = 0.05,
+) -> Iterator[str]:
+    """Knock a camera, calibrate, and draw."""
+    rng = np.random.default_rng(seed)
+    with TemporaryDirectory() as good, TemporaryDirectory() as folder:
+        raw = wrong_labels(read_raw_drive(*street(Path(good), seed, frames, width)), rng, NOISE)
+        raw = knocked(raw, rng, angle_deg, distance_m, share=0.5)
+        data = load(write_raw_drive(raw, Path(folder)))
+        found = calibrate(data)
+    yield f"found: {'; '.join(found.reasons) or 'nothing'}"
+    before, after = raw.truths
+    truth = compare_poses(after, before)
+    yield f"truth: frame {raw.knock}, {truth.rotation_deg:.2f} degrees, {truth.camera_center_cm:.1f} cm"
+    draw(frame_offsets(data.observations, found.pose, found.parts)).savefig(output, dpi=100)
+
+
 if __name__ == "__main__":
-    main()
+    script(main)

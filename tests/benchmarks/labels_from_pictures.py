@@ -10,10 +10,9 @@ network takes beside its own time.
 
 from __future__ import annotations
 
-import argparse
 import math
-import subprocess
 import sys
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -21,10 +20,9 @@ from time import perf_counter
 
 import cv2
 import numpy as np
-import onnx
 import torch
 import yaml
-from onnx import TensorProto, helper, numpy_helper
+from benchmark import script, seconds_of, street, table
 from torch import nn
 
 from semcal_cli import _core
@@ -33,16 +31,13 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.geometry.poses import compare_poses, pose_from_mounting
 from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.pipeline import calibrate
-from semcal_cli.synthetic.synthesis import synthesize
 
 TRAINING_SEED, DRIVE_SEED = 95_000, 96_000
 MEAN, STD = 0.45, 0.25
@@ -51,7 +46,7 @@ RATE, BATCH = 4e-3, 2
 LARGER = 3
 """How much wider a network is that costs about as much as BiSeNetV2, whose authors state 21 GFLOP for 1024 x 512."""
 TRAINING_FRAMES = 60
-OPSET, IR_VERSION = 17, 9
+OPSET = 17
 ROUNDS = 5
 
 
@@ -91,7 +86,8 @@ def training_frames(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Pictures (N, 3, h, w) at the network's size, and dense classes (N, H, W) at the picture's.
 
-    Each street is seen by a camera of its own. The pictures are shrunk as `semcal label` shrinks them.
+    Each street is seen by a camera of its own, which looks anywhere, nearly level.
+    The pictures are shrunk as `semcal label` shrinks them.
     """
     width, height = picture_size
     lookup = np.zeros(256, np.uint8)
@@ -102,21 +98,13 @@ def training_frames(
     pictures, labels = [], []
     for number in range(count):
         config = SynthConfig(seed=TRAINING_SEED + number, channels=2, columns=4)
-        frame = _core.Renderer(camera, mounted(random), config).frame(config.seed, 0)
+        azimuth_deg, pitch_deg = random.uniform(-180.0, 180.0), random.uniform(-8.0, 8.0)
+        mounting = pose_from_mounting((0.0, -pitch_deg, azimuth_deg), (0.0, 0.0, 0.0))
+        frame = _core.Renderer(camera, mounting, config).frame(config.seed, 0)
         shrunk = cv2.resize(frame.image_rgb, size, interpolation=cv2.INTER_AREA)
         pictures.append(((shrunk / 255.0 - MEAN) / STD).transpose(2, 0, 1))
         labels.append(lookup[frame.image_labels])
     return torch.from_numpy(np.stack(pictures)).float(), torch.from_numpy(np.stack(labels))
-
-
-def mounted(random: np.random.Generator) -> np.ndarray:
-    """T_camera_lidar of a camera that looks anywhere around, nearly level."""
-    azimuth, pitch = random.uniform(-np.pi, np.pi), np.radians(random.uniform(-8, 8))
-    forward = np.array([np.cos(azimuth) * np.cos(pitch), np.sin(azimuth) * np.cos(pitch), np.sin(pitch)])
-    right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
-    T = np.eye(4)
-    T[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    return T
 
 
 def train(
@@ -159,61 +147,13 @@ def under(labels: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
     return labels[:, v[:, None], u].long()
 
 
-def export(network: Network, path: Path, size: tuple[int, int]) -> None:
-    """Write the network as ONNX, with its normalisations folded into its convolutions."""
-    nodes: list[onnx.NodeProto] = []
-    constants: list[onnx.TensorProto] = []
-
-    def constant(array: np.ndarray) -> str:
-        constants.append(numpy_helper.from_array(array, f"c{len(constants)}"))
-        return constants[-1].name
-
-    def add(kind: str, inputs: list[str], **attributes: object) -> str:
-        nodes.append(helper.make_node(kind, inputs, [f"n{len(nodes)}"], **attributes))
-        return nodes[-1].output[0]
-
-    def convolved(layer: nn.Sequential, x: str) -> str:
-        convolution, norm, _ = layer
-        gain = norm.weight / torch.sqrt(norm.running_var + norm.eps)
-        weights = (convolution.weight * gain[:, None, None, None]).detach().numpy()
-        bias = (norm.bias - norm.running_mean * gain).detach().numpy()
-        (dilation, _), (stride, _) = convolution.dilation, convolution.stride
-        settings = {"pads": [dilation] * 4, "strides": [stride] * 2, "dilations": [dilation] * 2}
-        return add("Relu", [add("Conv", [x, constant(weights), constant(bias)], **settings)])
-
-    x, seen = "picture", []
-    for layer in network.down:
-        x = convolved(layer, x)
-        seen.append(x)
-    for layer in network.middle:
-        x = add("Add", [x, convolved(layer, x)])
-    for layer, beside in zip(network.up, seen[-2::-1], strict=True):
-        scales = constant(np.array([1, 1, 2, 2], np.float32))
-        x = add(
-            "Resize",
-            [x, "", scales],
-            mode="nearest",
-            coordinate_transformation_mode="asymmetric",
-            nearest_mode="floor",
-        )
-        x = convolved(layer, add("Concat", [x, beside], axis=1))
-    weights, bias = (each.detach().numpy() for each in (network.scores.weight, network.scores.bias))
-    nodes.append(helper.make_node("Conv", [x, constant(weights), constant(bias)], ["logits"]))
-    (width, height), number = size, len(bias)
-    graph = helper.make_graph(
-        nodes,
-        "network",
-        [helper.make_tensor_value_info("picture", TensorProto.FLOAT, [1, 3, height, width])],
-        [helper.make_tensor_value_info("logits", TensorProto.FLOAT, [1, number, height // 2, width // 2])],
-        constants,
+def export(network: Network, path: Path, size: tuple[int, int], names: list[str]) -> None:
+    """Write the network as ONNX, with its normalisations folded into its convolutions, and its card."""
+    picture, ends = (
+        torch.zeros(1, 3, size[1], size[0]),
+        {"input_names": ["picture"], "output_names": ["logits"]},
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)])
-    model.ir_version = IR_VERSION
-    onnx.checker.check_model(model)
-    onnx.save(model, str(path))
-
-
-def write_card(path: Path, names: list[str]) -> None:
+    torch.onnx.export(network, (picture,), str(path), **ends, opset_version=OPSET, dynamo=False)
     card = {
         "semcal_picture_model": 1,
         "color": "rgb",
@@ -223,7 +163,7 @@ def write_card(path: Path, names: list[str]) -> None:
         "kind": "logits",
         "classes": names,
     }
-    path.write_text(yaml.safe_dump(card, sort_keys=False))
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(card, sort_keys=False))
 
 
 def right_pixels(labelled: Path, truth: Path, class_ids: np.ndarray) -> float:
@@ -234,23 +174,19 @@ def right_pixels(labelled: Path, truth: Path, class_ids: np.ndarray) -> float:
     return float(np.mean([np.mean(a == b) for a, b in zip(found, needed, strict=True)]))
 
 
-def row(number: int, labelled: Path, truth: Path, right: float) -> tuple[str, list[tuple[float, float]]]:
-    cells, errors = [], []
-    for cue in ("segments", "labels"):
-        try:
-            found = calibrate(labelled, CalibrationConfig(cues=(cue,)))
-        except CalibrationError as reason:
-            print(reason, file=sys.stderr)
-            errors.append((math.inf, math.inf))
-            cells.append("no answer")
-            continue
-        error = compare_poses(np.array(found.T_camera_lidar), read_transform(truth / "drive.yaml"))
-        errors.append((error.rotation_deg, error.camera_center_cm))
-        cells.append(f"{error.rotation_deg:.3f} deg, {error.camera_center_cm:.2f} cm, {found.status}")
-    return f"| {number} | {right:.1%} | {' | '.join(cells)} |", errors
+def calibrated(labelled: Path, truth: Path, cue: str) -> tuple[str, tuple[float, float]]:
+    """Cell of a calibration by a cue, and its errors in degrees and centimetres."""
+    try:
+        found = calibrate(labelled, CalibrationConfig(cues=(cue,)))
+    except CalibrationError as reason:
+        print(reason, file=sys.stderr)
+        return "no answer", (math.inf, math.inf)
+    error = compare_poses(found.pose, read_transform(truth / "drive.yaml"))
+    errors = error.rotation_deg, error.camera_center_cm
+    return "{:.3f} deg, {:.2f} cm, {}".format(*errors, found.status), errors
 
 
-def times(name: str, model: Path, drive: Path) -> str:
+def times(name: str, model: Path, drive: Path) -> tuple[str, ...]:
     """Row of the network's own time, and of all that is done before and after it, for a picture: medians."""
     document = read_drive(drive)
     opened = picture_model(open_network(model), None)
@@ -267,51 +203,49 @@ def times(name: str, model: Path, drive: Path) -> str:
         own.append(perf_counter() - start)
     # The first round plans the places of pixels.
     network, rest = median(own[1:]), median(whole[1:]) - median(own[1:])
-    return f"| {name} | {1e3 * network:.1f} | {1e3 * rest:.1f} | {rest / network:.2f} |"
+    return name, f"{1e3 * network:.1f}", f"{1e3 * rest:.1f}", f"{rest / network:.2f}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--seconds", type=float, default=120.0)
-    parser.add_argument("--training-frames", type=int, default=TRAINING_FRAMES)
-    parser.add_argument("--drives", type=int, default=4)
-    parser.add_argument("--frames", type=int, default=20)
-    parser.add_argument("--width", type=int, default=1280)
-    asked = parser.parse_args()
-    width, height = asked.width, asked.width * 9 // 16
-    size = (width // 32 * 16, -(-height // 32) * 16)
+def main(
+    *,
+    output: Path,
+    seconds: float = 120.0,
+    training_frames: int = TRAINING_FRAMES,
+    drives: int = 4,
+    frames: int = 20,
+    width: int = 1280,
+) -> Iterator[str]:
+    """Train for so many seconds, label, calibrate, and time."""
+    size = (width // 32 * 16, -(-(width * 9 // 16) // 32) * 16)
     classes = _core.synthetic_classes()
     class_ids, names = np.array([value for value, _ in classes]), [name for _, name in classes]
-    asked.output.mkdir(parents=True, exist_ok=True)
-    model = asked.output / "network.onnx"
-    export(train((width, height), size, asked.seconds, asked.training_frames, class_ids), model, size)
-    write_card(model.with_suffix(".yaml"), names)
-    print("| drive | right pixels | by segments | by labels of points |", "|---|---|---|---|", sep="\n")
-    errors = []
-    for number in range(asked.drives):
-        truth, labelled = (asked.output / f"{kind}_{number}" for kind in ("drive", "labelled"))
-        synthesize(
-            SynthConfig(seed=DRIVE_SEED + number, num_frames=asked.frames, width=width, height=height), truth
-        )
-        subprocess.run(
-            [*SEMCAL, "label", str(truth), "--image-model", str(model), "-o", str(labelled), "-q"], check=True
-        )
-        text, found = row(number, labelled, truth, right_pixels(labelled, truth, class_ids))
-        print(text, flush=True)
-        errors.append(found)
-    worst = np.max(errors, axis=0)
-    cells = " | ".join(f"{deg:.3f} deg, {cm:.2f} cm" for deg, cm in worst)
-    print(f"| worst | | {cells} |")
-    large = asked.output / "large.onnx"
-    export(Network(len(names), tuple(LARGER * width for width in WIDTHS)).eval(), large, size)
-    write_card(large.with_suffix(".yaml"), names)
-    print("", "| network | its own time, ms | all else, ms | ratio |", "|---|---|---|---|", sep="\n")
-    for name, path in (("the one above", model), (f"{LARGER} times as wide", large)):
-        print(times(name, path, asked.output / "drive_0"))
+    output.mkdir(parents=True, exist_ok=True)
+    model, large = output / "network.onnx", output / "large.onnx"
+    small = train((width, width * 9 // 16), size, seconds, training_frames, class_ids)
+    wide = Network(len(names), tuple(LARGER * width for width in WIDTHS)).eval()
+    for network, path in ((small, model), (wide, large)):
+        export(network, path, size, names)
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        errors = []
+        for number in range(drives):
+            truth, labelled = (output / f"{kind}_{number}" for kind in ("drive", "labelled"))
+            street(truth, DRIVE_SEED + number, frames, width)
+            seconds_of("label", truth, "--image-model", model, "-o", labelled)
+            right = right_pixels(labelled, truth, class_ids)
+            cells, found = zip(
+                *(calibrated(labelled, truth, cue) for cue in ("segments", "labels")), strict=True
+            )
+            errors.append(found)
+            yield str(number), f"{right:.1%}", *cells
+        yield "worst", "", *(f"{deg:.3f} deg, {cm:.2f} cm" for deg, cm in np.max(errors, axis=0))
+
+    yield from table("drive | right pixels | by segments | by labels of points", rows())
+    yield ""
+    timed = {"the one above": model, f"{LARGER} times as wide": large}
+    found = (times(name, path, output / "drive_0") for name, path in timed.items())
+    yield from table("network | its own time, ms | all else, ms | ratio", found)
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

@@ -6,7 +6,6 @@ Needs chromium and chromedriver. With --program it pictures another version of s
 out.
 """
 
-import argparse
 import io
 import os
 import shutil
@@ -22,6 +21,7 @@ import numpy as np
 from selenium import webdriver
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from benchmark import script
 from fleets import line, series_of, write_summary
 
 from semcal_cli.formats import read_transform
@@ -34,38 +34,18 @@ WIDEST = 1000
 OFF_DEG, OFF_M = 0.6, 0.01
 
 
-def main() -> None:
-    """Make the pictures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the pictures")
-    parser.add_argument(
-        "--work", type=Path, default=Path("semcal_pictures"), help="folder of what is pictured"
-    )
-    parser.add_argument("--program", default="semcal", help="the semcal that is pictured")
-    parser.add_argument("--suffix", default="", help="added to the names of the pictures")
-    parser.add_argument("--frames", type=int, default=8)
-    parser.add_argument("--width", type=int, default=1280)
-    options = parser.parse_args()
-    options.output.mkdir(parents=True, exist_ok=True)
-    options.work.mkdir(parents=True, exist_ok=True)
-    with browser() as chrome:
-        Pictures(options, chrome).make()
-
-
 class Pictures:
     """Runs the commands in a folder, and pictures what they print and write."""
 
-    def __init__(self, options: argparse.Namespace, chrome: webdriver.Chrome) -> None:
-        self.options, self.chrome, self.work = options, chrome, options.work
+    def __init__(self, output: Path, work: Path, program: str, suffix: str, chrome: webdriver.Chrome) -> None:
+        self.output, self.work, self.program, self.suffix = output, work, program, suffix
+        self.chrome, self.made = chrome, list[str]()
 
-    def make(self) -> None:
+    def make(self, frames: int, width: int) -> None:
         """Make all pictures."""
-        width = self.options.width
         self.run("demo", "demo")
         self.keep("overlay", cv2.imread(str(self.work / "demo" / "overlay.png")))
-        size = ["--frames", str(self.options.frames), "--width", str(width), "--height", str(width * 9 // 16)]
+        size = ["--frames", str(frames), "--width", str(width), "--height", str(width * 9 // 16)]
         self.run("synth", "drive", *size, "--seed", "3", "--force")
         printed = self.run("calibrate", "drive", "-o", "calibration.yaml", "--report", "report.html")
         self.terminal("terminal", "semcal calibrate drive -o calibration.yaml --report report.html", printed)
@@ -85,7 +65,7 @@ class Pictures:
         """Run a command as on a terminal of 80 columns, and return what it prints."""
         as_terminal = {"COLUMNS": "80", "FORCE_COLOR": "1", "TTY_INTERACTIVE": "0", "TERM": "xterm-256color"}
         environment = os.environ | as_terminal
-        command = [self.options.program, *arguments]
+        command = [self.program, *arguments]
         done = subprocess.run(
             command,
             cwd=self.work,
@@ -94,12 +74,12 @@ class Pictures:
             stderr=subprocess.STDOUT,
             text=True,
         )
-        print(f"{' '.join(command)}: exit code {done.returncode}")
+        self.made.append(f"{' '.join(command)}: exit code {done.returncode}")
         return done.stdout
 
     def view(self, start: str) -> None:
         """Picture the page on which points are moved by hand."""
-        command = [self.options.program, "view", "drive", start]
+        command = [self.program, "view", "drive", start]
         asked = {"cwd": self.work, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, text=True, **asked) as served:
             assert served.stdout is not None
@@ -140,9 +120,9 @@ class Pictures:
         if image.shape[1] > WIDEST:
             high = round(image.shape[0] * WIDEST / image.shape[1])
             image = cv2.resize(image, (WIDEST, high), interpolation=cv2.INTER_AREA)
-        path = self.options.output / f"{name}{self.options.suffix}.webp"
+        path = self.output / f"{name}{self.suffix}.webp"
         cv2.imwrite(str(path), image, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-        print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+        self.made.append(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
 @contextmanager
@@ -162,5 +142,23 @@ def browser() -> Iterator[webdriver.Chrome]:
         chrome.quit()
 
 
+def main(
+    *,
+    output: Path,
+    work: Path = Path("semcal_pictures"),
+    program: str = "semcal",
+    suffix: str = "",
+    frames: int = 8,
+    width: int = 1280,
+) -> Iterator[str]:
+    """Make the pictures, whose names get a suffix; what is pictured is kept in the folder `work`."""
+    output.mkdir(parents=True, exist_ok=True)
+    work.mkdir(parents=True, exist_ok=True)
+    with browser() as chrome:
+        pictures = Pictures(output, work, program, suffix, chrome)
+        pictures.make(frames, width)
+    yield from pictures.made
+
+
 if __name__ == "__main__":
-    main()
+    script(main)

@@ -10,18 +10,18 @@ as an Ouster's.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
+from benchmark import script, table
 
 from semcal_cli import _core
-from semcal_cli.experiments.page_tables import run_script
 
 try:
     from pypcd4 import Encoding, PointCloud
@@ -59,43 +59,30 @@ def returns(points: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     return np.isfinite(points).all(axis=1) & (points != 0).any(axis=1)
 
 
-def columns(records: npt.NDArray[np.void]) -> npt.NDArray[np.float32]:
-    return np.stack([records["x"], records["y"], records["z"]], axis=1)
-
-
 def by_core(path: Path) -> Callable[[], object]:
     return lambda: _core.read_point_clouds([(path, None)])
 
 
-def by_numpy(path: Path) -> Callable[[], object]:
-    def read() -> Arrays:
-        points = np.fromfile(path, np.float32).reshape(-1, 4)
-        return points[returns(points[:, :3]), :3].copy()
-
-    return read
+def by_numpy(path: Path) -> Arrays:
+    points = np.fromfile(path, np.float32).reshape(-1, 4)
+    return points[returns(points[:, :3]), :3].copy()
 
 
-def by_pypcd4(path: Path) -> Callable[[], object]:
-    def read() -> Arrays:
-        cloud = PointCloud.from_path(path)
-        points = cloud.numpy(("x", "y", "z")).astype(np.float32, copy=False)
-        keep = returns(points)
-        return points[keep], cloud.pc_data["label"][keep]
-
-    return read
+def by_pypcd4(path: Path) -> Arrays:
+    cloud = PointCloud.from_path(path)
+    points = cloud.numpy(("x", "y", "z")).astype(np.float32, copy=False)
+    keep = returns(points)
+    return points[keep], cloud.pc_data["label"][keep]
 
 
-def by_plyfile(path: Path) -> Callable[[], object]:
-    def read() -> Arrays:
-        vertices = PlyData.read(str(path))["vertex"].data
-        points = columns(vertices)
-        keep = returns(points)
-        return points[keep], vertices["label"][keep]
-
-    return read
+def by_plyfile(path: Path) -> Arrays:
+    vertices = PlyData.read(str(path))["vertex"].data
+    points = np.stack([vertices["x"], vertices["y"], vertices["z"]], axis=1)
+    keep = returns(points)
+    return points[keep], vertices["label"][keep]
 
 
-Contender = tuple[Path, Callable[[Path], Callable[[], object]], str]
+Contender = tuple[Path, Callable[[Path], Arrays], str]
 
 
 def write_all(cloud: npt.NDArray[np.void], folder: Path) -> dict[str, Contender]:
@@ -113,22 +100,20 @@ def write_pcd(cloud: npt.NDArray[np.void], folder: Path) -> dict[str, Contender]
     made = PointCloud.from_points(
         [cloud[name] for name in names], names, [RECORD[name].type for name in names]
     )
-    for name, encoding in (("a", Encoding.ASCII), ("b", Encoding.BINARY), ("c", Encoding.BINARY_COMPRESSED)):
-        made.save(folder / f"{name}.pcd", encoding=encoding)
-    return {
-        "PCD ascii": (folder / "a.pcd", by_pypcd4, "pypcd4"),
-        "PCD binary": (folder / "b.pcd", by_pypcd4, "pypcd4"),
-        "PCD binary_compressed": (folder / "c.pcd", by_pypcd4, "pypcd4"),
-    }
+    found = {}
+    for file, encoding in (("a", Encoding.ASCII), ("b", Encoding.BINARY), ("c", Encoding.BINARY_COMPRESSED)):
+        made.save(folder / f"{file}.pcd", encoding=encoding)
+        found[f"PCD {encoding.value}"] = folder / f"{file}.pcd", by_pypcd4, "pypcd4"
+    return found
 
 
 def write_ply(cloud: npt.NDArray[np.void], folder: Path) -> dict[str, Contender]:
-    for name, in_text in (("a", True), ("b", False)):
-        PlyData([PlyElement.describe(cloud, "vertex")], text=in_text).write(str(folder / f"{name}.ply"))
-    return {
-        "PLY ascii": (folder / "a.ply", by_plyfile, "plyfile"),
-        "PLY binary": (folder / "b.ply", by_plyfile, "plyfile"),
-    }
+    found = {}
+    for file, encoding in (("a", "ascii"), ("b", "binary")):
+        ply = PlyData([PlyElement.describe(cloud, "vertex")], text=encoding == "ascii")
+        ply.write(str(folder / f"{file}.ply"))
+        found[f"PLY {encoding}"] = folder / f"{file}.ply", by_plyfile, "plyfile"
+    return found
 
 
 def alternate(contenders: list[Callable[[], object]], rounds: int) -> list[float]:
@@ -152,37 +137,36 @@ def threaded(paths: list[Path], num_threads: int) -> Callable[[], object]:
     return read
 
 
-def print_formats(cloud: npt.NDArray[np.void], folder: Path, rounds: int) -> None:
-    print("| one sweep | semcal, ms | beside | ms | ratio |\n|---|---:|---|---:|---:|")
+def formats(cloud: npt.NDArray[np.void], folder: Path, rounds: int) -> Iterator[tuple[str, ...]]:
     for name, (path, rival, who) in write_all(cloud, folder).items():
         few = rounds if "ascii" not in name else max(3, rounds // 5)
-        ours, theirs = alternate([by_core(path), rival(path)], few)
-        print(f"| {name} | {ours:.2f} | {who} | {theirs:.2f} | {theirs / ours:.2f} |", flush=True)
+        ours, theirs = alternate([by_core(path), partial(rival, path)], few)
+        yield name, f"{ours:.2f}", who, f"{theirs:.2f}", f"{theirs / ours:.2f}"
 
 
-def print_threads(folder: Path, rounds: int) -> None:
-    print(f"\n| {NUM_FRAMES} sweeps | 1 thread, ms | 2 threads, ms | ratio |\n|---|---:|---:|---:|")
+def threads(folder: Path, rounds: int) -> Iterator[tuple[str, ...]]:
     for name, file in (("KITTI .bin", "a.bin"), ("PCD binary_compressed", "c.pcd"), ("PLY ascii", "a.ply")):
-        if not (folder / file).exists():
-            continue
-        paths = [folder / file] * NUM_FRAMES
-        one, two = alternate([threaded(paths, 1), threaded(paths, 2)], rounds)
-        print(f"| {name} | {one:.1f} | {two:.1f} | {one / two:.2f} |", flush=True)
+        if (folder / file).exists():
+            paths = [folder / file] * NUM_FRAMES
+            one, two = alternate([threaded(paths, 1), threaded(paths, 2)], rounds)
+            yield name, f"{one:.1f}", f"{two:.1f}", f"{one / two:.2f}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--columns", type=int, default=2048, help="Columns of the sweep.")
-    arguments = parser.parse_args()
+def main(*, rounds: int = 15, columns: int = 2048) -> Iterator[str]:
+    """Print both tables, of a sweep of so many columns."""
     _core.set_num_threads(1)
-    with tempfile.TemporaryDirectory() as folder:
-        print_formats(sweep(arguments.columns), Path(folder), arguments.rounds)
-        print_threads(Path(folder), arguments.rounds)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        yield from table(
+            "one sweep | semcal, ms | beside | ms | ratio", formats(sweep(columns), folder, rounds)
+        )
+        yield ""
+        header = f"{NUM_FRAMES} sweeps | 1 thread, ms | 2 threads, ms | ratio"
+        yield from table(header, threads(folder, rounds))
     for package, module in (("pypcd4", PointCloud), ("plyfile", PlyData)):
         if module is None:
-            print(f"\n{package} is not installed: its formats are left out")
+            yield f"\n{package} is not installed: its formats are left out"
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

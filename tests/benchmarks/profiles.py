@@ -1,8 +1,8 @@
-"""Profiles of a score along the camera's six axes through a pose, and their picture."""
+"""Profiles of scores along the camera's six axes through a pose, and their picture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,15 @@ Profile = tuple[np.ndarray, np.ndarray]
 """Offsets (2 steps + 1,) along an axis, in its unit, and what was found there."""
 
 
-def poses_along(T: Pose, axis: int, steps: int) -> tuple[np.ndarray, list[Pose]]:
-    """Offsets (2 steps + 1,) along an axis, in its unit, and the poses there."""
-    offsets = np.linspace(-REACH[axis], REACH[axis], 2 * steps + 1)
-    return offsets, [apply_twist(T, offset * UNITS * np.eye(6)[axis]) for offset in offsets]
+def profiles(score: Callable[[Pose], object], T: Pose, steps: int) -> list[Profile]:
+    """Compute a score, or several, along each axis through a pose."""
+    found = []
+    for reach, axis in zip(REACH, np.eye(6), strict=True):
+        offsets = np.linspace(-reach, reach, 2 * steps + 1)
+        found.append(
+            (offsets, np.array([score(apply_twist(T, offset * UNITS * axis)) for offset in offsets]))
+        )
+    return found
 
 
 def draw_profiles(

@@ -19,20 +19,8 @@ from semcal_cli.files.images import read_image
 from semcal_cli.formats.kitti import read_keyed
 
 CITYSCAPES = [
-    *(
-        "road",
-        "sidewalk",
-        "building",
-        "wall",
-        "fence",
-        "pole",
-        "light",
-        "sign",
-        "vegetation",
-        "terrain",
-        "sky",
-    ),
-    *("person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"),
+    *("road", "sidewalk", "building", "wall", "fence", "pole", "light", "sign", "vegetation", "terrain"),
+    *("sky", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"),
 ]
 
 
@@ -109,10 +97,8 @@ def _nuscenes(source: Path, folder: Path) -> Iterator[RealDrive]:
     (points,) = source.glob("*.pcd.bin")
     for name, camera in json.loads((source / "calib.json").read_text()).items():
         if name.startswith("CAM_"):
-            frame = _frame(
-                points, source / camera["img"], source / "image_labels" / f"{Path(camera['img']).stem}.png"
-            )
-            lens = _lens(camera["K"], (1600, 900))
+            labels = source / "image_labels" / f"{Path(camera['img']).stem}.png"
+            frame, lens = _frame(points, source / camera["img"], labels), _lens(camera["K"], (1600, 900))
             place = name[4:].lower().replace("_", " ")
             yield _write(folder, f"nuScenes {place}", lens, [frame], np.array(camera["lidar2cam"]))
 
@@ -121,13 +107,8 @@ def _ddad(source: Path, folder: Path) -> Iterator[RealDrive]:
     clouds = sorted((source / "lidar").glob("*.bin"))
     for name, camera in json.loads((source / "calib.json").read_text()).items():
         frames = [_frame(cloud, source / name / f"{cloud.stem}.jpg") for cloud in clouds]
-        yield _write(
-            folder,
-            f"DDAD {name[7:]}, {len(frames)} pairs",
-            _lens(camera["K"], camera["size"]),
-            frames,
-            np.array(camera["T_cam_lidar"]),
-        )
+        lens, T = _lens(camera["K"], camera["size"]), np.array(camera["T_cam_lidar"])
+        yield _write(folder, f"DDAD {name[7:]}, {len(frames)} pairs", lens, frames, T)
 
 
 def _sustech(source: Path, folder: Path) -> Iterator[RealDrive]:

@@ -5,121 +5,110 @@
     python tests/benchmarks/real_drives.py ../shared/data --start close --pairs 1 --only "KITTI object"
 
 Each run starts near the published pose, in a direction of its own, as with `semcal calibrate --init`, or from nothing
-with a seed of its own. With `--pairs N` each takes N frames of the drive: one after the other, or at random.
+with a seed of its own. With `--pairs N` each takes N frames of the drive: one after the other, or at random. Only
+drives whose names contain `--only` are run.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import NamedTuple, TextIO
+from typing import Any, Literal, NamedTuple
 
-import click
 import numpy as np
+from benchmark import script, summary
 from real_data import RealDrive, real_drives
 
 from semcal_cli.cli.options import CUES as CUE_NAMES
-from semcal_cli.config import CalibrationConfig, CueName
+from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.summary import (
+    NUMBER,
+    Column,
+    cell,
+    common,
+    count,
+    digits,
+    error_columns,
+    median,
+    median_and_worst,
+    of,
+)
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 
+Start = Literal["near", "far", "close", "nothing"]
 STARTS = {"near": (2.0, 0.2), "far": (5.0, 0.3), "close": (1.0, 0.1), "nothing": None}
 """Distance of a start from the published pose, degrees and metres."""
-RIGHT_DEG, RIGHT_CM = 0.2, 5.0
-"""Errors within which a run is right."""
-NEAR_DEG, NEAR_CM = 0.5, 20.0
-"""Errors within which a run is near, and beyond which none may be trusted."""
+RIGHT, NEAR = (0.2, 5.0), (0.5, 20.0)
+"""Errors in degrees and centimetres within which a run is right or near; beyond these none may be trusted."""
 CUES = ("labels", "edges", "segments,edges", "segments", "segments,intensity", "intensity")
-HEADER = (
-    *("real drive", "start", "cue", "n", "rotation, deg: median, worst", "camera centre, cm: median, worst"),
-    *("ends apart", f"within {RIGHT_DEG:g} deg, {RIGHT_CM:g} cm", f"within {NEAR_DEG:g} deg, {NEAR_CM:g} cm"),
-    *("trusted", "wrong and trusted", "outside and trusted", "seconds"),
-)
 
 
 class End(NamedTuple):
     """Where a run ended."""
 
-    T_camera_lidar: Pose | None
-    rotation_deg: float
-    center_cm: float
-    status: str
-    """The verdict, or the error that ended the run."""
-    reasons: Sequence[str]
-    """What was found against the pose."""
-    offsets: Sequence[float]
-    """From the published pose, along the camera's axes: metres of its centre, and degrees."""
-    half_widths: Sequence[float]
-    """Of the 95 % intervals along these axes; none without an uncertainty."""
-    seconds: float
+    drive: str
+    start: str
+    cue: str
+    T_camera_lidar: Pose | None = None
+    rotation_deg: float = np.inf
+    camera_center_cm: float = np.inf
+    is_trusted: bool = False
+    is_outside: bool = False
+    """Whether the published pose is outside the 95 % interval, widened by its own errors."""
+    seconds: float = 0.0
 
-    @property
-    def is_trusted(self) -> bool:
-        """Whether the verdict is that the pose can be trusted."""
-        return self.status == "trusted"
-
-    def is_outside(self, published: Sequence[float]) -> bool:
-        """Whether the published pose is outside the interval, widened by its own errors (6,)."""
-        widths = np.array(self.half_widths) + published
-        return bool((np.abs(self.offsets) > widths).any())
+    def is_within(self, errors: tuple[float, float]) -> bool:
+        """Whether both errors are small enough."""
+        return self.rotation_deg <= errors[0] and self.camera_center_cm <= errors[1]
 
 
-def run(data: LoadedDrive, T_published: Pose, start: str, seed: int) -> End:
-    """Calibrate once, and compare the end with the published pose."""
+def run(end: End, data: LoadedDrive, T_published: Pose, published: Sequence[float], seed: int) -> End:
+    """Calibrate once, and compare the end with the published pose, which itself may be off by some errors (6,)."""
     config = CalibrationConfig(cues=data.cues, seed=seed)
-    distance, initial_pose = STARTS[start], None
+    distance, initial_pose = STARTS[end.start], None
     if distance is not None:
         T_start = displaced(T_published, *distance, np.random.default_rng(seed))
-        initial_pose = InitialPose(T_start, f"{start} start")
+        initial_pose = InitialPose(T_start, f"{end.start} start")
     begun = perf_counter()
     try:
-        calibration = calibrate(data, config, initial_pose=initial_pose)
-    except SemcalError as failed:
-        return End(None, np.inf, np.inf, str(failed), (), (), (), perf_counter() - begun)
-    error, uncertainty = compare_poses(calibration.pose, T_published), calibration.uncertainty
-    return End(
-        calibration.pose,
-        error.rotation_deg,
-        error.camera_center_cm,
-        calibration.status,
-        calibration.reasons,
-        error.offsets.tolist(),
-        uncertainty.half_widths if uncertainty else (),
-        perf_counter() - begun,
+        found = calibrate(data, config, initial_pose=initial_pose)
+    except SemcalError:
+        return end._replace(seconds=perf_counter() - begun)
+    error, uncertainty = compare_poses(found.pose, T_published), found.uncertainty
+    widths = np.array(uncertainty.half_widths if uncertainty else np.zeros(6)) + published
+    return end._replace(
+        T_camera_lidar=found.pose,
+        rotation_deg=error.rotation_deg,
+        camera_center_cm=error.camera_center_cm,
+        is_trusted=found.status == "trusted",
+        is_outside=bool((np.abs(error.offsets) > widths).any()),
+        seconds=perf_counter() - begun,
     )
 
 
-def table_row(what: str, start: str, cue: str, ends: Sequence[End], published: Sequence[float]) -> str:
-    """Format the runs of a drive by a cue."""
-    deg, cm = (np.array([getattr(end, name) for end in ends]) for name in ("rotation_deg", "center_cm"))
-    trusted = np.array([end.is_trusted for end in ends])
-    right, near = (deg <= RIGHT_DEG) & (cm <= RIGHT_CM), (deg <= NEAR_DEG) & (cm <= NEAR_CM)
-    cells = (
-        what,
-        start,
-        cue,
-        len(ends),
-        f"{np.median(deg):.2f}, {deg.max():.2f}",
-        f"{np.median(cm):.1f}, {cm.max():.1f}",
-        _spread(ends),
-        right.sum(),
-        near.sum(),
-        trusted.sum(),
-        (trusted & ~near).sum(),
-        sum(end.is_trusted and end.is_outside(published) for end in ends),
-        f"{np.median([end.seconds for end in ends]):.1f}",
-    )
-    return f"| {' | '.join(map(str, cells))} |"
+def evaluate(real: RealDrive, cue: str, start: str, seeds: Sequence[int], num_pairs: int | None) -> list[End]:
+    """Make all runs of a drive by a cue; with `num_pairs`, each by other frames."""
+    config = CalibrationConfig(cues=tuple(CUE_NAMES.convert(cue, None, None)))
+    drive, T = read_drive(real.path), read_transform(real.path)
+    data, num_frames = load(drive, config), len(drive.frames)
+    end = End(f"{real.name}, {num_pairs} of them" if num_pairs else real.name, start, cue)
+    if num_pairs is None or num_pairs >= num_frames:
+        chosen = {seed: range(num_frames) for seed in seeds}
+    elif num_pairs == 1:
+        chosen = {frame: range(frame, frame + 1) for frame in range(num_frames)}
+    else:
+        orders = {seed: np.random.default_rng(seed).permutation(num_frames) for seed in seeds}
+        chosen = {seed: sorted(order[:num_pairs].tolist()) for seed, order in orders.items()}
+    return [run(end, data.of_frames(frames), T, real.published, seed) for seed, frames in chosen.items()]
 
 
 def _spread(ends: Sequence[End]) -> str:
@@ -132,57 +121,50 @@ def _spread(ends: Sequence[End]) -> str:
     return f"{deg:.2f} deg, {cm:.1f} cm"
 
 
-def evaluate(
-    found: RealDrive, cue: str, start: str, seeds: Sequence[int], num_pairs: int | None
-) -> list[End]:
-    """Make all runs of a drive by a cue; with `num_pairs`, each by other frames."""
-    cues: tuple[CueName, ...] = tuple(CUE_NAMES.convert(cue, None, None))
-    drive, T = read_drive(found.path), read_transform(found.path)
-    data, num_frames = load(drive, CalibrationConfig(cues=cues)), len(drive.frames)
-    if num_pairs is None or num_pairs >= num_frames:
-        return [run(data, T, start, seed) for seed in seeds]
-    if num_pairs == 1:
-        return [run(data.of_frames([frame]), T, start, frame) for frame in range(num_frames)]
-    chosen = [np.random.default_rng(seed).permutation(num_frames)[:num_pairs] for seed in seeds]
-    frames = [sorted(each.tolist()) for each in chosen]
-    return [run(data.of_frames(each), T, start, seed) for each, seed in zip(frames, seeds, strict=True)]
+def _within(errors: tuple[float, float]) -> Column:
+    header = f"within {errors[0]:g} deg, {errors[1]:g} cm"
+    return count(header, header, lambda end: end.is_within(errors))
 
 
-@click.command()
-@click.argument("data", type=click.Path(path_type=Path, exists=True))
-@click.option("--start", type=click.Choice(list(STARTS)), default="near", show_default=True)
-@click.option("--cue", "cues", multiple=True, default=CUES, help="Cues, each with rows of its own.")
-@click.option("--starts", default=10, show_default=True, help="Number of runs.")
-@click.option("--first-seed", default=90, show_default=True)
-@click.option("--pairs", "numbers", multiple=True, type=int, help="Frames of each run; all if not given.")
-@click.option("--only", default="", help="Only drives whose names contain this.")
-@click.option("--runs", type=click.File("a"), help="Add a line of JSON for each run to this file.")
+COLUMNS = (
+    common("drive", "real drive"),
+    common("start", "start"),
+    common("cue", "cue"),
+    NUMBER,
+    *error_columns("median, worst", median_and_worst, 2, 1),
+    cell("ends apart", _spread),
+    _within(RIGHT),
+    _within(NEAR),
+    count("trusted", "trusted", lambda end: end.is_trusted),
+    count("wrong and trusted", "wrong", lambda end: end.is_trusted and not end.is_within(NEAR)),
+    count("outside and trusted", "outside", lambda end: end.is_trusted and end.is_outside),
+    Column("seconds", {"seconds": of("seconds", median)}, digits(1)),
+)
+
+
 def main(
     data: Path,
-    start: str,
-    cues: Sequence[str],
-    starts: int,
-    first_seed: int,
-    numbers: Sequence[int],
-    only: str,
-    runs: TextIO | None,
-) -> None:
+    *,
+    start: Start = "near",
+    cue: tuple[str, ...] = CUES,
+    starts: int = 10,
+    first_seed: int = 90,
+    pairs: tuple[int, ...] = (),
+    only: str = "",
+) -> Iterator[str]:
     """Print the table."""
-    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
+    seeds = range(first_seed, first_seed + starts)
+    numbers: Sequence[Any] = pairs or (None,)
     with TemporaryDirectory() as folder:
-        for found in real_drives(data.resolve(), Path(folder)):
-            for cue in cues:
-                if only not in found.name or not found.files_allow(cue.split(",")):
-                    continue
-                for num_pairs in numbers or (None,):
-                    seeds = range(first_seed, first_seed + starts)
-                    ends = evaluate(found, cue, start, seeds, num_pairs)
-                    which = f"{found.name}, {num_pairs} of them" if num_pairs else found.name
-                    print(table_row(which, start, cue, ends, found.published), flush=True)
-                    for end in ends if runs else ():
-                        named = {"drive": which, "start": start, "cue": cue, **end._asdict()}
-                        print(json.dumps(named | {"T_camera_lidar": None}), file=runs, flush=True)
+        found = (
+            evaluate(real, each, start, seeds, num_pairs)
+            for real in real_drives(data.resolve(), Path(folder))
+            for each in cue
+            if only in real.name and real.files_allow(each.split(","))
+            for num_pairs in numbers
+        )
+        yield from summary(found, COLUMNS)
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

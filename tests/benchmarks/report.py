@@ -3,51 +3,27 @@
 python tests/benchmarks/report.py --frames 20
 """
 
-import argparse
-import statistics
-import subprocess
-import tempfile
-import time
+from collections.abc import Iterator
 from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
 
-from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.speed import SEMCAL
-from semcal_cli.synthetic.synthesis import synthesize
+from benchmark import script, seconds_of, street, table
 
 
-def main() -> None:
+def main(*, frames: int = 20, width: int = 1280, seed: int = 5, runs: int = 5) -> Iterator[str]:
     """Make a drive, calibrate it, and report it several times."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--frames", type=int, default=20)
-    parser.add_argument("--width", type=int, default=1280)
-    parser.add_argument("--height", type=int, default=720)
-    parser.add_argument("--seed", type=int, default=5)
-    parser.add_argument("--runs", type=int, default=5)
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder:
         drive, result, page = (Path(folder) / name for name in ("drive", "c.yaml", "r.html"))
-        size = options.width, options.height
-        synthesize(
-            SynthConfig(num_frames=options.frames, seed=options.seed, width=size[0], height=size[1]), drive
-        )
-        subprocess.run(
-            [*SEMCAL, "calibrate", str(drive), "-o", str(result), "-q"],
-            check=False,
-            stdout=subprocess.DEVNULL,
-        )
-        seconds = []
-        for _ in range(options.runs):
-            start = time.perf_counter()
-            subprocess.run([*SEMCAL, "report", str(drive), str(result), "-o", str(page), "-q"], check=True)
-            seconds.append(time.perf_counter() - start)
-        megabytes = page.stat().st_size / 1e6
-    print("| frames | median time | range | page |\n|---|---|---|---|")
+        street(drive, seed, frames, width)
+        seconds_of("calibrate", drive, "-o", result)
+        seconds = [seconds_of("report", drive, result, "-o", page) for _ in range(runs)]
+        size = f"{page.stat().st_size / 1e6:.1f} MB"
     span = f"{min(seconds):.1f} to {max(seconds):.1f} s"
-    print(f"| {options.frames} | {statistics.median(seconds):.1f} s | {span} | {megabytes:.1f} MB |")
+    yield from table(
+        "frames | median time | range | page", [(frames, f"{median(seconds):.1f} s", span, size)]
+    )
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

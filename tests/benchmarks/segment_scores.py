@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import click
 import numpy as np
-from profiles import AXES, Profile, draw_profiles, poses_along
+from benchmark import script, table
+from profiles import AXES, draw_profiles, profiles
 from real_data import real_drives
 
 from semcal_cli import _core
@@ -24,10 +24,9 @@ from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import SEGMENTS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.observations import NO_CLASS
-from semcal_cli.experiments.page_tables import run_script
-from semcal_cli.experiments.summary import markdown_table
+from semcal_cli.drive.loading import load
+from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.experiments.drives import with_frames
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 
@@ -35,33 +34,21 @@ SCORES = ("mutual information", "uncertainty coefficient", "adjusted mutual info
 DRIVES = ("KITTI jam, 13 pairs", "OpenCalib 1", "OpenCalib 3", "nuScenes back")
 
 
-class Profiles:
+class Scores:
     """The scores of a drive, of the points that are visible at one pose."""
 
-    def __init__(self, data: LoadedDrive, T_camera_lidar: Pose) -> None:
-        """Choose the points."""
-        self.observations, self.T = data.observations, T_camera_lidar
-        self.camera = core_camera(data.drive.camera)
-        self.segments = _core.segment_sweeps(
-            [cloud.points for cloud in self.observations.clouds], SEGMENTS.segmentation
-        )
+    def __init__(self, observations: Observations, T_camera_lidar: Pose) -> None:
+        self.observations, self.camera = observations, core_camera(observations.camera)
+        clouds = [cloud.points for cloud in observations.clouds]
+        self.segments = _core.segment_sweeps(clouds, SEGMENTS.segmentation)
         self.seen = []
-        for cloud, segments in zip(self.observations.clouds, self.segments, strict=True):
-            projected = _core.project_points(self.camera, cloud.points, T_camera_lidar)
+        for points, segments in zip(clouds, self.segments, strict=True):
+            projected = _core.project_points(self.camera, points, T_camera_lidar)
             is_seen = np.isfinite(projected.ranges) & ~projected.is_hidden
             self.seen.append(np.flatnonzero(is_seen & (segments.ids != _core.NO_SEGMENT)))
 
     def at(self, T_camera_lidar: Pose) -> tuple[float, float, float]:
-        """Give the three scores: nats, and shares."""
-        information, entropy = self._plug_in(T_camera_lidar)
-        return (
-            information,
-            information / entropy,
-            information_by_squares(self.observations, T_camera_lidar).mean,
-        )
-
-    def _plug_in(self, T_camera_lidar: Pose) -> tuple[float, float]:
-        """Mutual information of segments and labels, and the entropy of the labels, nats."""
+        """The three scores: nats, and shares."""
         joints = []
         observed = self.observations.frame_observations
         for frame, segments, seen in zip(observed, self.segments, self.seen, strict=True):
@@ -76,12 +63,9 @@ class Profiles:
         joint = np.concatenate(joints)
         joint /= joint.sum()
         entropy = _entropy(joint.sum(axis=0))
-        return entropy + _entropy(joint.sum(axis=1)) - _entropy(joint), entropy
-
-    def along(self, axis: int, steps: int) -> Profile:
-        """Offsets (2 steps + 1,) along an axis, in its unit, and the scores there (2 steps + 1, 3)."""
-        offsets, poses = poses_along(self.T, axis, steps)
-        return offsets, np.array([self.at(pose) for pose in poses])
+        information = entropy + _entropy(joint.sum(axis=1)) - _entropy(joint)
+        adjusted = information_by_squares(self.observations, T_camera_lidar).mean
+        return information, information / entropy, adjusted
 
 
 def _entropy(shares: np.ndarray) -> float:
@@ -89,45 +73,29 @@ def _entropy(shares: np.ndarray) -> float:
     return float(-(positive * np.log(positive)).sum())
 
 
-def drives(data: Path, folder: Path, only: str, max_frames: int) -> Iterator[tuple[str, Profiles]]:
-    """Load the drives that are drawn."""
-    for real in real_drives(data, folder):
-        if (name := real.name) in DRIVES and only in name:
-            drive = read_drive(real.path)
-            drive = drive.model_copy(update={"frames": drive.frames[:max_frames]})
-            found = load(drive, CalibrationConfig(cues=("segments",)))
-            yield name, Profiles(found, read_transform(drive.path))
-
-
-@click.command()
-@click.argument("data", type=click.Path(path_type=Path, exists=True))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
-@click.option("--steps", default=8, show_default=True, help="Poses on either side of the published one.")
-@click.option("--only", default="", help="Only drives whose names contain this.")
-@click.option("--max-frames", default=70, help="Frames of each drive.")
-def main(data: Path, output: Path, steps: int, only: str, max_frames: int) -> None:
-    """Draw the profiles, and print where each score is largest along each axis."""
+def main(data: Path, *, output: Path, steps: int = 8, only: str = "", max_frames: int = 70) -> Iterator[str]:
+    """Draw the profiles, `steps` poses to either side, and print where each score is largest along each axis."""
+    curves = {}
     with TemporaryDirectory() as folder:
-        curves = {
-            name: [profiles.along(axis, steps) for axis in range(len(AXES))]
-            for name, profiles in drives(data.resolve(), Path(folder), only, max_frames)
-        }
+        for real in real_drives(data.resolve(), Path(folder)):
+            if real.name in DRIVES and only in real.name:
+                drive, T = read_drive(real.path), read_transform(real.path)
+                drive = with_frames(drive, range(min(max_frames, len(drive.frames))))
+                scores = Scores(load(drive, CalibrationConfig(cues=("segments",))).observations, T)
+                along = profiles(scores.at, T, steps)
+                curves[real.name] = {
+                    score: [(offsets, found[:, index]) for offsets, found in along]
+                    for index, score in enumerate(SCORES)
+                }
     rows = [
-        (name, score, *(f"{offsets[np.argmax(scores[:, index])]:+.2g}" for offsets, scores in along))
-        for name, along in curves.items()
-        for index, score in enumerate(SCORES)
+        (name, score, *(f"{offsets[np.argmax(found)]:+.2g}" for offsets, found in along))
+        for name, by_score in curves.items()
+        for score, along in by_score.items()
     ]
-    print(markdown_table(f"| drive | score | {' | '.join(AXES)} |", rows))
-    by_score = {
-        name: {
-            score: [(offsets, scores[:, index]) for offsets, scores in along]
-            for index, score in enumerate(SCORES)
-        }
-        for name, along in curves.items()
-    }
-    draw_profiles(by_score, output, head=1.0, linewidth=1.4)
-    print(f"written to {output}")
+    yield from table(f"drive | score | {' | '.join(AXES)}", rows)
+    draw_profiles(curves, output, head=1.0, linewidth=1.4)
+    yield f"written to {output}"
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

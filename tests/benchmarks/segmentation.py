@@ -9,19 +9,20 @@ most of their segment, where the classes of the ground are one.
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterator
 from statistics import median
 from time import perf_counter
 
 import numpy as np
+from benchmark import script, table
 
 from semcal_cli import _core
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.cues.segments import SegmentationConfig
-from semcal_cli.experiments.page_tables import run_script
 
 SEED = 5100
 GROUND_CLASSES = ("road", "road_line", "sidewalk", "terrain")
+PATTERNS = {"64 rings": {}, "16 rings": {"channels": 16}, "rosette": {"pattern": "rosette"}}
 
 
 def sweeps(config: SynthConfig) -> list[_core.RenderedFrame]:
@@ -46,7 +47,7 @@ def purity(frames: list[_core.RenderedFrame], found: list[_core.SegmentedSweep])
     return num_pure / num_in_segments, num_in_segments / sum(len(frame.points) for frame in frames)
 
 
-def row(name: str, config: SynthConfig, rounds: int) -> str:
+def row(name: str, config: SynthConfig, rounds: int) -> tuple[str, ...]:
     frames = sweeps(config)
     points = [np.ascontiguousarray(frame.points[:, :3]) for frame in frames]
     times = []
@@ -55,28 +56,20 @@ def row(name: str, config: SynthConfig, rounds: int) -> str:
         found = _core.segment_sweeps(points, SegmentationConfig())
         times.append(perf_counter() - start)
     pure, segmented = purity(frames, found)
-    num_segments = sum(sweep.num_segments for sweep in found) / len(found)
-    num_points = sum(map(len, points)) / len(points)
-    return f"| {name} | {num_points:.0f} | {median(times):.2f} | {num_segments:.0f} | {pure:.3f} | {segmented:.3f} |"
+    num_points, num_segments = (
+        sum(counts) / len(frames) for counts in (map(len, points), (each.num_segments for each in found))
+    )
+    counted = f"{num_points:.0f}", f"{median(times):.2f}", f"{num_segments:.0f}"
+    return name, *counted, f"{pure:.3f}", f"{segmented:.3f}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=5, help="measurements of each pattern")
-    parser.add_argument("--frames", type=int, default=20, help="sweeps of each pattern")
-    parser.add_argument("--columns", type=int, default=1875, help="firings a turn")
-    options = parser.parse_args()
-    size = {"num_frames": options.frames, "columns": options.columns, "seed": SEED, "width": 64, "height": 48}
-    patterns = {
-        "64 rings": SynthConfig(**size),
-        "16 rings": SynthConfig(**size, channels=16),
-        "rosette": SynthConfig(**size, pattern="rosette"),
-    }
-    print(f"| {options.frames} sweeps | returns of one | s | segments of one | purity | share in segments |")
-    print("|---|---|---|---|---|---|")
-    for name, config in patterns.items():
-        print(row(name, config, options.rounds))
+def main(*, rounds: int = 5, frames: int = 20, columns: int = 1875) -> Iterator[str]:
+    """Print the table."""
+    header = f"{frames} sweeps | returns of one | s | segments of one | purity | share in segments"
+    size = {"num_frames": frames, "columns": columns, "seed": SEED, "width": 64, "height": 48}
+    found = (row(name, SynthConfig(**size, **more), rounds) for name, more in PATTERNS.items())
+    yield from table(header, found)
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

@@ -8,13 +8,13 @@ median over the frames and, in brackets, the smallest and the largest. Shares of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import get_args
 
 import click
 import numpy as np
 import numpy.typing as npt
+from benchmark import script, table
 
 from semcal_cli import _core
 from semcal_cli.config.synthetic import Lens, SynthConfig
@@ -28,7 +28,6 @@ from semcal_cli.drive.observations import (
     Observations,
 )
 from semcal_cli.drive.reading import class_table, load_observations
-from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic.frame_files import UNLABELED
 from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting
@@ -134,17 +133,13 @@ def _names(names: Sequence[str], classes: npt.NDArray[np.uint8]) -> set[str]:
     return {names[i] for i in np.unique(classes) if i != NO_CLASS}
 
 
-def print_table(columns: Mapping[str, Sequence[tuple[Figures, Figures]]]) -> None:
-    """Print a Markdown table: medians and ranges, and the commonest classes last."""
-    print(f"| a frame | {' | '.join(columns)} |\n|---|{'---:|' * len(columns)}")
+def rows(columns: Sequence[Sequence[tuple[Figures, Figures]]]) -> Iterator[tuple[str, ...]]:
+    """Medians and ranges, and the commonest classes last."""
     for row, style in ROWS.items():
-        cells = [
-            _cell([figures[row] for figures, _ in column if row in figures], style)
-            for column in columns.values()
-        ]
-        print(f"| {row} | {' | '.join(cells)} |")
-    cells = [_commonest([shares for _, shares in column]) for column in columns.values()]
-    print(f"| points in the picture, by class | {' | '.join(cells)} |")
+        listed = ([figures[row] for figures, _ in column if row in figures] for column in columns)
+        yield row, *(_cell(values, style) for values in listed)
+    commonest = (_commonest([shares for _, shares in column]) for column in columns)
+    yield "points in the picture, by class", *commonest
 
 
 def _cell(values: list[float], style: str) -> str:
@@ -162,22 +157,20 @@ def _commonest(frames: list[Figures]) -> str:
     return ", ".join(f"{name} {mean[name]:.1%}" for name in top)
 
 
-@click.command()
-@click.option("--seeds", default=10, show_default=True, help="Synthetic rigs.")
-@click.option("--frames", default=10, show_default=True, help="Frames of each.")
-@click.option("--lens", "lenses", multiple=True, type=click.Choice(get_args(Lens)), default=["standard"])
-@click.option("--drive", "drives", multiple=True, type=click.Path(path_type=Path), help="A real drive.")
-def main(seeds: int, frames: int, lenses: Sequence[Lens], drives: Sequence[Path]) -> None:
-    """Print the table."""
+def main(
+    *, seeds: int = 10, frames: int = 10, lens: tuple[Lens, ...] = ("standard",), drive: tuple[Path, ...] = ()
+) -> Iterator[str]:
+    """Print the table: a column for synthetic rigs of each lens, and one for each real drive."""
     columns = {
-        f"synthetic, {lens} lens, {seeds * frames} frames": list(synthetic_frames(lens, seeds, frames))
-        for lens in lenses
+        f"synthetic, {each} lens, {seeds * frames} frames": list(synthetic_frames(each, seeds, frames))
+        for each in lens
     }
-    for drive in drives:
-        found = list(real_frames(drive))
-        columns[f"{drive.name}, {len(found)} frame{'s' * (len(found) > 1)}"] = found
-    print_table(columns)
+    for each in drive:
+        found = list(real_frames(each))
+        columns[f"{each.name}, {len(found)} frame{'s' * (len(found) > 1)}"] = found
+    header, *lines = table(" | ".join(["a frame", *columns]), rows([*columns.values()]))
+    yield from (header, f"|---|{'---:|' * len(columns)}", *lines[1:])
 
 
 if __name__ == "__main__":
-    run_script(main)
+    script(main)

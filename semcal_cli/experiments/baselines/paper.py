@@ -53,15 +53,22 @@ def calibrate_as_published(
     The drive is loaded with `config.is_raw`. An initial pose replaces Alg. 2. The result has no uncertainty; it is not
     trusted if the pose has not settled, or if another placement of Alg. 2 agrees about as well.
     """
+    observations = data.observations
     initial: StageResult
     if initial_pose is None:
-        register_labels = partial(_initialize, data.observations, paper, config.seed)
         doing = "registering label images with spherical images"
+        register_labels = partial(_placements, observations, paper, config.seed)
         initial = announced("initial", doing, register_labels, on_event)
     else:
         initial = start_at(data, initial_pose, on_event)
-    T_init = initial.T_camera_lidar
-    ascend = partial(_refine, data.observations, T_init, paper, config.seed, config.refinement.device)
+    T_init, device = initial.T_camera_lidar, config.refinement.device
+
+    def ascend() -> Refinement:
+        found = refine(observations, T_init, paper, config.seed, device)
+        details = f"mine, {found.details}, bound {found.bound_nats:.4f} nats"
+        settings = {**found.settings, "paper": {"mine": asdict(paper.mine), "device": device}}
+        return replace(found, details=details, settings=settings)
+
     refined = announced("refined", "ascending the bound", ascend, on_event, T_init)
     of_comparison: tuple[Finding, ...] = ()
     if isinstance(initial, Initialization):
@@ -106,7 +113,7 @@ def refine(
     return refine_pose(observations, T_init, estimator, paper.pyramid)
 
 
-def _initialize(observations: Observations, paper: PaperConfig, seed: int) -> Initialization:
+def _placements(observations: Observations, paper: PaperConfig, seed: int) -> Initialization:
     """Take the best placement, and describe the others."""
     candidates = initialize(observations, paper, seed)
     T_first = candidates[0].T_camera_lidar
@@ -124,15 +131,6 @@ def _initialize(observations: Observations, paper: PaperConfig, seed: int) -> In
         hypotheses=hypotheses,
         runner_up_margin=None,
     )
-
-
-def _refine(
-    observations: Observations, T_init: Pose, paper: PaperConfig, seed: int, device: Device
-) -> Refinement:
-    found = refine(observations, T_init, paper, seed, device)
-    details = f"mine, {found.details}, bound {found.bound_nats:.4f} nats"
-    settings = {"paper": {"mine": asdict(paper.mine), "device": device}}
-    return replace(found, details=details, settings={**found.settings, **settings})
 
 
 def _compared(

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -57,44 +57,34 @@ def calibrate_by_soic(
     pose replaces them. A result whose camera is farther away is not trusted.
     """
     on_event(Progress("computing distances to classes"))
-    observations, max_baseline_m = data.observations, config.refinement.max_baseline_m
-    soic = Soic(observations, SoicConfig())
+    max_baseline_m = config.refinement.max_baseline_m
+    soic = Soic(data.observations, SoicConfig())
+
+    def start() -> StageResult:
+        T, origin, note = None, "semantic centroids", "started at semantic centroids"
+        if initial_pose is not None:
+            T, origin, note = initial_pose.T_camera_lidar, initial_pose.name, GIVEN
+        T = soic.initialize(max_baseline_m) if T is None else T
+        details = f"from {origin}, {soic.cost(T):.2f} px"
+        return soic.stage(T, note=note, details=details, settings={"soic": asdict(soic.config)})
+
+    def minimize() -> StageResult:
+        found = soic.minimize(initial.T_camera_lidar)
+        details = f"soic, {found.cost_px:.2f} px after {found.num_evaluations} evaluations"
+        if found.converged:
+            return soic.stage(found.T_camera_lidar, details=details)
+        unsettled = SOIC.finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
+        note = "still moving at the end"
+        return soic.stage(found.T_camera_lidar, findings=(unsettled,), note=note, details=details)
+
     doing = "trying semantic centroids" if initial_pose is None else f"starting at {initial_pose.name}"
-    start = partial(_start, observations, soic, initial_pose, max_baseline_m)
     initial = announced("initial", doing, start, on_event)
-    T_init = initial.T_camera_lidar
-    minimize = partial(_minimize, observations, soic, T_init)
-    refined = announced("refined", "moving points to their classes", minimize, on_event, T_init)
+    T_init, doing = initial.T_camera_lidar, "moving points to their classes"
+    refined = announced("refined", doing, minimize, on_event, T_init)
     of_comparison = check_distance(refined.T_camera_lidar, max_baseline_m)
     stages = Stages.from_refined(data, initial, refined, is_compensated=False, of_comparison=of_comparison)
     return make_calibration(
         data, stages, config, initial_pose=initial_pose, relative_to=relative_to, hashes=hashes
-    )
-
-
-def _start(
-    observations: Observations, soic: Soic, initial_pose: InitialPose | None, max_baseline_m: float
-) -> StageResult:
-    T = soic.initialize(max_baseline_m) if initial_pose is None else initial_pose.T_camera_lidar
-    origin = "semantic centroids" if initial_pose is None else initial_pose.name
-    return StageResult(
-        T_camera_lidar=T,
-        agreement=_core.agreement(observations.core, T),
-        settings={"soic": asdict(soic.config)},
-        note="started at semantic centroids" if initial_pose is None else GIVEN,
-        details=f"from {origin}, {soic.cost(T):.2f} px",
-    )
-
-
-def _minimize(observations: Observations, soic: Soic, T_init: Pose) -> StageResult:
-    found = soic.minimize(T_init)
-    unsettled = SOIC.finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
-    return StageResult(
-        T_camera_lidar=found.T_camera_lidar,
-        agreement=_core.agreement(observations.core, found.T_camera_lidar),
-        findings=() if found.converged else (unsettled,),
-        note="" if found.converged else "still moving at the end",
-        details=f"soic, {found.cost_px:.2f} px after {found.num_evaluations} evaluations",
     )
 
 
@@ -166,6 +156,11 @@ class Soic:
         """
         return self.distance.minimize(T_init, self.config)
 
+    def stage(self, T_camera_lidar: Pose, **more: Any) -> StageResult:
+        """Make the result of a stage at a pose, with the agreement there."""
+        agreement = _core.agreement(self.observations.core, T_camera_lidar)
+        return StageResult(T_camera_lidar=T_camera_lidar, agreement=agreement, **more)
+
     def _parts(self, frame: int) -> Iterator[tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
         """Give the number, the points and the distance field of each shared class in a frame."""
         cloud = self.observations.clouds[frame]
@@ -192,8 +187,13 @@ class Soic:
             [self._point_sums(frame, num_bins) for frame in range(self.observations.num_frames)]
         )
         pixels = np.array([self._pixel_sums(frame) for frame in range(self.observations.num_frames)])
+        camera, lens = self.observations.camera, core_camera(self.observations.camera)
+        middle = camera.K[1][2]
+        rays = lens.unproject(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
+        angles = np.arctan2(np.abs(rays[:, 0]), rays[:, 2])
+        half_width = float(np.where(np.isfinite(angles), angles, lens.limit).mean())
         # An image of a full turn contains each bin once.
-        reach = min(round(self._half_width() / (2.0 * math.pi) * num_bins), (num_bins - 1) // 2)
+        reach = min(round(half_width / (2.0 * math.pi) * num_bins), (num_bins - 1) // 2)
         window = np.arange(-reach, reach + 1)
         for sector in range(config.num_sectors):
             inside = points[:, :, (BINS_PER_SECTOR * sector + window) % num_bins].sum(2)
@@ -221,11 +221,3 @@ class Soic:
             cv2.moments((image == pixel_class).view(np.uint8), True) for _, pixel_class in self.classes
         ]
         return np.array([[found["m10"], found["m01"], found["m00"]] for found in moments])
-
-    def _half_width(self) -> float:
-        """Compute half of the horizontal field of view, radians."""
-        camera, lens = self.observations.camera, core_camera(self.observations.camera)
-        middle = camera.K[1][2]
-        rays = lens.unproject(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
-        angles = np.arctan2(np.abs(rays[:, 0]), rays[:, 2])
-        return float(np.where(np.isfinite(angles), angles, lens.limit).mean())

@@ -1,21 +1,72 @@
-"""The synthetic drives that experiments share."""
+"""The synthetic drives of the experiments: rigs, seeds, and a pool in which each drive is made once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
+from semcal_cli.assessment.stages import Stages
+from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
+from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.pipeline import assess, make_calibration, refine_and_polish
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.stage import StageResult
+from semcal_cli.synthetic.label_noise import with_wrong_labels
 from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 20
 """Number of frames of each drive in the pool; experiments use some of them."""
+RIGS: dict[str, dict[str, object]] = {
+    "default": {},
+    "backward": {"camera_azimuth_deg": 180.0},
+    "16_channels": {"channels": 16},
+    "rosette": {"pattern": "rosette"},
+    "narrow": {"lens": "narrow"},
+    "wide": {"lens": "wide"},
+}
+"""Changes of the `SynthConfig` of each rig."""
+Degrade = Callable[[Observations, np.random.Generator], Observations]
+"""Changes the labels of a drive."""
+
+
+def rig_of(seed: int) -> str:
+    """Choose the rig of a seed; consecutive seeds take all of them in turn."""
+    return list(RIGS)[seed % len(RIGS)]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row of a table on one seed."""
+
+    row: str
+    """Key of `ROWS`."""
+    seed: int
+    """Seed of the drive."""
+
+    def rng(self, rows: Mapping[str, object]) -> np.random.Generator:
+        """Make the random generator of the case, which depends on the place of its row among all rows."""
+        return np.random.default_rng((self.seed, list(rows).index(self.row)))
+
+
+def row_cases(rows: Iterable[str], seeds: range) -> list[Case]:
+    """List the cases of some rows, seed by seed, so that a stopped run has results of all rows."""
+    listed = tuple(rows)
+    return [Case(row, seed) for seed in seeds for row in listed]
+
+
+def wrong(share: float) -> Degrade:
+    """Give a share of the labels of both sides another class."""
+    return lambda observations, rng: with_wrong_labels(observations, share, rng)
 
 
 def with_frames(drive: Drive, places: Iterable[int]) -> Drive:
@@ -25,9 +76,22 @@ def with_frames(drive: Drive, places: Iterable[int]) -> Drive:
 
 def consecutive(drive: Drive, num_frames: int, seed: int) -> Drive:
     """Copy of a drive with some frames in a row, from one that the seed chooses; all if it has no more."""
-    num_starts = max(len(drive.frames) - num_frames + 1, 1)
-    first = seed % num_starts
+    first = seed % max(len(drive.frames) - num_frames + 1, 1)
     return with_frames(drive, range(first, min(first + num_frames, len(drive.frames))))
+
+
+def calibrate_from(
+    initial: StageResult, data: LoadedDrive, config: RefinementConfig
+) -> tuple[Stages, Calibration]:
+    """Calibrate as `calibrate` does after its initial calibration.
+
+    The pose of the stages is as it was found; that of the calibration is the nearest rigid one.
+
+    Raises:
+        SemcalError: as `calibrate`.
+    """
+    stages = assess(data, refine_and_polish(data, initial, config), config)
+    return stages, make_calibration(data, stages, CalibrationConfig(refinement=config))
 
 
 @dataclass(frozen=True)
@@ -38,7 +102,7 @@ class Pool:
     has_pictures: bool = False
     """Whether the drives keep their pictures, which are most of the bytes and which most experiments do not read."""
 
-    def drive(self, rig: str, changes: dict[str, object], seed: int) -> Path:
+    def drive(self, rig: str, changes: Mapping[str, object], seed: int) -> Path:
         """Path of the drive of a rig, a `SynthConfig` with some changes; the drive is made if it is missing.
 
         Raises:
@@ -50,7 +114,7 @@ class Pool:
             self._make(config, path)
         return path
 
-    def read(self, rig: str, changes: dict[str, object], seed: int) -> tuple[Drive, Pose]:
+    def read(self, rig: str, changes: Mapping[str, object], seed: int) -> tuple[Drive, Pose]:
         """Read the document and the true T_camera_lidar (4, 4) of a drive.
 
         Raises:
@@ -65,7 +129,7 @@ class Pool:
 
     def _make(self, config: SynthConfig, path: Path) -> None:
         """Make a drive. Other processes may make it at the same time: the first one to finish puts it in place."""
-        self.folder.mkdir(exist_ok=True)
+        self.folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=self.folder) as folder:
             made = Path(folder) / "drive"
             synthesize(config, made)

@@ -7,24 +7,22 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from semcal_cli.experiments.distribution import MAX_FOR_DOTS, draw_groups, draw_values
-from semcal_cli.experiments.plot_style import ACCENT, WRONG, make_logarithmic, plain_number, plot_png
+from semcal_cli.experiments.plots import (
+    ACCENT,
+    MAX_FOR_DOTS,
+    WRONG,
+    draw_groups,
+    make_logarithmic,
+    plain_number,
+    plot_png,
+)
 
 
 def axes_with(values: list[float]) -> Axes:
     """Axes with a column of values."""
     axes = Figure().subplots()
-    draw_values(axes, values, 0.0, 0.8, ACCENT, "vertical")
+    draw_groups(axes, [[values]], {"a": ACCENT})
     return axes
-
-
-def named_ticks(axes: Axes) -> list[str]:
-    """Names of the ticks of y that lie inside the axes."""
-    low, high = axes.get_ylim()
-    axes.figure.draw_without_rendering()
-    ticks = zip(axes.yaxis.get_majorticklocs(), axes.yaxis.get_majorticklabels(), strict=True)
-    assert not any(label.get_text() for label in axes.yaxis.get_minorticklabels())
-    return [label.get_text() for place, label in ticks if low <= place <= high]
 
 
 @pytest.mark.parametrize(
@@ -38,8 +36,12 @@ def named_ticks(axes: Axes) -> list[str]:
 )
 def test_ticks_of_logarithms_are_plain_numbers(values: list[float], expected: list[str]) -> None:
     axes = axes_with(values)
-    make_logarithmic(axes, "y")
-    assert named_ticks(axes) == expected
+    make_logarithmic(axes)
+    low, high = axes.get_ylim()
+    axes.figure.draw_without_rendering()
+    ticks = zip(axes.yaxis.get_majorticklocs(), axes.yaxis.get_majorticklabels(), strict=True)
+    assert not any(label.get_text() for label in axes.yaxis.get_minorticklabels())
+    assert [label.get_text() for place, label in ticks if low <= place <= high] == expected
 
 
 def test_numbers_without_exponents() -> None:
@@ -49,28 +51,23 @@ def test_numbers_without_exponents() -> None:
 
 def test_few_values_are_dots_with_a_tick_at_their_median() -> None:
     values = [5.0, 1.0, 2.0, 9.0, math.inf]
-    dots, tick = axes_with(values).lines
+    dots, tick, _ = axes_with(values).lines
     assert sorted(dots.get_ydata()) == [1.0, 2.0, 5.0, 9.0]
     assert len(set(dots.get_xdata())) == 4
     assert max(map(abs, dots.get_xdata())) <= 0.4
     assert list(tick.get_ydata()) == [5.0, 5.0]  # of all five, the failed one among them
-    assert not axes_with(values).patches
-    many = axes_with([float(number) for number in range(MAX_FOR_DOTS + 1)])
-    assert len(many.patches) == 1
-
-
-def test_most_that_failed_have_no_median_and_none_is_nothing() -> None:
-    (dots,) = axes_with([1.0, math.inf, math.inf]).lines
+    assert len(axes_with([float(number) for number in range(MAX_FOR_DOTS + 1)]).patches) == 1
+    dots, _ = axes_with([1.0, math.inf, math.inf]).lines  # most failed: no median
     assert list(dots.get_ydata()) == [1.0]
     assert all(len(line.get_ydata()) == 0 for line in axes_with([]).lines)
 
 
 def test_groups_stand_side_by_side() -> None:
     axes = Figure().subplots()
-    places = draw_groups(axes, [[[1.0], [2.0]], [[3.0], []]], ["a", "b"], "horizontal", [ACCENT, WRONG])
-    assert places == [pytest.approx([-0.2, 0.8]), pytest.approx([0.2, 1.2])]
+    columns = draw_groups(axes, [[[1.0], [2.0]], [[3.0], []]], {"a": ACCENT, "b": WRONG})
+    assert [place for place, _ in columns] == pytest.approx([-0.2, 0.8, 0.2, 1.2])
     points = [(*line.get_xdata(), *line.get_ydata()) for line in axes.lines if len(line.get_xdata()) == 1]
-    assert points == [pytest.approx(each) for each in [(1.0, -0.2), (2.0, 0.8), (3.0, 0.2)]]
+    assert points == [pytest.approx(each) for each in [(-0.2, 1.0), (0.8, 2.0), (0.2, 3.0)]]
     assert axes.get_legend_handles_labels()[1] == ["a", "b"]
 
 
