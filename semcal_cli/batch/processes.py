@@ -68,7 +68,13 @@ class Worker:
             Exception: whatever the work raises.
         """
         for _ in range(NUM_ATTEMPTS):
-            self._answer = answer = self._schedule(work, arguments, timeout_s)
+            try:
+                answer = self._pool.schedule(work, arguments, timeout=timeout_s)
+            except RuntimeError:  # The process was ended while it had nothing to do, and took its pool along.
+                self._pool.join()
+                self._pool = _make_pool()
+                answer = self._pool.schedule(work, arguments, timeout=timeout_s)
+            self._answer = answer
             if self._is_stopped:
                 raise CancelledError
             try:
@@ -94,16 +100,6 @@ class Worker:
         """End the process of a stopped worker that no thread asks any more."""
         self._pool.stop()
         self._pool.join()
-
-    def _schedule(
-        self, work: Callable[..., Answer], arguments: Sequence[object], timeout_s: float | None
-    ) -> Future[Answer]:
-        try:
-            return self._pool.schedule(work, arguments, timeout=timeout_s)
-        except RuntimeError:  # The process was ended while it had nothing to do, and took its pool along.
-            self._pool.join()
-            self._pool = _make_pool()
-            return self._pool.schedule(work, arguments, timeout=timeout_s)
 
 
 def in_processes(

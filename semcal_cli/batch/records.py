@@ -36,6 +36,8 @@ from semcal_cli.result.uncertainty import Covariance
 
 MAX_RECORD_BYTES = 32 << 20
 """Largest size of a record, whoever reads it: that of a drive of some 100,000 files."""
+_version = cache(version)
+"""Version of a package; looking it up takes milliseconds."""
 SIGNED = ', "sha256": "'
 """What precedes the hash of a record."""
 WORST_FIRST = (1, 3, 4, 0)
@@ -144,9 +146,10 @@ def read_outcome(task: Task) -> Outcome | None:
         return None
     try:
         text = read_text(path, limit=MAX_RECORD_BYTES)
-        if not _is_signed(text):
+        unsigned = text.rpartition(SIGNED)[0] + "}"
+        if text != _signed(unsigned):
             return None
-        document = json.loads(text.rpartition(SIGNED)[0] + "}")
+        document = json.loads(unsigned)
         # The first file that is wrong ends the check: there may be many, and pydantic keeps each error.
         files = {name: _STATE.validate_python(state) for name, state in document.pop("files").items()}
         record = validate(Record, document, path)
@@ -170,11 +173,6 @@ def _signed(text: str) -> str:
     return f'{text[:-1]}{SIGNED}{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
 
 
-def _is_signed(text: str) -> bool:
-    """Tell whether a text ends with the hash of what precedes it."""
-    return text == _signed(text.rpartition(SIGNED)[0] + "}")
-
-
 def _size(path: Path) -> int:
     """Size of a file in bytes; 0 if there is none."""
     with suppress(OSError, ValueError):
@@ -185,13 +183,7 @@ def _size(path: Path) -> int:
 def _asked(task: Task) -> dict[str, object]:
     """All that changes the answer, except the files."""
     asked = {"drive": task.drive, "path": task.path, "command": task.command}
-    return {**asked, "arguments": list(task.arguments), "version": _version()}
-
-
-@cache
-def _version() -> str:
-    """Version of semcal; looking it up takes milliseconds."""
-    return version("semcal")
+    return {**asked, "arguments": list(task.arguments), "version": _version("semcal")}
 
 
 def _is_unchanged(path: str, state: FileState | None) -> bool:

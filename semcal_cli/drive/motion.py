@@ -145,36 +145,33 @@ def _moment(drive: Drive, frame: Frame) -> float:
 
 
 def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
-    path = drive.resolve(name)
-    stamps, poses = [], []
+    path, stamps, poses = drive.resolve(name), list[float](), list[Pose]()
     numbered = enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1)
     lines = [(number, line) for number, line in numbered if line.strip() and line.lstrip()[0] != "#"]
     if len(lines) > MAX_POSES:
         raise InputError(f"{path}: found {len(lines):,} poses, needed at most {MAX_POSES:,}")
+    needed = "needed seconds x y z qx qy qz qw"
     for number, line in lines:
+        words = line.replace(",", " ").split()
         try:
-            stamp, pose = _parse_pose(line)
+            values = [float(word) for word in words]
+        except ValueError:
+            found = "found something that is no number"
+            raise InputError(f"{path}: line {number}: {found}, {needed}") from None
+        if len(values) != 8 or not all(map(math.isfinite, values)):
+            found = (
+                "found a number that is not finite" if len(values) == 8 else f"found {len(values)} numbers"
+            )
+            raise InputError(f"{path}: line {number}: {found}, {needed}")
+        try:
+            poses.append(pose_from_quaternion(values[4:], values[1:4]))
         except ValueError as error:
             raise InputError(f"{path}: line {number}: {error}") from None
-        stamps.append(stamp)
-        poses.append(pose)
+        stamps.append(values[0])
     try:
         return _core.Trajectory.through(stamps, poses)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def _parse_pose(line: str) -> tuple[float, Pose]:
-    needed = "needed seconds x y z qx qy qz qw"
-    try:
-        values = [float(word) for word in line.replace(",", " ").split()]
-    except ValueError:
-        raise ValueError(f"found something that is no number, {needed}") from None
-    if len(values) != 8:
-        raise ValueError(f"found {len(values)} numbers, {needed}")
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"found a number that is not finite, {needed}")
-    return values[0], pose_from_quaternion(values[4:], values[1:4])
 
 
 def can_be_unrolled(observations: Observations) -> bool:

@@ -153,25 +153,20 @@ def load_points(drive: Drive) -> Observations:
         InputError: a file is missing or is not what its name or the drive says.
     """
     moved = compensated(drive, read_clouds(drive))
-    images, names = _hard_images(drive)
-    frames = tuple(
-        FrameObservation(
-            LabelledCloud(sweep.points, np.full(len(sweep.points), NO_CLASS, np.uint8)),
-            image,
-            twist_per_s=sweep.twist_per_s,
-        )
-        for sweep, image in zip(moved, images, strict=True)
-    )
-    return Observations(drive.camera, drive.lidar, frames, point_class_names=(), image_class_names=names)
-
-
-def _hard_images(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]]:
-    """Read the label images and the names of their classes; without classes unless all frames have one."""
-    if any(frame.image_labels is None for frame in drive.frames):
+    names: Sequence[str] = ()
+    if all(frame.image_labels is not None for frame in drive.frames):
+        labelled, names = read_image_classes(drive)
+        images = [image.without_shares() for image in labelled]
+    else:
         blank = LabelledImage(np.full((drive.camera.height, drive.camera.width), NO_CLASS, np.uint8))
-        return [blank] * len(drive.frames), ()
-    images, names = read_image_classes(drive)
-    return [image.without_shares() for image in images], names
+        images = [blank] * len(drive.frames)
+    frames = []
+    for sweep, image in zip(moved, images, strict=True):
+        cloud = LabelledCloud(sweep.points, np.full(len(sweep.points), NO_CLASS, np.uint8))
+        frames.append(FrameObservation(cloud, image, twist_per_s=sweep.twist_per_s))
+    return Observations(
+        drive.camera, drive.lidar, tuple(frames), point_class_names=(), image_class_names=names
+    )
 
 
 def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]]:

@@ -62,19 +62,16 @@ def chosen(cues: Sequence[CueName], drive: Drive, sweeps: Sweeps) -> tuple[CueNa
     has_image_labels = any(frame.image_labels is not None for frame in drive.frames)
     has_image = [frame.image is not None for frame in drive.frames]
     has_images = all(has_image) if has_image_labels else any(has_image)
-    if has_image_labels and _has_point_labels(drive, sweeps):
-        return LABELS
+    if has_image_labels:
+        has_point_labels = any(frame.point_labels is not None for frame in drive.frames)
+        if not has_point_labels:  # Clouds may have a field of labels.
+            first = drive.model_copy(update={"frames": drive.frames[:1]})
+            (cloud,) = read_clouds(first, sweeps)
+            has_point_labels = cloud.labels is not None or cloud.label_shares is not None
+        if has_point_labels:
+            return LABELS
     found: dict[CueName, bool] = {"segments": has_image_labels, "edges": has_images}
     return tuple(cue for cue, is_there in found.items() if is_there) or LABELS
-
-
-def _has_point_labels(drive: Drive, sweeps: Sweeps) -> bool:
-    """Whether all points have labels, in files of their own or in a field of the clouds, as in the first one."""
-    if any(frame.point_labels is not None for frame in drive.frames):
-        return True  # If another frame has none, the error says which.
-    first = drive.model_copy(update={"frames": drive.frames[:1]})
-    (cloud,) = read_clouds(first, sweeps)
-    return cloud.labels is not None or cloud.label_shares is not None
 
 
 def choose_frames(drive: Drive, cues: Sequence[CueName], max_frames: int) -> Drive:
