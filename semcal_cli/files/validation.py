@@ -38,9 +38,11 @@ class StrictModel(BaseModel):
             if key not in known:
                 nearest = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
                 raise ValueError(f"unknown key {describe(key)}; the nearest known key is {nearest!r}")
-            if isinstance(value, dict) and (found := _num_entries(value)) > MAX_ENTRIES:
-                problem = mismatch(f"a mapping of {found:,} entries", f"at most {MAX_ENTRIES:,}")
-                raise ValueError(f"{key}: {problem}")
+            if isinstance(value, dict):
+                inner = sum(len(each) for each in value.values() if isinstance(each, dict))
+                if (found := len(value) + inner) > MAX_ENTRIES:
+                    problem = mismatch(f"a mapping of {found:,} entries", f"at most {MAX_ENTRIES:,}")
+                    raise ValueError(f"{key}: {problem}")
         return document
 
 
@@ -89,11 +91,6 @@ def check_not_newer(document: Mapping[Any, Any], known: Iterable[str]) -> None:
         if type(version) is int and version > NEWEST_VERSION:
             newer = f"{describe(version)}, which a newer semcal wrote"
             raise ValueError(f"{key}: {mismatch(newer, NEWEST_VERSION)}")
-
-
-def _num_entries(mapping: dict[Any, Any]) -> int:
-    """Count the entries of a mapping, and of the mappings in it."""
-    return len(mapping) + sum(len(value) for value in mapping.values() if isinstance(value, dict))
 
 
 def _check_version(version: int) -> int:
