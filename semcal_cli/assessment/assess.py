@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from time import perf_counter
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,14 +28,13 @@ from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sum_of
 from semcal_cli.assessment.stages import Assessment, Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
 from semcal_cli.config import PolishConfig, RefinementConfig
-from semcal_cli.drive.camera import Camera, intrinsic_value, sigma_of, with_intrinsics
+from semcal_cli.drive.camera import intrinsic_value, sigma_of, with_intrinsics
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.camera import RefinedCamera
-from semcal_cli.result.checks import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER, Measured
-from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty, as_entries
+from semcal_cli.result.checks.check import Measured
+from semcal_cli.result.checks.table import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER
+from semcal_cli.result.uncertainty import Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
 NOTHING = NOT_DETERMINED.finding(
@@ -69,25 +68,21 @@ def assess(
         return stages
     on_event(Progress("assessing"))
     start = perf_counter()
-    seen = replace(data, observations=stages.seen or data.observations)
-    clock = UnknownClock.of(seen, stages.T_camera_lidar, config.polish)
-    answer = _Answer(seen, stages, config.polish, clock)
+    seen, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
+    answer = _Answer(seen, stages, config.polish, UnknownClock.of(seen, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(
-            answer.data.for_checks, answer.T_camera_lidar, with_clock=answer.tells_clock
-        )
+        measured = check_consistency(seen.for_checks, T, with_clock=answer.tells_clock)
         found = _compare_frames(answer).with_measured(*measured)
     else:
         found = _judge(answer, with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"})
     if data.guide is not None and data.is_refined_by_edges:
-        T_initial = stages.initial.T_camera_lidar
-        found = found.with_measured(check_guide(data.guide, answer.T_camera_lidar, T_initial))
+        found = found.with_measured(check_guide(data.guide, T, stages.initial.T_camera_lidar))
     if with_remedies:
         advised = advise(
             found.findings,
-            answer.observations,
-            answer.T_camera_lidar,
-            answer.config,
+            seen.observations,
+            T,
+            config.polish,
             done=config.jointly,
             with_priors=stages.fused is not None,
             time_offset_s=data.drive.time_offset_s,
@@ -103,7 +98,10 @@ def assess(
 
 @dataclass(frozen=True)
 class _Answer:
-    """The pose that is judged, and where it comes from."""
+    """The pose that is judged, where it comes from, and what stays as the drive says beside it.
+
+    What stays moves the pose where it is wrong.
+    """
 
     data: LoadedDrive
     """The drive, as the camera sees it that the pose belongs to."""
@@ -126,92 +124,78 @@ class _Answer:
         return joint.left_open is not None or joint.clock.is_determined
 
     @property
-    def observations(self) -> Observations:
-        return self.data.observations
-
-    @property
-    def T_camera_lidar(self) -> Pose:
-        return self.stages.T_camera_lidar
-
-    @property
     def label_gain(self) -> Matrix | None:
         """Gain (6, 6) from a twist of the labels' optimum to one of the pose; None where they are the same."""
         return None if self.stages.fused is None else self.stages.fused.label_gain
 
+    @cached_property
+    def around(self) -> Sensitivity | None:
+        """Sensitivity to the pose and the intrinsics."""
+        return around_intrinsics(self.data.observations, self.stages.T_camera_lidar)
+
+    @cached_property
+    def shift(self) -> Matrix | None:
+        """(6, n) twist of the pose by a unit of each intrinsic; None if it is not known."""
+        shift = shift_by(self.around)
+        return shift if shift is None or self.label_gain is None else self.label_gain @ shift
+
     @property
-    def unknown_camera(self) -> Camera:
-        """The camera, which states the errors of those intrinsics alone that no estimate replaces."""
-        joint = self.stages.joint
-        camera = self.observations.camera
-        return camera if joint is None or joint.camera is None else _without_stated(camera, joint.camera)
+    def of_stated(self) -> Matrix | None:
+        """(6, 6) covariance of the pose by errors of those intrinsics that no estimate replaces; None if unknown."""
+        camera, joint = self.data.observations.camera, self.stages.joint
+        if joint is not None and joint.camera is not None:
+            # An estimate tells how far the intrinsics may be off that it found.
+            stating = camera.model_copy(update={"intrinsics_sigma": sigma_of(camera)})
+            found = {name: intrinsic_value(camera, name) for name in joint.camera.intrinsics}
+            camera = with_intrinsics(stating, found)
+        return covariance_of_intrinsics(self.shift, camera)
 
+    @property
+    def of_intrinsics(self) -> Matrix | None:
+        """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if there is none."""
+        fused = self.stages.fused
+        return self.of_stated if fused is None else fused.of_intrinsics
 
-class _Open(NamedTuple):
-    """What stays as the drive says beside the pose, and moves the pose where it is wrong."""
-
-    around: Sensitivity | None
-    """Sensitivity to the pose and the intrinsics."""
-    cost: IntrinsicsCost | None
-    """How far the pose moves by intrinsics that are a little off; None if it is not known."""
-    of_stated: Matrix | None
-    """(6, 6) covariance of the labels' optimum by errors of the intrinsics, at the pose; None if it is not known."""
-    of_intrinsics: Matrix | None
-    """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if there is none."""
-    of_clock: Matrix | None
-    """(6, 6) covariance of the pose by a clock that is not checked; None if that costs nothing."""
-
-    @classmethod
-    def beside(cls, answer: _Answer) -> _Open:
-        """Compute it at the pose."""
-        T, fused, gain = answer.T_camera_lidar, answer.stages.fused, answer.label_gain
-        around = around_intrinsics(answer.observations, T)
-        shift = shift_by(around)
-        if shift is not None and gain is not None:
-            shift = gain @ shift
-        cost = None if shift is None else intrinsics_cost(shift, answer.observations.camera)
-        of_stated = covariance_of_intrinsics(shift, answer.unknown_camera)
-        of_intrinsics = of_stated if fused is None else fused.of_intrinsics
-        clock = None if answer.is_clock_estimated else answer.clock
-        of_clock = None if clock is None else clock.covariance(gain)
-        return cls(around, cost, of_stated, of_intrinsics, of_clock)
+    @property
+    def of_clock(self) -> Matrix | None:
+        """(6, 6) covariance of the pose by a clock that is not checked; None if that costs nothing."""
+        if self.clock is None or self.is_clock_estimated:
+            return None
+        return self.clock.covariance(self.label_gain)
 
 
 def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
     """Estimate the uncertainty of a top of the mutual information, and check it in every way."""
-    data, T, with_priors = answer.data, answer.T_camera_lidar, answer.stages.fused is not None
+    data, T, with_priors = answer.data, answer.stages.T_camera_lidar, answer.stages.fused is not None
     checked, camera = data.for_checks, data.observations.camera
-    beside = _Open.beside(answer)
-    around = beside.around if checked is data.observations else around_intrinsics(checked, T)
+    cost = None if answer.shift is None else intrinsics_cost(answer.shift, camera)
+    around = answer.around if checked is data.observations else around_intrinsics(checked, T)
     # While one check is in Python, the core works for another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, answer)
         of_consistency = pool.submit(check_consistency, checked, T, with_clock=answer.tells_clock)
         of_scale = pool.submit(check_scale, checked)
-        of_pose = pool.submit(_uncertainty, answer, beside, with_label_bleed=with_label_bleed)
+        of_pose = pool.submit(_uncertainty, answer, with_label_bleed=with_label_bleed)
         frames, uncertainty = of_frames.result(), of_pose.result()
         found = frames.with_measured(
             *of_consistency.result(),
             *_rivals(data, T, uncertainty, with_priors=with_priors),
             *wrong_intrinsics(around, camera, checked.num_cues * len(set(checked.scenes))),
         )
-        notes = (*frames.notes, *notes_on_intrinsics(camera, beside.cost), *of_scale.result())
+        notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
     if uncertainty is None:
         none = TOGETHER if with_priors else NOTHING
         return replace(found, findings=(none, *found.findings), notes=notes)
-    too_wide = undetermined(uncertainty, _advice(answer, uncertainty, beside))
-    findings = (*found.findings, *too_wide)
-    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes, of_clock=beside.of_clock)
+    uncertainty = uncertainty.model_copy(update={"intrinsics_cost": cost})
+    findings = (*found.findings, *undetermined(uncertainty, _advice(answer, uncertainty)))
+    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes, of_clock=answer.of_clock)
 
 
-def _uncertainty(answer: _Answer, beside: _Open, *, with_label_bleed: bool) -> Uncertainty | None:
+def _uncertainty(answer: _Answer, *, with_label_bleed: bool) -> Uncertainty | None:
     """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
-    observations, T, fused, joint = (
-        answer.observations,
-        answer.T_camera_lidar,
-        answer.stages.fused,
-        answer.stages.joint,
-    )
-    of_others = sum_of(beside.of_stated, beside.of_clock)
+    observations, T = answer.data.observations, answer.stages.T_camera_lidar
+    fused, joint, config = answer.stages.fused, answer.stages.joint, answer.config
+    of_others = sum_of(answer.of_stated, answer.of_clock)
     if joint is not None:
         of_others = sum_of(of_others, joint.left_open)
     if joint is not None and joint.uncertainty is not None:
@@ -219,27 +203,19 @@ def _uncertainty(answer: _Answer, beside: _Open, *, with_label_bleed: bool) -> U
     elif fused is not None:
         found = fused.uncertainty
     else:
-        band_px = answer.config.edge_band_px
-        found = estimate_uncertainty(observations, T, edge_band_px=band_px, of_others=of_others)
+        found = estimate_uncertainty(observations, T, edge_band_px=config.edge_band_px, of_others=of_others)
     if found is None:
         return None
-    bleed = label_bleed(observations, T, answer.config, answer.label_gain) if with_label_bleed else None
-    of_intrinsics = None if beside.of_intrinsics is None else as_entries(beside.of_intrinsics)
     parts = {
-        "label_bleed": bleed,
-        "intrinsics_cost": beside.cost,
-        "covariance_of_intrinsics": of_intrinsics,
+        "label_bleed": label_bleed(observations, T, config, answer.label_gain) if with_label_bleed else None,
+        "covariance_of_intrinsics": None
+        if answer.of_intrinsics is None
+        else as_entries(answer.of_intrinsics),
     }
     return found.model_copy(update=parts)
 
 
-def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
-    """Leave out the errors of intrinsics that were estimated: the estimate tells how far they may be off."""
-    stating = camera.model_copy(update={"intrinsics_sigma": sigma_of(camera)})
-    return with_intrinsics(stating, {name: intrinsic_value(camera, name) for name in found.intrinsics})
-
-
-def _advice(answer: _Answer, found: Uncertainty, beside: _Open) -> str | None:
+def _advice(answer: _Answer, found: Uncertainty) -> str | None:
     """Say what to do about an interval that only what stays open beside the pose makes too wide; None of any other."""
     joint = answer.stages.joint
 
@@ -249,32 +225,50 @@ def _advice(answer: _Answer, found: Uncertainty, beside: _Open) -> str | None:
         # Half widths need the variances alone.
         variances = np.maximum(np.diag(found.covariance) - np.diag(part), 0.0)
         freedom = np.array(found.degrees_of_freedom)
-        alone = Uncertainty.from_covariance(answer.T_camera_lidar, np.diag(variances), freedom)
+        alone = Uncertainty.from_covariance(answer.stages.T_camera_lidar, np.diag(variances), freedom)
         return not undetermined(alone)
 
     if joint is not None and is_narrow_without(joint.left_open):
         return joint.advice
-    if is_narrow_without(beside.of_clock):
+    if is_narrow_without(answer.of_clock):
         return KNOW_MOTION
-    return KNOW_K if is_narrow_without(beside.of_intrinsics) else None
+    return KNOW_K if is_narrow_without(answer.of_intrinsics) else None
 
 
 def _compare_frames(answer: _Answer) -> Assessment:
-    """Look for findings about single frames and labels."""
-    data, T = answer.data, answer.T_camera_lidar
-    observations, names = data.for_checks, [frame.points for frame in data.drive.frames]
+    """Look for findings about single frames and labels, and say what could not be checked."""
+    data, T, frames = answer.data, answer.stages.T_camera_lidar, answer.data.drive.frames
+    observations, names = data.for_checks, [frame.points for frame in frames]
     check = check_frames(observations, T, names)
     measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
+    num_scenes = len(set(observations.scenes))
     if data.is_refined_by_edges:
-        measured.append(_few_scenes(observations))
-    notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(answer))
+        compared = f"edges of {num_scenes} scene{'s' * (num_scenes > 1)} were compared"
+        measured.append(FEW_SCENES.measured(num_scenes, f"{compared}, needed at least {MIN_SCENES}"))
+    notes = [*data.notes]
+    if num_scenes < observations.num_frames:
+        count, same = f"{num_scenes} frames", "others show the same scenes"
+        if num_scenes == 1:
+            count, same = (
+                "1 frame",
+                "all show the same scene; whether sweeps and pictures belong together cannot be told",
+            )
+        notes.append(
+            f"the {observations.num_frames} frames count as {count}, because {same}: add frames from a moving car"
+        )
+    if not answer.is_clock_estimated:
+        notes += notes_on_clock(data, answer.clock)
+    if any(frame.image_labels is not None for frame in frames) and all(
+        frame.image is None for frame in frames
+    ):
+        notes.append("labels were not checked against pictures: the drive gives no image")
     if "labels" in data.cues:
         measured += check_leaks(data.of_cue("labels"), T)
     if data.cues[0] in ("labels", "segments"):
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
         measured += aligned.measured
         notes += aligned.notes
-    return Assessment(notes=notes, parts=check.parts).with_measured(*measured)
+    return Assessment(notes=tuple(notes), parts=check.parts).with_measured(*measured)
 
 
 def _rivals(
@@ -285,33 +279,3 @@ def _rivals(
     if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
         return ()
     return check_rivals(observations, T_camera_lidar, found)
-
-
-def _unchecked(answer: _Answer) -> tuple[str, ...]:
-    """Say what could not be checked, since the drive lacks what tells it."""
-    data = answer.data
-    notes = () if answer.is_clock_estimated else notes_on_clock(data, answer.clock)
-    has_labels = any(frame.image_labels is not None for frame in data.drive.frames)
-    if has_labels and all(frame.image is None for frame in data.drive.frames):
-        notes += ("labels were not checked against pictures: the drive gives no image",)
-    return notes
-
-
-def _few_scenes(observations: Observations) -> Measured:
-    """Check that edges were compared in scenes enough to tell the right top from others."""
-    num_scenes = len(set(observations.scenes))
-    found = f"edges of {num_scenes} scene{'s' * (num_scenes > 1)} were compared, needed at least {MIN_SCENES}"
-    return FEW_SCENES.measured(num_scenes, found)
-
-
-def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:
-    """Say how many frames are no new evidence."""
-    num_frames, num_scenes = observations.num_frames, len(set(observations.scenes))
-    if num_scenes == num_frames:
-        return ()
-    count = f"{num_scenes} frame" if num_scenes == 1 else f"{num_scenes} frames"
-    same = "all show the same scene" if num_scenes == 1 else "others show the same scenes"
-    sentence = f"the {num_frames} frames count as {count}, because {same}"
-    if num_scenes == 1:
-        sentence += "; whether sweeps and pictures belong together cannot be told"
-    return (f"{sentence}: add frames from a moving car",)

@@ -95,17 +95,16 @@ def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tupl
 def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
     """Say that the clock was not checked where the frames do not tell it, or what they tell, and what that may cost."""
     motion = data.drive.motion
-    if clock is not None and clock.is_exact:
-        return ()
-    if clock is not None and clock.is_checked and abs(clock.offset_s) > 2.0 * clock.sigma_s:
-        later = "later" if clock.offset_s > 0.0 else "earlier"
-        offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
-        return (
-            f"pictures seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than they are taken to be, which is "
-            "part of the interval: --estimate-delay corrects the pose",
-        )
-    if clock is not None and not clock.is_checked:
-        assert motion is not None
+    if clock is not None and motion is not None:
+        if clock.is_exact or (clock.is_checked and abs(clock.offset_s) <= 2.0 * clock.sigma_s):
+            return ()
+        if clock.is_checked:
+            offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
+            later = "later" if clock.offset_s > 0.0 else "earlier"
+            return (
+                f"pictures seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than they are taken to be, which is "
+                "part of the interval: --estimate-delay corrects the pose",
+            )
         is_speed = motion.speed_m_s is not None
         why = "the drive gives no direction of its motion" if is_speed else "its frames move much alike"
         cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
