@@ -1,7 +1,7 @@
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -75,6 +75,13 @@ def make_pose(rotation_vector: tuple[float, ...], translation: tuple[float, ...]
     T[:3, :3] = Rotation.from_rotvec(rotation_vector).as_matrix()
     T[:3, 3] = translation
     return T
+
+
+def with_twists(observations: Observations, twists_per_s: Sequence[Sequence[float]]) -> Observations:
+    """The same frames, in which the LiDAR moves as said: a twist (6,) a second each."""
+    pairs = zip(observations.frame_observations, twists_per_s, strict=True)
+    moving = tuple(replace(frame, twist_per_s=twist) for frame, twist in pairs)
+    return replace(observations, frame_observations=moving)
 
 
 def triples(limit: float) -> st.SearchStrategy[tuple[float, float, float]]:

@@ -168,8 +168,7 @@ def test_nothing_is_added_without_a_speed(loaded: LoadedDrive, motion: Motion | 
 def test_a_stated_speed_widens_the_interval(street: Path, street_truth: Pose) -> None:
     """By the same for all frames and for few: they share the clock."""
     drive = read_drive(street)
-    few = drive.model_copy(update={"frames": drive.frames[:2]})
-    for each in (drive, few):
+    for each in (drive, drive.model_copy(update={"frames": drive.frames[:2]})):
         fast = at_speed(each, 8.0)
         standing, moving = found_by(each, street_truth), found_by(fast, street_truth)
         assert standing.uncertainty is not None

@@ -66,26 +66,18 @@ def motion(T_camera_lidar: Pose, T_reference: Pose) -> np.ndarray:
     return np.array([*(CM * x for x in error.camera_center_xyz_cm), *(-x for x in error.rotation_xyz_deg)])
 
 
-def frames_with_other_pictures(raw: RawDrive, original: RawDrive) -> list[str]:
-    return [
-        frame.name
-        for frame, before in zip(raw.frames, original.frames, strict=True)
-        if not np.array_equal(frame.image_labels, before.image_labels)
-    ]
-
-
 @pytest.mark.parametrize(
-    ("angle_deg", "distance_m", "words"), [(1.0, 0.0, "turned by "), (0.0, 0.2, "moved by ")]
+    ("angle_deg", "distance_m", "share", "words"),
+    [(1.0, 0.0, 0.25, "turned by "), (0.0, 0.2, 0.6, "moved by ")],
 )
-@pytest.mark.parametrize("share", [0.25, 0.6])
 def test_a_knock_is_found_with_its_frame_and_offset(
     long_street: RawDrive,
     rng: np.random.Generator,
     tmp_path: Path,
     angle_deg: float,
     distance_m: float,
-    words: str,
     share: float,
+    words: str,
 ) -> None:
     raw = spoiling.knocked(long_street, rng, angle_deg, distance_m, share)
     found = compared(raw, tmp_path)
@@ -125,6 +117,9 @@ def test_frames_turned_each_by_its_own_disagree_without_parts(
 def test_nothing_is_said_of_a_good_drive(long_street: RawDrive, tmp_path: Path) -> None:
     assert findings_among(compared(long_street, tmp_path).measured) == ()
     assert paired(long_street, tmp_path) == ()
+    one = long_street.with_frames(long_street.frames[:1])
+    assert findings_among(compared(one, tmp_path).measured) == ()
+    assert paired(one, tmp_path) == ()
 
 
 def test_frames_of_few_squares_are_outliers_by_chance_no_more_often(rng: np.random.Generator) -> None:
@@ -140,12 +135,6 @@ def test_frames_of_few_squares_are_outliers_by_chance_no_more_often(rng: np.rand
     assert 0.3 * alpha < np.mean(many) < alpha
 
 
-def test_one_frame_is_not_compared(long_street: RawDrive, tmp_path: Path) -> None:
-    one = long_street.with_frames(long_street.frames[:1])
-    assert findings_among(compared(one, tmp_path).measured) == ()
-    assert paired(one, tmp_path) == ()
-
-
 def test_pictures_of_another_moment_and_mirrored_ones_are_named(
     long_street: RawDrive, rng: np.random.Generator, tmp_path: Path
 ) -> None:
@@ -153,8 +142,6 @@ def test_pictures_of_another_moment_and_mirrored_ones_are_named(
     frames[2] = frames[2].with_picture_of(frames[6])
     frames[5] = replace(frames[5], image_labels=frames[5].image_labels[:, ::-1].copy())
     raw = long_street.with_frames(frames)
-    wrong = frames_with_other_pictures(raw, long_street)
-    assert wrong == ["000002", "000005"]
     (finding,) = paired(raw, tmp_path)
     assert finding.sentence.startswith(
         "points and pixels of frames 000002 and 000005 may not belong together, "

@@ -82,7 +82,7 @@ def test_a_mirrored_cloud_is_recognised(street: Path, tmp_path: Path) -> None:
     assert suspicion.startswith("the clouds seem mirrored: with y negated, labels share ")
 
 
-@pytest.mark.parametrize("scale", [0.5, 2 / 3, 1.5, 2.0])
+@pytest.mark.parametrize("scale", [2 / 3, 2.0])
 def test_intrinsics_of_another_picture_size_are_suspicious(
     street: Path, tmp_path: Path, scale: float
 ) -> None:
@@ -211,19 +211,6 @@ def test_identical_files_are_named(drive: Path) -> None:
     sentence = f"frame points/000000.bin is listed 70 times, with {same}"
     assert find_identical_files(read_drive(drive)) == [sentence]
     assert sentence in inspect(read_drive(drive)).suspicions
-
-
-def test_copies_of_a_frame_are_one_sentence(drive: Path) -> None:
-    document = read_document(drive / DRIVE_FILE)
-    first = document["frames"][0]
-    frames = [first]
-    for index in range(1, 70):
-        name = f"points/copy_{index:03d}.bin"
-        (drive / name).hardlink_to(drive / first["points"])
-        frames.append({"points": name})
-    write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
-    sentence = "frames copy_001 to copy_069 have the same points as frame 000000"
-    assert find_identical_files(read_drive(drive)) == [sentence]
 
 
 def test_what_files_hold_reaches_the_terminal_as_letters(street: Path, tmp_path: Path) -> None:

@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import with_twists
 
 from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.assessment.joint_fit import Variables
@@ -14,7 +14,6 @@ from semcal_cli.assessment.uncertainty import with_others
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
-from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import delayed
 from semcal_cli.drive.observations import Observations
@@ -157,18 +156,6 @@ def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive) -> None:
     assert (alone.given_s, added.given_s) == (0.0, 0.3)
 
 
-def test_one_speed_straight_on_tells_no_offset(moving: LoadedDrive) -> None:
-    steady = (12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frame_observations)
-    observations = replace(moving.observations, frame_observations=frames)
-    truth = np.array(moving.drive.T_camera_lidar)
-    found = fit_jointly(observations, truth, JointlyConfig(with_delay=True), PolishConfig())
-    assert found.clock is not None
-    assert not found.is_kept
-    assert not found.clock.is_determined
-    assert found.clock.meaning == "not determined: drive at different speeds, and turn"
-
-
 def assessed(data: LoadedDrive, T: Pose, jointly: JointlyConfig) -> Stages:
     config = RefinementConfig(jointly=jointly)
     return assess(data, refine_and_polish(data, start_at(data, InitialPose(T, "start")), config), config)
@@ -231,9 +218,8 @@ def test_a_drive_states_how_well_its_camera_is_known(observed: Observations) -> 
 
 
 def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) -> None:
-    steady = (12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frame_observations)
-    data = replace(moving, observations=replace(moving.observations, frame_observations=frames))
+    steady = [(12.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * moving.observations.num_frames
+    data = replace(moving, observations=with_twists(moving.observations, steady))
     stages = assessed(data, np.array(moving.drive.T_camera_lidar), JointlyConfig(with_delay=True))
     # A tenth of a second, which is what is known of the clock, at 12 m/s.
     assert half_widths(stages)[:3].max() == pytest.approx(1.96 * 1.2, rel=0.05)
@@ -244,6 +230,9 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     assert stages.settings["jointly"] == asdict(JointlyConfig(with_delay=True))
     assert stages.joint is not None
     assert stages.joint.clock is not None
+    assert not stages.joint.is_kept
+    assert not stages.joint.clock.is_determined
+    assert stages.joint.clock.meaning == "not determined: drive at different speeds, and turn"
     found = replace(stages.joint, clock=stages.joint.clock.model_copy(update={"is_determined": True}))
     assert found.advice == advice
 
@@ -266,12 +255,28 @@ def test_the_whole_pipeline_ends_at_the_camera_that_was_found(
     assert after.camera_center_cm < 0.3 * before.camera_center_cm
 
 
-def test_a_lens_without_such_a_number_is_told(synthetic_eight: LoadedDrive, truth: Pose) -> None:
-    refinement = RefinementConfig(jointly=JointlyConfig(("fx", "k9")))
-    with pytest.raises(
-        InputError, match=r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy"
-    ):
-        refine_and_polish(synthetic_eight, start_at(synthetic_eight, InitialPose(truth, "truth")), refinement)
+@pytest.mark.parametrize(
+    ("jointly", "complaint"),
+    [
+        (
+            JointlyConfig(("fx", "k9")),
+            r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy",
+        ),
+        (
+            JointlyConfig(with_delay=True),
+            r"motion: found no direction of motion, needed poses or a twist for --estimate-delay",
+        ),
+    ],
+)
+def test_what_the_drive_does_not_allow_for_is_refused(
+    synthetic_eight: LoadedDrive, truth: Pose, jointly: JointlyConfig, complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint):
+        refine_and_polish(
+            synthetic_eight,
+            start_at(synthetic_eight, InitialPose(truth, "truth")),
+            RefinementConfig(jointly=jointly),
+        )
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -286,21 +291,9 @@ def test_every_number_of_a_lens_has_a_name(lens: str) -> None:
         assert all(intrinsic_value(changed, other) == intrinsic_value(camera, other) for other in others)
 
 
-def test_the_drive_says_what_is_estimated_from(street: Path) -> None:
-    """The offset of the clock needs a motion with a direction."""
-    data = load(read_drive(street))
-    refinement = RefinementConfig(jointly=JointlyConfig(with_delay=True))
-    start = start_at(data, InitialPose(np.array(data.drive.T_camera_lidar), "truth"))
-    with pytest.raises(
-        InputError,
-        match=r"motion: found no direction of motion, needed poses or a twist for --estimate-delay",
-    ):
-        refine_and_polish(data, start, refinement)
-
-
 def test_a_parked_rig_tells_intrinsics_and_no_clock(observed: Observations, truth: Pose) -> None:
-    frames = tuple(replace(frame, twist_per_s=(0.0,) * 6) for frame in observed.frame_observations)
-    wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 0.0), frame_observations=frames)
+    parked = with_twists(observed, [(0.0,) * 6] * observed.num_frames)
+    wrong = replace(parked, camera=spoiled(observed.camera, 0.03, 0.0))
     found = fit_jointly(wrong, truth, JointlyConfig(("fx", "fy"), with_delay=True), PolishConfig())
     assert found.is_kept
     assert found.camera is not None

@@ -123,7 +123,8 @@ DISPLACED: dict[str, tuple[Callable[[Observations], Observations], str]] = {
     ("displaced", "noise"),
     [
         *((name, "exact") for name in DISPLACED),
-        *((name, noise) for name in ("1 entry", "3 back") for noise in ("30 % wrong", "a network's")),
+        ("1 entry", "30 % wrong"),
+        ("3 back", "a network's"),
         ("4 pixels down", "a network's"),
     ],
 )
@@ -168,7 +169,7 @@ def test_calibrate_and_verify_doubt_and_inspect_suspects(drive: Path, street_tru
         assert any(sentence.startswith(of_pixels) for sentence in sentences)
 
 
-@pytest.mark.parametrize("num_frames", [5, 7, 10, 13, 20, 70])
+@pytest.mark.parametrize("num_frames", [5, 10, 13, 70])
 def test_few_pictures_are_of_even_and_odd_frames(num_frames: int) -> None:
     chosen = spread(num_frames)
     assert len(set(chosen)) == 4

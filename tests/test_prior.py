@@ -126,7 +126,7 @@ def test_two_equally_good_witnesses_meet_in_the_middle(
     assert np.sqrt(between.uncertainty.covariance[2][2]) == pytest.approx(sigma / np.sqrt(2.0), rel=1e-3)
 
 
-def test_labels_that_contradict_what_is_known_say_so(
+def test_what_contradicts_the_labels_or_itself_is_said(
     street_observations: Observations, polished: Pose
 ) -> None:
     prior = Prior("--fix ty", nudged(polished, (0.0, 0.2, 0.0)), (np.inf, 0.0, *FREE[:4]))
@@ -137,13 +137,9 @@ def test_labels_that_contradict_what_is_known_say_so(
         "measure it again, or state it less exactly",
         finding.sentence,
     )
-
-
-def test_knowledge_that_contradicts_itself_says_so(street_observations: Observations, polished: Pose) -> None:
     tape = Prior("tape", nudged(polished, (0.01, 0.0, 0.0)), (0.001, *FREE[:5]))
-    fused = fuse_with_priors(
-        street_observations, polished, [tape, Prior("--fix tx", polished, (0.0, *FREE[:5]))]
-    )
+    exact = Prior("--fix tx", polished, (0.0, *FREE[:5]))
+    fused = fuse_with_priors(street_observations, polished, [tape, exact])
     assert fused.findings[0].sentence.startswith("tape is 1.0 cm from ")
 
 

@@ -4,9 +4,10 @@ import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
-from test_consistency import with_twists
+from conftest import with_twists
 from test_findings import ORDERS
 
 from semcal_cli.assessment import remedies
@@ -121,31 +122,59 @@ def test_both_are_estimated_together_and_the_drives_offset_is_part_of_it(early: 
     assert float(found[1]) == pytest.approx(120.0, abs=CLOSE_MS)
 
 
-@pytest.mark.usefixtures("never")
-def test_other_findings_cost_nothing(street_observations: Observations, street_truth: Pose) -> None:
-    assert advise((OTHER,), street_observations, street_truth, PolishConfig()) == (OTHER,)
-    assert advise((), street_observations, street_truth, PolishConfig()) == ()
+def without_k1(seen: Observations) -> Observations:
+    block = {"model": "equirectangular", "width": 640, "height": 360}
+    camera = Camera.model_validate(block | {"K": [[102.0, 0.0, 320.0], [0.0, 102.0, 180.0], [0.0, 0.0, 1.0]]})
+    return replace(seen, camera=camera)
+
+
+def with_one_twist(seen: Observations) -> Observations:
+    """A drive may state the motion of some of its frames only."""
+    few = with_twists(seen.of_frames([0]), [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    return replace(seen, frame_observations=(*few.frame_observations, *seen.frame_observations[1:]))
+
+
+MORE = "check {}, or calibrate more frames with {}"
 
 
 @pytest.mark.usefixtures("never")
-def test_what_was_estimated_already_is_not_estimated_again(
-    street_observations: Observations, street_truth: Pose
+@pytest.mark.parametrize(
+    ("findings", "settings", "advices"),
+    [
+        ((), {}, []),
+        ((OTHER,), {}, [OTHER.advice]),
+        ((FOCAL, CLOCKS), {"done": JointlyConfig(("fx",), with_delay=True)}, [FOCAL.advice, CLOCKS.advice]),
+        (
+            (FOCAL, CLOCKS),
+            {"done": JointlyConfig(("fx",))},
+            [FOCAL.advice, MORE.format("the clocks", "--estimate-delay")],
+        ),
+        (
+            (FOCAL, CLOCKS),
+            {"done": JointlyConfig(with_delay=True)},
+            [MORE.format("K", NAMES), CLOCKS.advice],
+        ),
+        ((FOCAL,), {"with_priors": True}, [MORE.format("K", f"{NAMES} and without priors")]),
+        (
+            (FOCAL,),
+            {"with_priors": True, "seen": without_k1},
+            [MORE.format("K", "--refine-intrinsics fx,fy,cx,cy and without priors")],
+        ),
+        ((CLOCKS,), {"seen": with_one_twist}, [MORE.format("the clocks", "--estimate-delay")]),
+    ],
+)
+def test_advice_that_costs_no_estimate(
+    street_observations: Observations,
+    street_truth: Pose,
+    findings: tuple[Finding, ...],
+    settings: dict[str, Any],
+    advices: list[str],
 ) -> None:
-    seen, findings = street_observations, (FOCAL, CLOCKS)
-    both = JointlyConfig(("fx",), with_delay=True)
-    assert advise(findings, seen, street_truth, PolishConfig(), done=both) == findings
-    focal, clocks = advise(findings, seen, street_truth, PolishConfig(), done=JointlyConfig(("fx",)))
-    assert focal == FOCAL
-    assert clocks.advice == "check the clocks, or calibrate more frames with --estimate-delay"
-    focal, clocks = advise(findings, seen, street_truth, PolishConfig(), done=JointlyConfig(with_delay=True))
-    assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
-    assert clocks == CLOCKS
-
-
-@pytest.mark.usefixtures("never")
-def test_priors_exclude_the_options(street_observations: Observations, street_truth: Pose) -> None:
-    (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig(), with_priors=True)
-    assert focal.advice == f"check K, or calibrate more frames with {NAMES} and without priors"
+    """Other findings, what was estimated already, priors, a lens without k1, and frames without a motion."""
+    changed = settings.get("seen", lambda seen: seen)(street_observations)
+    options = {name: value for name, value in settings.items() if name != "seen"}
+    found = advise(findings, changed, street_truth, PolishConfig(), **options)
+    assert [finding.advice for finding in found] == advices
 
 
 def test_right_intrinsics_are_not_kept_and_not_told(
@@ -168,25 +197,6 @@ def test_an_estimate_that_fails_leaves_the_advice(
     monkeypatch.setattr(remedies, "fit_jointly", fails)
     (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig())
     assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
-
-
-@pytest.mark.usefixtures("never")
-def test_clocks_of_frames_without_a_motion(street_observations: Observations, street_truth: Pose) -> None:
-    """A drive may state the motion of some of its frames only."""
-    few = with_twists(street_observations.of_frames([0]), [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
-    others = street_observations.frame_observations[1:]
-    some = replace(street_observations, frame_observations=(*few.frame_observations, *others))
-    (clocks,) = advise((CLOCKS,), some, street_truth, PolishConfig())
-    assert clocks.advice == "check the clocks, or calibrate more frames with --estimate-delay"
-
-
-@pytest.mark.usefixtures("never")
-def test_a_lens_without_k1(street_observations: Observations, street_truth: Pose) -> None:
-    block = {"model": "equirectangular", "width": 640, "height": 360}
-    camera = Camera.model_validate(block | {"K": [[102.0, 0.0, 320.0], [0.0, 102.0, 180.0], [0.0, 0.0, 1.0]]})
-    seen = replace(street_observations, camera=camera)
-    (focal,) = advise((FOCAL,), seen, street_truth, PolishConfig(), with_priors=True)
-    assert "--refine-intrinsics fx,fy,cx,cy and" in focal.advice
 
 
 def test_each_advice_is_an_order(street_observations: Observations, street_truth: Pose) -> None:

@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from scipy.stats import chi2, f, t
@@ -9,7 +7,8 @@ from semcal_cli.assessment.sensitivity import LEAST_CLASSES, Matrix, Sensitivity
 from semcal_cli.assessment.uncertainty import bled, estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.geometry.poses import Pose, compare_poses, inverse
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton
 from semcal_cli.result.intervals import figure
 from semcal_cli.result.uncertainty import Uncertainty
@@ -47,7 +46,9 @@ def test_the_truth_is_about_as_far_away_as_is_said(
     assert (np.array(uncertainty.half_widths) > 1.9 * sigmas(uncertainty)).all()
 
 
-def test_poses_of_single_frames_scatter_as_is_said(street_observations: Observations, polished: Pose) -> None:
+def test_poses_of_single_frames_scatter_as_is_said(
+    street_observations: Observations, uncertainty: Uncertainty, polished: Pose
+) -> None:
     scatter, stated = [], []
     for index in range(street_observations.num_frames):
         frame = street_observations.of_frames([index])
@@ -59,19 +60,7 @@ def test_poses_of_single_frames_scatter_as_is_said(street_observations: Observat
     ratio = np.sqrt(np.mean(np.square(scatter), axis=0)) / np.sqrt(np.mean(np.square(stated), axis=0))
     # What the points of a class share in one frame may be shared by all frames, so that stated errors are wide.
     assert 0.2 < np.sqrt(np.mean(ratio**2)) < 2.0
-
-
-def test_less_data_are_less_sure(
-    street_observations: Observations, uncertainty: Uncertainty, polished: Pose
-) -> None:
-    gains = []
-    for index in range(street_observations.num_frames):
-        frame = street_observations.of_frames([index])
-        one = estimate_uncertainty(frame, newton(frame, polished, CONFIG).T_camera_lidar)
-        assert one is not None
-        gains.append(sigmas(one) / sigmas(uncertainty))
-    gain = np.median(gains)
-    assert 1.2 < gain < 4.0  # two, were all frames alike
+    assert 1.2 < np.median(stated / sigmas(uncertainty)) < 4.0  # two, were all frames alike
 
 
 def test_the_translation_moves_with_a_rotation(uncertainty: Uncertainty, polished: Pose) -> None:
@@ -191,12 +180,6 @@ def test_student_quantile_is_scipys(dof: float) -> None:
     assert _core.student_quantile(0.975, dof) == pytest.approx(t.ppf(0.975, dof), rel=1e-6)
 
 
-@pytest.mark.parametrize(("probability", "dof"), [(1e-300, 4.0), (1.0, 4.0), (0.975, 0.1), (0.975, math.inf)])
-def test_a_student_quantile_that_nobody_can_tell_is_refused(probability: float, dof: float) -> None:
-    with pytest.raises(ValueError, match="needed a probability from 1e-9 to 1 - 1e-9 and finite degrees"):
-        _core.student_quantile(probability, dof)
-
-
 @pytest.mark.parametrize("alpha", [0.05, 1e-3, 2.5e-5, 1e-7])
 @pytest.mark.parametrize("numerator", [1, 3, 6, 114, 5994])
 def test_fisher_limit_is_exceeded_with_its_probability(alpha: float, numerator: int) -> None:
@@ -223,15 +206,6 @@ def test_bleeding_labels_move_the_pose(street_observations: Observations, polish
     assert moved is not None
     assert 1e-4 < np.linalg.norm(moved.camera_center_m) < 0.1
     assert 1e-3 < np.linalg.norm(moved.rotation_deg) < 0.5
-
-
-def test_a_twist_on_the_left_is_in_the_camera_frame(polished: Pose) -> None:
-    """`errors` against the definition: T = exp(xi) T_estimate, camera centre moved by -rho along its axes."""
-    T = polished
-    moved = T.copy()
-    moved[:3, 3] += [0.0, 0.0, 0.02]
-    center = inverse(moved)[:3, 3] - inverse(T)[:3, 3]
-    np.testing.assert_allclose(T[:3, :3] @ center, [0.0, 0.0, -0.02], atol=1e-12)
 
 
 @pytest.mark.parametrize(
