@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,16 +20,12 @@ Numbers = npt.NDArray[np.float64]
 
 NUM_FRAMES = 4
 """Number of frames that are measured."""
-GROUND = frozenset(
-    {"road", "road_line", "lane_marking", "sidewalk", "parking", "ground", "other_ground", "terrain", "grass"}
-    | {"dirt", "asphalt", "concrete", "driveable_surface", "flat", "puddle", "mud"}
+GROUND = (
+    "road road_line lane_marking sidewalk parking ground other_ground terrain grass dirt asphalt concrete "
+    "driveable_surface flat puddle mud"
 )
-"""Class names of the ground."""
-NAMES = {
-    "cars": frozenset({"car", "cars"}),
-    "people": frozenset({"person", "people", "pedestrian", "pedestrians", "human"}),
-}
-"""Class names of each kind of things whose heights are known."""
+NAMES = {"ground": GROUND, "cars": "car cars", "people": "person people pedestrian pedestrians human"}
+"""Class names of the ground, and of each kind of things whose heights are known."""
 HEIGHTS_M = {"cars": 1.55, "people": 1.72}
 """Typical heights in metres, as they are measured here. The mean of cars built in Europe was 1.48 m in 2000 and 1.55 m
 in 2022 (Inovev). Those of men and women over all countries are about 1.71 and 1.59 m without shoes, and 5 to 10 cm more
@@ -76,10 +71,18 @@ def check_scale(observations: Observations) -> list[str]:
     """
     few = evenly_spaced(range(observations.num_frames), NUM_FRAMES)
     clouds = [observations.clouds[index] for index in few]
-    names = [_plain(name) for name in observations.point_class_names]
-    frames = [frame for cloud in clouds if (frame := _upright(cloud, names)) is not None]
+    plain = [
+        name.strip().lower().replace(" ", "_").replace("-", "_") for name in observations.point_class_names
+    ]
+    classes = {
+        kind: [index for index, name in enumerate(plain) if name in names.split()]
+        for kind, names in NAMES.items()
+    }
+    measured = [found for cloud in clouds if (found := _measure(cloud, classes)) is not None]
+    of_kinds = {kind: [height for _, heights in measured for height in heights[kind]] for kind in HEIGHTS_M}
+    heights_m = {kind: np.array(found) for kind, found in of_kinds.items() if len(found) >= MIN_THINGS}
     median_m = float(np.median(np.concatenate([np.linalg.norm(cloud.points, axis=1) for cloud in clouds])))
-    return judge_scale(median_m, [frame.sensor_m for frame in frames], _measure(frames, names))
+    return judge_scale(median_m, [sensor_m for sensor_m, _ in measured], heights_m)
 
 
 def judge_scale(
@@ -92,21 +95,24 @@ def judge_scale(
         sensors_m: Heights of the sensor above the ground.
         heights_m: Heights of the things of each kind.
     """
-    ratio = _ratio(heights_m or {})
-    unusual = (
-        [] if ratio is None else [_describe(kind, heights) for kind, heights in (heights_m or {}).items()]
-    )
+    heights_m = heights_m or {}
+    ratio, unusual, as_if = _ratio(heights_m), list[str](), ""
+    if ratio is not None:
+        unusual = [
+            f"{kind} are {np.median(heights):.3g} m high, the median of {len(heights)}, usual are {HEIGHTS_M[kind]:g}"
+            for kind, heights in heights_m.items()
+        ]
+        unit, scale = min(UNITS.items(), key=lambda item: abs(math.log(ratio / item[1])))
+        is_unit = abs(math.log(ratio / scale)) < NEAR_UNIT
+        as_if = f", but in {unit}" if is_unit else f", as sizes are {ratio:.2f} times the usual"
     measures = [("half of the points are within", range_m, RANGES_M)]
     if sensors_m:
-        measures.insert(
-            0, ("the sensor's height above the ground is", float(np.median(sensors_m)), SENSOR_HEIGHTS_M)
-        )
+        height_m = float(np.median(sensors_m))
+        measures.insert(0, ("the sensor's height above the ground is", height_m, SENSOR_HEIGHTS_M))
     for what, value_m, (low, high) in measures:
         if not low <= value_m <= high:
             unusual.append(f"{what} {value_m:,.3g} m, usual are {low:g} to {high:g}")
-    if not unusual:
-        return []
-    return [f"clouds may not be in metres{_as_if(ratio)}: {'; '.join(unusual)}"]
+    return [f"clouds may not be in metres{as_if}: {'; '.join(unusual)}"] if unusual else []
 
 
 def _ratio(heights_m: Mapping[str, Numbers]) -> float | None:
@@ -124,50 +130,25 @@ def _ratio(heights_m: Mapping[str, Numbers]) -> float | None:
     return math.exp(mean) if abs(mean) > max(TOLERANCE, 2.0 / math.sqrt(sum(weights))) else None
 
 
-def _describe(kind: str, heights: Numbers) -> str:
-    return f"{kind} are {np.median(heights):.3g} m high, the median of {len(heights)}, usual are {HEIGHTS_M[kind]:g}"
+def _measure(
+    cloud: LabelledCloud, classes: Mapping[str, Sequence[int]]
+) -> tuple[float, dict[str, list[float]]] | None:
+    """Measure the heights of the sensor and of the things of each kind above the ground; None without ground.
 
-
-def _as_if(ratio: float | None) -> str:
-    """Name the unit whose scale is nearest to a ratio of sizes, or state the ratio."""
-    if ratio is None:
-        return ""
-    unit, scale = min(UNITS.items(), key=lambda item: abs(math.log(ratio / item[1])))
-    if abs(math.log(ratio / scale)) < NEAR_UNIT:
-        return f", but in {unit}"
-    return f", as sizes are {ratio:.2f} times the usual"
-
-
-def _plain(name: str) -> str:
-    return name.strip().lower().replace(" ", "_").replace("-", "_")
-
-
-class _Upright(NamedTuple):
-    """A cloud in a frame on the ground beneath the sensor, z up."""
-
-    points: Points
-    """(N, 3) within `REACH`."""
-    classes: npt.NDArray[np.uint8]
-    """(N,) classes."""
-    sensor_m: float
-    """Height of the sensor above the ground."""
-
-
-def _upright(cloud: LabelledCloud, names: Sequence[str]) -> _Upright | None:
-    """Fit a plane to the near points of the ground, whichever way the sensor is mounted; None without ground."""
-    is_ground = np.isin(cloud.classes, [index for index, name in enumerate(names) if name in GROUND])
+    A plane is fitted to the near points of the ground, whichever way the sensor is mounted.
+    """
+    is_ground = np.isin(cloud.classes, classes["ground"])
     ground = cloud.points[is_ground].astype(np.float64)
     if len(ground) < MIN_GROUND:
         return None
     ground = ground[:: max(len(ground) // MAX_GROUND, 1)]
     ranges = np.linalg.norm(ground, axis=1)
-    near = ground[ranges <= np.median(ranges)]
-    fitted = near
+    fitted = lower = ground[ranges <= np.median(ranges)]
     for _ in range(5):
         middle = fitted.mean(axis=0)
         up = np.linalg.eigh(np.cov((fitted - middle).T))[1][:, 0]
-        off = np.abs((near - middle) @ up)
-        fitted = near[off <= max(2.5 * 1.4826 * float(np.median(off)), 1e-9)]
+        off = np.abs((lower - middle) @ up)
+        fitted = lower[off <= max(2.5 * 1.4826 * float(np.median(off)), 1e-9)]
     sensor_m = float(-middle @ up)
     if sensor_m < 0.0:
         up, sensor_m = -up, -sensor_m
@@ -175,29 +156,20 @@ def _upright(cloud: LabelledCloud, names: Sequence[str]) -> _Upright | None:
     is_near = np.einsum("ij,ij->i", cloud.points, cloud.points) < (REACH * sensor_m) ** 2
     points = cloud.points[is_near] @ np.vstack([across, up]).T
     points[:, 2] += sensor_m
-    return _Upright(points, cloud.classes[is_near], sensor_m)
 
+    def near(kind: str) -> Points:
+        return np.asarray(points[np.isin(cloud.classes[is_near], classes[kind])])
 
-def _measure(frames: Sequence[_Upright], names: Sequence[str]) -> dict[str, Numbers]:
-    """Measure the heights of the things of each kind of which there are enough, above the ground around them."""
-    grounds = [index for index, name in enumerate(names) if name in GROUND]
-    found = {}
-    for kind, of_name in NAMES.items():
-        of_kind = [index for index, name in enumerate(names) if name in of_name]
-        heights = [height for frame in frames for height in _heights(frame, of_kind, grounds)]
-        if len(heights) >= MIN_THINGS:
-            found[kind] = np.array(heights)
-    return found
-
-
-def _heights(frame: _Upright, of_kind: Sequence[int], grounds: Sequence[int]) -> Iterator[float]:
-    """Measure the things of one kind in one cloud: clusters of neighbouring cells with points of the kind."""
-    points = frame.points[np.isin(frame.classes, of_kind)]
-    ground = frame.points[np.isin(frame.classes, grounds)]
+    ground = near("ground")
     ground = ground[:: max(len(ground) // MAX_GROUND, 1)]
+    return sensor_m, {kind: list(_heights(near(kind), ground, sensor_m)) for kind in HEIGHTS_M}
+
+
+def _heights(points: Points, ground: Points, sensor_m: float) -> Iterator[float]:
+    """Measure the things of one kind in one cloud: clusters of neighbouring cells with points of the kind."""
     if len(points) < MIN_POINTS:
         return
-    cells = np.floor(points[:, :2] / (CELL * frame.sensor_m)).astype(int)
+    cells = np.floor(points[:, :2] / (CELL * sensor_m)).astype(int)
     cells -= cells.min(axis=0)
     occupied = np.zeros(cells.max(axis=0) + 1, np.uint8)
     occupied[tuple(cells.T)] = 1
@@ -205,7 +177,7 @@ def _heights(frame: _Upright, of_kind: Sequence[int], grounds: Sequence[int]) ->
     of_point = clusters[tuple(cells.T)]
     for index in range(1, num_clusters):  # 0 is what is not occupied.
         thing = points[of_point == index]
-        if len(thing) >= MIN_POINTS and (height := _height(thing, ground, frame.sensor_m)) is not None:
+        if len(thing) >= MIN_POINTS and (height := _height(thing, ground, sensor_m)) is not None:
             yield height
 
 
@@ -219,12 +191,8 @@ def _height(thing: Points, ground: Points, sensor_m: float) -> float | None:
     distance_m = float(np.hypot(*middle))
     elevations = np.arctan2(thing[:, 2] - sensor_m, np.hypot(thing[:, 0], thing[:, 1]))
     # Beams that hit the thing, and the next one above passes over it: half of their distance is missing.
-    gap_m = distance_m * float(np.ptp(elevations)) / max(_count_beams(elevations) - 1, 1)
+    num_gaps = int(np.count_nonzero(np.diff(np.sort(elevations)) > math.radians(0.1)))
+    gap_m = distance_m * float(np.ptp(elevations)) / max(num_gaps, 1)
     top = float(np.quantile(heights, TOP))
     is_whole = heights.min() < 0.4 * top and gap_m < 0.5 * top
     return top + 0.5 * gap_m if is_whole and top > 0.0 else None
-
-
-def _count_beams(elevations: Points) -> int:
-    """Count the elevations that differ by a tenth of a degree or more."""
-    return 1 + int(np.count_nonzero(np.diff(np.sort(elevations)) > math.radians(0.1)))
