@@ -7,7 +7,7 @@ from conftest import make_pose, poses, triples
 from hypothesis import given
 from scipy.linalg import expm
 
-from semcal_cli.assessment.priors import UNSETTLED, Prior, _Known, _solve, clamp, fuse_with_priors
+from semcal_cli.assessment.priors import UNSETTLED, Prior, _solve, clamp, fuse_with_priors
 from semcal_cli.assessment.sensitivity import Measurement, Scatter, measure, sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import PolishConfig, SensitivityConfig
@@ -200,13 +200,12 @@ def test_what_is_known_decides_where_labels_do_not_bend() -> None:
     squares = rng.standard_normal((50, 5))
     scatter = Scatter(squares, np.ones(50), squares.T @ squares, np.zeros((1, 5)), nothing)
     labels = Measurement(reads, scatter, np.full(5, 0.1), np.diag([0.01] * 5))
-    nothing = _Known(np.zeros((0, 6)), np.zeros(0), np.zeros(0))
-    step, _, is_determined = _solve(labels, nothing, np.eye(6))
+    step, _, is_determined = _solve(labels, np.zeros((0, 6)), np.zeros(0), np.zeros(0), np.eye(6))
     assert not is_determined
     np.testing.assert_allclose(step, [0.1] * 5 + [0.0])
-    known = _Known(np.eye(6)[5:], np.array([0.3]), np.array([0.05]))
+    known = np.eye(6)[5:], np.array([0.3])
     for sigma in (0.05, 0.0):
-        step, covariance, is_determined = _solve(labels, known._replace(sigmas=np.array([sigma])), np.eye(6))
+        step, covariance, is_determined = _solve(labels, *known, np.array([sigma]), np.eye(6))
         assert is_determined
         np.testing.assert_allclose(step, [0.1] * 5 + [-0.3])
         np.testing.assert_allclose(np.diag(covariance), [0.01] * 5 + [sigma**2], atol=1e-12)

@@ -277,22 +277,24 @@ def _split(
 
 def _two_parts(observations: Observations, frames: range, T_start: Pose, place: int) -> tuple[Part, ...]:
     """Fit both sides of a change; no parts if their poses are no farther apart than chance explains."""
-    pair = _fit_both(observations, frames, place, (T_start, T_start))
+
+    def fit_both(place: int, T_before: Pose, T_after: Pose) -> tuple[Part, Part] | None:
+        before = fit_part(observations, frames[:place], T_before)
+        after = fit_part(observations, frames[place:], T_after)
+        return None if before is None or after is None else (before, after)
+
+    pair = fit_both(place, T_start, T_start)
     if pair is None:
         return ()
     poses = pair[0].T_camera_lidar, pair[1].T_camera_lidar
     again = _best_place(observations.of_frames(frames), *poses)
     if again != place:
-        pair = _fit_both(observations, frames, again, poses)
-    return pair if pair is not None and _is_apart(*pair) else ()
-
-
-def _fit_both(
-    observations: Observations, frames: range, place: int, starts: tuple[Pose, Pose]
-) -> tuple[Part, Part] | None:
-    before = fit_part(observations, frames[:place], starts[0])
-    after = fit_part(observations, frames[place:], starts[1])
-    return None if before is None or after is None else (before, after)
+        pair = fit_both(again, *poses)
+    if pair is None:
+        return ()
+    offset, covariance, dof = _offset(*pair)
+    apart = float(offset @ np.linalg.solve(covariance, offset))
+    return pair if apart > hotelling_quantile(MOVED_CAMERA.limit("chance"), dof) else ()
 
 
 def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> int:
@@ -302,13 +304,6 @@ def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> in
     gains = information_by_frame(before, table) - information_by_frame(after, table)
     # The sum of the gains before the place, less the sum after it, is largest at the change.
     return int(np.argmax(np.cumsum(gains)[:-1])) + 1
-
-
-def _is_apart(before: Part, after: Part) -> bool:
-    offset, covariance, dof = _offset(before, after)
-    return float(offset @ np.linalg.solve(covariance, offset)) > hotelling_quantile(
-        MOVED_CAMERA.limit("chance"), dof
-    )
 
 
 def _offset(before: Part, after: Part) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
@@ -334,17 +329,12 @@ def _movement(before: Part, after: Part) -> Movement:
 def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names: Sequence[str]) -> str:
     """Say which frames fit which camera, and where it may have been knocked."""
     sentences = []
-    moved = [part.moved.words for part in described if part.moved is not None]
-    for part, words in zip(parts[1:], moved, strict=True):
-        first = frame_name(names, part.frames[0])
-        stretch = _stretch(part.frames, names)
-        sentences.append(f"{stretch} fit a camera {words}, as if it was knocked at {first}")
+    for part, each in zip(parts[1:], described[1:], strict=True):
+        assert each.moved is not None
+        first, last = frame_name(names, part.frames[0]), frame_name(names, part.frames[-1])
+        stretch = f"frame {first} alone would" if len(part.frames) == 1 else f"frames {first} to {last}"
+        sentences.append(f"{stretch} fit a camera {each.moved.words}, as if it was knocked at {first}")
     return "; ".join(sentences)
-
-
-def _stretch(frames: range, names: Sequence[str]) -> str:
-    first, last = frame_name(names, frames[0]), frame_name(names, frames[-1])
-    return f"frame {first} alone would" if len(frames) == 1 else f"frames {first} to {last}"
 
 
 def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:

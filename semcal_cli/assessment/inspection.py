@@ -139,8 +139,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_images(drive),
             *_check_scale(points, few),
             *_check_classes(point_names, pixel_names),
-            *_check_motion(motion_error_px(probed, clouds)),
-            *_check_shutter(drive, points),
+            *_check_motion(drive, motion_error_px(probed, clouds), points),
             *([] if few is None else _check_mirroring(few)),
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
@@ -315,19 +314,16 @@ def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -
     return found
 
 
-def _check_motion(error_px: float | None) -> list[str]:
-    if error_px is None or error_px <= MAX_MOTION_PX:
-        return []
-    return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
-
-
-def _check_shutter(drive: Drive, points: Sequence[Points]) -> list[str]:
-    """Check that a rolling shutter can be compensated."""
-    if drive.camera.readout_s == 0.0 or _has_direction(drive):
-        return []
-    error_px = shutter_error_px(drive, points)
-    cost = "" if error_px is None else f": it displaces half of the points by {error_px:.1f} pixels or more"
-    return [f"the rolling shutter cannot be compensated without poses or a twist in motion{cost}"]
+def _check_motion(drive: Drive, error_px: float | None, points: Sequence[Points]) -> list[str]:
+    """Check what the motion during a sweep costs, and that a rolling shutter can be compensated."""
+    found, displaces = [], "displaces half of the points by {:.1f} pixels or more"
+    if error_px is not None and error_px > MAX_MOTION_PX:
+        found.append(f"motion during a sweep {displaces.format(error_px)}")
+    if drive.camera.readout_s > 0.0 and not _has_direction(drive):
+        error_px = shutter_error_px(drive, points)
+        cost = "" if error_px is None else f": it {displaces.format(error_px)}"
+        found.append(f"the rolling shutter cannot be compensated without poses or a twist in motion{cost}")
+    return found
 
 
 def _has_direction(drive: Drive) -> bool:

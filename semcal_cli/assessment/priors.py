@@ -29,6 +29,8 @@ from semcal_cli.result.checks import FUSION_NOT_SETTLED, PRIOR
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
+Values = npt.NDArray[np.float64]
+
 CLAMP_SIGMAS = 3.0
 """Standard deviations to which the refinement clamps a pose at the start of each level. A normal error exceeds them
 once in 400 times."""
@@ -216,7 +218,7 @@ def _iterate(
         if around is None:
             return T, None
         labels = fit.labels if fit is not None and is_alone else measure(around, systematic)
-        step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
+        step, covariance, is_closed = _solve(labels, *_known(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
         T = apply_twist(T, step)
@@ -228,14 +230,6 @@ def _iterate(
     return T, fit
 
 
-class _Known(NamedTuple):
-    """Known axes of all priors, a row each: `jacobian @ twist` should be minus the residual."""
-
-    jacobian: Matrix
-    residual: npt.NDArray[np.float64]
-    sigmas: npt.NDArray[np.float64]
-
-
 def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
     """Compute the covariance (6, 6) of the labels' optimum by errors of the intrinsics; None if K is exact."""
     camera = observations.camera
@@ -244,30 +238,36 @@ def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix |
     return covariance_of_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
 
 
-def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
+def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Values, Values]:
+    """List the known axes of all priors, a row each: `jacobian @ twist` should be minus the residual.
+
+    Returns:
+        (k, 6) the jacobian, (k,) the residual, and (k,) standard deviations.
+    """
     sigmas = np.concatenate([prior.sigmas for prior in priors])
     stated = np.isfinite(sigmas)
     jacobian = np.concatenate([prior.jacobian(T_camera_lidar) for prior in priors])
     residual = np.concatenate([prior.residual(T_camera_lidar) for prior in priors])
-    return _Known(jacobian[stated], residual[stated], sigmas[stated])
+    return jacobian[stated], residual[stated], sigmas[stated]
 
 
 def _solve(
-    labels: Measurement, known: _Known, motions: Matrix
-) -> tuple[npt.NDArray[np.float64], Matrix, bool]:
+    labels: Measurement, jacobian: Matrix, residual: Values, sigmas: Values, motions: Matrix
+) -> tuple[Values, Matrix, bool]:
     """Compute the twist to the best pose, its covariance, and whether every direction is determined.
 
     The pose stays where it is along directions that are not determined.
     """
-    is_exact = known.sigmas <= EXACT
-    weight = 1.0 / known.sigmas[~is_exact] ** 2
-    J, e = known.jacobian[~is_exact], known.residual[~is_exact]
+    is_exact = sigmas <= EXACT
+    weight = 1.0 / sigmas[~is_exact] ** 2
+    J, e = jacobian[~is_exact], residual[~is_exact]
     information = labels.information + J.T @ (weight[:, None] * J)
     pull = labels.reads.T @ np.linalg.solve(labels.covariance, labels.mean) - J.T @ (weight * e)
     to_exact, free = np.zeros(6), np.eye(6)
     if is_exact.any():
-        to_exact = -np.linalg.pinv(known.jacobian[is_exact]) @ known.residual[is_exact]
-        free = _null_space(known.jacobian[is_exact])
+        to_exact = -np.linalg.pinv(jacobian[is_exact]) @ residual[is_exact]
+        _, values, rows = np.linalg.svd(jacobian[is_exact])
+        free = rows[int((values > 1e-9 * values[0]).sum()) :].T
     # The basis is scaled so that each direction moves the points by the same number of pixels.
     free = free / np.sqrt(np.diag(free.T @ motions @ free))
     weights, directions = np.linalg.eigh(free.T @ information @ free)
@@ -313,8 +313,3 @@ def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
 
 def _length(axis: int, off: float) -> str:
     return f"{100.0 * abs(off):.1f} cm" if axis < 3 else f"{np.degrees(abs(off)):.2f} degrees"
-
-
-def _null_space(rows: Matrix) -> Matrix:
-    _, values, directions = np.linalg.svd(rows)
-    return np.asarray(directions[int((values > 1e-9 * values[0]).sum()) :].T)

@@ -118,16 +118,15 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose],
         ends = _core.align(few.core, poses, config, factor=factor, visible_only=True, seed=0)
         far, near = list[Pose](), list[Pose]()
         for end in sorted(ends, key=lambda end: -end.mutual_information):
-            (far if _is_far(end.T_camera_lidar, T_camera_lidar) else near).append(end.T_camera_lidar)
+            away = compare_poses(end.T_camera_lidar, T_camera_lidar)
+            # A rival is farther away than a trusted pose may be uncertain.
+            is_far = (
+                away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_cm > 100.0 * MAX_HALF_WIDTH_M
+            )
+            (far if is_far else near).append(end.T_camera_lidar)
         far, near = far[:NUM_COMPARED], near[:NUM_COMPARED]
         poses = far + near if observations.starts is None else far
     return far, near
-
-
-def _is_far(T_rival: Pose, T_camera_lidar: Pose) -> bool:
-    """Whether a rival is farther away than a trusted pose may be uncertain."""
-    away = compare_poses(T_rival, T_camera_lidar)
-    return away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_cm > 100.0 * MAX_HALF_WIDTH_M
 
 
 def sigmas_behind(observations: Observations, T_camera_lidar: Pose, rivals: Sequence[Pose]) -> list[float]:

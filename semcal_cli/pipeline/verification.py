@@ -44,14 +44,10 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.checks import OWN_DRIVE
 from semcal_cli.result.stage import Finding, StageResult
 
-NEAR_DEG = 5.0
-"""Rotation between transform and estimate, in degrees, beyond which all mounting directions are searched."""
-NEAR_M = 0.5
-"""Distance between transform and estimate, in metres, beyond which all mounting directions are searched."""
-SAME_DEG = 3.0
-"""Largest rotation between the estimate and a transform whose mistake is corrected, in degrees."""
-SAME_M = 0.3
-"""Largest distance between the estimate and a transform whose mistake is corrected, in metres."""
+NEAR_DEG, NEAR_M = 5.0, 0.5
+"""Rotation and distance between transform and estimate, beyond which all mounting directions are searched."""
+SAME_DEG, SAME_M = 3.0, 0.3
+"""Largest rotation and distance between the estimate and a transform whose mistake is corrected."""
 LOOKS_LIKE = "looks-like"
 """Topic of a mistake that a transform looks like."""
 
@@ -94,13 +90,10 @@ class Verification:
     def sentence(self) -> str:
         """What the verdict means, and what to do."""
         of_transform = [check.verdict for check in self.checks if check.name != CLOCK]
-        if together(of_transform) == "pass" and self.verdict in OF_CLOCK and not self._has_other_reasons:
-            return OF_CLOCK[self.verdict]
-        return SENTENCES[self.verdict]
-
-    @property
-    def _has_other_reasons(self) -> bool:
-        return any(topic != CLOCK_TOPIC for topic in self.topics)
+        is_clock_alone = together(of_transform) == "pass" and {*self.topics} <= {CLOCK_TOPIC}
+        return (
+            OF_CLOCK.get(self.verdict, SENTENCES[self.verdict]) if is_clock_alone else SENTENCES[self.verdict]
+        )
 
 
 def verify(
