@@ -12,8 +12,8 @@ from semcal_cli.assessment.intrinsics import around_intrinsics, wrong_intrinsics
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.exact import refine_exactly
 from semcal_cli.refinement.polish import newton
+from semcal_cli.refinement.pyramid import refine_exactly
 from semcal_cli.result.checks.check import findings_among
 
 

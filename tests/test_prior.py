@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import make_pose, poses, triples
-from hypothesis import given
+from hypothesis import given, settings
 from scipy.linalg import expm
 
 from semcal_cli.assessment.priors import UNSETTLED, Prior, _solve, clamp, fuse_with_priors
@@ -47,6 +47,7 @@ def twisted(T: Pose, twist: np.ndarray) -> Pose:
     return moved
 
 
+@settings(max_examples=30)
 @given(poses, triples(0.9), triples(2.0))
 def test_the_residual_changes_with_a_twist_as_its_jacobian_says(
     T: Pose, rotation: tuple[float, ...], center: tuple[float, ...]
