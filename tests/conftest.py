@@ -2,6 +2,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,10 +21,12 @@ from selenium import webdriver
 from semcal_cli.cli import main, semcal
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations, read_clouds
+from semcal_cli.files.documents import document_text, read_document
+from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
@@ -82,6 +85,14 @@ def with_twists(observations: Observations, twists_per_s: Sequence[Sequence[floa
     pairs = zip(observations.frame_observations, twists_per_s, strict=True)
     moving = tuple(replace(frame, twist_per_s=twist) for frame, twist in pairs)
     return replace(observations, frame_observations=moving)
+
+
+@contextmanager
+def edited(drive: Path) -> Iterator[dict[str, Any]]:
+    """The document of a drive, which is written as it is left."""
+    document = read_document(drive / DRIVE_FILE)
+    yield document
+    write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
 
 
 def triples(limit: float) -> st.SearchStrategy[tuple[float, float, float]]:

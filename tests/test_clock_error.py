@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from conftest import make_pose, run
+from conftest import edited, make_pose, run
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -199,18 +198,15 @@ def test_a_delay_at_one_speed_is_within_the_interval(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_makes_the_interval_too_wide(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """More frames would not help, and are not advised. The interval is in the file, and nobody is shown it."""
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
-    document = yaml.safe_load((street / "drive.yaml").read_text()) | {"motion": {"speed_m_s": 15}}
-    for frame in document["frames"]:
-        for key in {"points", "point_labels", "image_labels", "image"} & frame.keys():
-            frame[key] = str(street / frame[key])
-    (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(drive) as document:
+        document["motion"] = {"speed_m_s": 15}
     page = tmp_path / "r.html"
     code, _, err = run(
-        capfd, "calibrate", tmp_path, "--init", street, "-o", tmp_path / "c.yaml", "--report", page
+        capfd, "calibrate", drive, "--init", drive, "-o", tmp_path / "c.yaml", "--report", page
     )
     assert code == 3
     found = read_calibration(tmp_path / "c.yaml")

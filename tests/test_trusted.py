@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from commands import invoke
-from conftest import run
+from conftest import edited, run
 
 from semcal_cli import _core
 from semcal_cli.assessment.information import InformationBySquares
@@ -70,9 +69,8 @@ def test_a_synthetic_frame_is_trusted(street: Path) -> None:
 
 def forget_sigma(drive: Path) -> None:
     """Let a drive say nothing of how well its K is known."""
-    document = yaml.safe_load((drive / "drive.yaml").read_text())
-    assert set(document["camera"].pop("intrinsics_sigma").values()) == {0.0}
-    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(drive) as document:
+        assert set(document["camera"].pop("intrinsics_sigma").values()) == {0.0}
 
 
 def interval(drive: Path, folder: Path, *options: object) -> tuple[Uncertainty, str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import junitparser
 import numpy as np
 import pytest
-from conftest import run
+from conftest import edited, run
 from refined import clock, of_another_drive
 
 import semcal_cli as semcal_package
@@ -232,8 +232,8 @@ def test_the_clock_of_a_result_is_what_is_judged(
 def test_a_drive_without_a_direction_of_motion(
     street: Path, drive: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with (drive / DRIVE_FILE).open("a") as file:
-        file.write("motion: {speed_m_s: 12.0}\n")
+    with edited(drive) as document:
+        document["motion"] = {"speed_m_s": 12.0}
     for each in (street, drive):
         code, out, err = run(capfd, "verify", each, street, "--max-delay-ms", 5)
         assert (code, out) == (1, "")
