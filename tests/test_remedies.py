@@ -1,6 +1,7 @@
 """Findings about intrinsics and clocks name the option that estimates them, and what it finds."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,8 +10,8 @@ from typing import Any
 import pytest
 from conftest import with_twists
 
-from semcal_cli.assessment import remedies
-from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS, advise
+from semcal_cli.assessment import joint
+from semcal_cli.assessment.joint import OF_CLOCKS, OF_INTRINSICS, advise
 from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera
@@ -43,7 +44,7 @@ def never(monkeypatch: pytest.MonkeyPatch) -> None:
     def called(*_: object) -> None:
         raise AssertionError("estimated")
 
-    monkeypatch.setattr(remedies, "fit_jointly", called)
+    monkeypatch.setattr(joint, "fit_jointly", called)
 
 
 @pytest.mark.parametrize("scale", [0.95, 1.08])
@@ -133,46 +134,42 @@ def with_one_twist(seen: Observations) -> Observations:
     return replace(seen, frame_observations=(*few.frame_observations, *seen.frame_observations[1:]))
 
 
-MORE = "check {}, or calibrate more frames with {}"
+MORE = ", or calibrate more frames with "
+
+
+DONE = (JointlyConfig(("fx",), with_delay=True), JointlyConfig(("fx",)), JointlyConfig(with_delay=True))
 
 
 @pytest.mark.usefixtures("never")
 @pytest.mark.parametrize(
-    ("findings", "settings", "advices"),
+    ("findings", "change", "settings", "advices"),
     [
-        ((), {}, []),
-        ((OTHER,), {}, [OTHER.advice]),
-        ((FOCAL, CLOCKS), {"done": JointlyConfig(("fx",), with_delay=True)}, [FOCAL.advice, CLOCKS.advice]),
-        (
-            (FOCAL, CLOCKS),
-            {"done": JointlyConfig(("fx",))},
-            [FOCAL.advice, MORE.format("the clocks", "--estimate-delay")],
-        ),
-        (
-            (FOCAL, CLOCKS),
-            {"done": JointlyConfig(with_delay=True)},
-            [MORE.format("K", NAMES), CLOCKS.advice],
-        ),
-        ((FOCAL,), {"with_priors": True}, [MORE.format("K", f"{NAMES} and without priors")]),
+        ((), None, {}, []),
+        ((OTHER,), None, {}, [OTHER.advice]),
+        ((FOCAL, CLOCKS), None, {"done": DONE[0]}, [FOCAL.advice, CLOCKS.advice]),
+        ((FOCAL, CLOCKS), None, {"done": DONE[1]}, [FOCAL.advice, f"check the clocks{MORE}--estimate-delay"]),
+        ((FOCAL, CLOCKS), None, {"done": DONE[2]}, [f"check K{MORE}{NAMES}", CLOCKS.advice]),
+        ((FOCAL,), None, {"with_priors": True}, [f"check K{MORE}{NAMES} and without priors"]),
         (
             (FOCAL,),
-            {"with_priors": True, "seen": without_k1},
-            [MORE.format("K", "--refine-intrinsics fx,fy,cx,cy and without priors")],
+            without_k1,
+            {"with_priors": True},
+            [f"check K{MORE}--refine-intrinsics fx,fy,cx,cy and without priors"],
         ),
-        ((CLOCKS,), {"seen": with_one_twist}, [MORE.format("the clocks", "--estimate-delay")]),
+        ((CLOCKS,), with_one_twist, {}, [f"check the clocks{MORE}--estimate-delay"]),
     ],
 )
 def test_advice_that_costs_no_estimate(
     street_observations: Observations,
     street_truth: Pose,
     findings: tuple[Finding, ...],
+    change: Callable[[Observations], Observations] | None,
     settings: dict[str, Any],
     advices: list[str],
 ) -> None:
     """Other findings, what was estimated already, priors, a lens without k1, and frames without a motion."""
-    changed = settings.get("seen", lambda seen: seen)(street_observations)
-    options = {name: value for name, value in settings.items() if name != "seen"}
-    found = advise(findings, changed, street_truth, PolishConfig(), **options)
+    seen = street_observations if change is None else change(street_observations)
+    found = advise(findings, seen, street_truth, PolishConfig(), **settings)
     assert [finding.advice for finding in found] == advices
 
 
@@ -180,7 +177,7 @@ def test_right_intrinsics_are_not_kept_and_not_told(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig())
-    assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
+    assert focal.advice == f"check K{MORE}{NAMES}"
 
 
 @pytest.mark.parametrize("error", [CalibrationError("labels tell nothing"), ValueError("fx: found -3")])
@@ -193,9 +190,9 @@ def test_an_estimate_that_fails_leaves_the_advice(
     def fails(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(remedies, "fit_jointly", fails)
+    monkeypatch.setattr(joint, "fit_jointly", fails)
     (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig())
-    assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
+    assert focal.advice == f"check K{MORE}{NAMES}"
 
 
 @pytest.mark.parametrize("topic", [*OF_INTRINSICS, *OF_CLOCKS])

@@ -9,8 +9,8 @@ import pytest
 
 from semcal_cli import _core
 from semcal_cli.assessment.inspection import inspect
+from semcal_cli.assessment.joint import advise
 from semcal_cli.assessment.pose_checks import check_shutter
-from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig

@@ -19,9 +19,9 @@ from semcal_cli.assessment.intrinsics import (
     shift_by,
     wrong_intrinsics,
 )
+from semcal_cli.assessment.joint import advise
 from semcal_cli.assessment.label_alignment import check_label_alignment, check_leaks
 from semcal_cli.assessment.pairing import check_pairs
-from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.rivals import check_guide, check_rivals
 from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sum_of

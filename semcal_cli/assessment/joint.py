@@ -1,12 +1,14 @@
 """Estimation of intrinsics and of the offset of the camera's clock together with the pose.
 
 The estimate (`semcal_cli.assessment.joint_fit`) is kept if it differs from what the drive says by more than chance, and
-data that it did not use agree better with it.
+data that it did not use agree better with it. Where intrinsics or clocks look wrong that were not asked for, `advise`
+makes the estimate once, and names the option with the values that it finds.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -17,13 +19,14 @@ from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by
 from semcal_cli.assessment.joint_fit import Fit, Problem, Variables, seen_by
 from semcal_cli.assessment.sensitivity import Matrix, sensitivity
 from semcal_cli.config import JointlyConfig, PolishConfig
-from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
-from semcal_cli.drive.motion import can_be_unrolled, exposed_as, unrolled
+from semcal_cli.drive.camera import CAMERA_MODELS, OF_K, Camera, intrinsic_value, with_all_coefficients
+from semcal_cli.drive.motion import can_be_unrolled, exposed_as, twists_per_s, unrolled
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
-from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera, offset_words
-from semcal_cli.result.stage import StageResult
+from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera, intrinsic_texts, offset_words
+from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
 MIN_GAIN = 2.0
@@ -32,6 +35,11 @@ NOT_DETERMINED = "not determined: drive at different speeds, and turn"
 """What an offset of the clock means that the data do not determine."""
 DELAY_NOT_DETERMINED = f"the offset of the clocks is {NOT_DETERMINED}"
 """What is said of an offset of the clock that the data do not determine."""
+OF_INTRINSICS = ("focal-length", "intrinsics")
+"""Topics of findings that `--refine-intrinsics` is about."""
+OF_CLOCKS = ("clocks",)
+"""Topics of findings that `--estimate-delay` is about."""
+RADIAL = "k1"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,3 +277,77 @@ def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -
             )
         notes.append(f"the {' and '.join(both)} of the drive stay, since {why}")
     return tuple(notes)
+
+
+def advise(
+    findings: Sequence[Finding],
+    observations: Observations,
+    T_camera_lidar: Pose,
+    polish: PolishConfig,
+    *,
+    done: JointlyConfig | None = None,
+    with_priors: bool = False,
+    time_offset_s: float = 0.0,
+) -> tuple[Finding, ...]:
+    """Name the options that estimate what looks wrong, with the values that they would give.
+
+    Args:
+        findings: All findings; those about other things stay as they are.
+        observations: Labelled points and label images of all frames.
+        T_camera_lidar: (4, 4) polished pose, metres.
+        polish: Settings of the polish.
+        done: What was estimated together with the pose already: nothing is estimated then, and its options are not
+            named again.
+        with_priors: Whether the pose was fused with priors, which such an estimate does not take.
+        time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
+    """
+    done, topics = done or JointlyConfig(), {finding.topic for finding in findings}
+    intrinsics: tuple[str, ...] = ()
+    if not done.intrinsics and topics & {*OF_INTRINSICS}:
+        intrinsics = (*OF_K, *[RADIAL] * (RADIAL in CAMERA_MODELS[observations.camera.model].coefficients))
+    asked = JointlyConfig(intrinsics, with_delay=not done.with_delay and bool(topics & {*OF_CLOCKS}))
+    if not asked.is_asked:
+        return tuple(findings)
+    options = [f"--refine-intrinsics {','.join(intrinsics)}"] * bool(intrinsics)
+    options += ["--estimate-delay"] * asked.with_delay + ["and without priors"] * with_priors
+    values = None
+    if not with_priors and not done.is_asked:
+        values = _values(observations, T_camera_lidar, asked, polish, time_offset_s)
+
+    def advised(finding: Finding) -> Finding:
+        if not (
+            (finding.topic in OF_INTRINSICS and intrinsics)
+            or (finding.topic in OF_CLOCKS and asked.with_delay)
+        ):
+            return finding
+        if values is None:
+            advice = f"{finding.advice}, or calibrate more frames with {' '.join(options)}"
+        else:
+            advice = f"calibrate with {' '.join(options)}, which finds {values}"
+        return finding._replace(advice=advice)
+
+    return tuple(advised(finding) for finding in findings)
+
+
+def _values(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    asked: JointlyConfig,
+    polish: PolishConfig,
+    time_offset_s: float,
+) -> str | None:
+    """Estimate what looks wrong, and say what is determined; None if the estimate is not kept, or there is none."""
+    if asked.with_delay and twists_per_s(observations) is None:
+        return None
+    try:
+        found = fit_jointly(observations, T_camera_lidar, asked, polish, time_offset_s)
+    except (SemcalError, ValueError):
+        return None  # An advice must not end the run whose finding it is for.
+    if not found.is_kept:
+        return None
+    words, texts = [], [] if found.camera is None else intrinsic_texts(found.camera)
+    if changes := [f"{each.name} {each.given} -> {each.found}" for each in texts if each.half_width]:
+        words.append(", ".join(changes))
+    if found.clock is not None and found.clock.is_determined:
+        words.append(f"that {found.clock.meaning}")
+    return " and ".join(words)
