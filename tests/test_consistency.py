@@ -14,7 +14,7 @@ from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import refine_exactly
-from semcal_cli.result.checks.check import findings_among
+from semcal_cli.result.checks import findings_among
 
 
 def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:

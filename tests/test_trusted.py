@@ -24,7 +24,7 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
 from semcal_cli.result.calibration import read_calibration
-from semcal_cli.result.checks.check import findings_among
+from semcal_cli.result.checks import findings_among
 from semcal_cli.result.uncertainty import Uncertainty
 
 LABELS_ALONE = CalibrationConfig(cues=("labels",))

@@ -7,8 +7,7 @@ from semcal_cli.assessment.sensitivity import LEAST_CLASSES, Matrix, Sensitivity
 from semcal_cli.assessment.uncertainty import bled, estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.refinement.polish import newton
 from semcal_cli.result.intervals import figure
 from semcal_cli.result.uncertainty import Uncertainty

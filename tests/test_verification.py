@@ -20,8 +20,14 @@ from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
-from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.geometry.poses import (
+    OPTICAL_AXES,
+    Pose,
+    compare_poses,
+    inverse,
+    pose_from_quaternion,
+    quaternion_xyzw,
+)
 from semcal_cli.pipeline.verification import LOOKS_LIKE, recognise
 from semcal_cli.result.calibration import read_calibration, write_calibration
 

@@ -32,8 +32,7 @@ from semcal_cli.drive.camera import intrinsic_value, sigma_of, with_intrinsics
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks.check import Measured
-from semcal_cli.result.checks.table import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER
+from semcal_cli.result.checks import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER, Measured
 from semcal_cli.result.uncertainty import Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
