@@ -13,7 +13,6 @@ from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.config import (
     CalibrationConfig,
     CueName,
-    InitializationConfig,
     JointlyConfig,
     PolishConfig,
     RefinementConfig,
@@ -24,7 +23,6 @@ from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.formats import read_transform
-from semcal_cli.initialization import search
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.refinement.polish import split
@@ -82,22 +80,12 @@ def test_both_cues_hold_out_the_same(drives: dict[int, Path], case: Case) -> Non
 
 
 def test_few_frames_are_the_same_of_both_cues(
-    drives: dict[int, Path], monkeypatch: pytest.MonkeyPatch
+    drives: dict[int, Path],
 ) -> None:
     whole = loaded(drives, (("labels", "intensity"), 8)).observations
     few = few_frames(whole, 3)
     assert [frames_of(few, whole, cue) for cue in (0, 1)] == [[0, 4, 7], [0, 4, 7]]
     assert few.frame_indices.tolist() == [0, 1, 2, 0, 1, 2]
-    searched = list[Observations]()
-
-    def stop(few: Observations, *_: object) -> None:
-        searched.append(few)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(search, "register", stop)
-    with pytest.raises(KeyboardInterrupt):
-        search.search_mountings(whole, InitializationConfig(max_frames=3), 0)
-    assert [frames_of(searched[0], whole, cue) for cue in (0, 1)] == [[0, 4, 7], [0, 4, 7]]
 
 
 def test_scenes_are_told_by_frame(drives: dict[int, Path]) -> None:

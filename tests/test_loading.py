@@ -31,11 +31,3 @@ def test_a_calibration_of_some_frames_records_these(
     hashes = {name: sha256((street / name).read_bytes()).hexdigest() for name in {"drive.yaml"} | names}
     assert calibration.input.sha256 == hashes
     assert any("image_labels" in name for name in hashes) == ("labels" in cues)
-
-
-def test_frames_of_every_cue_are_chosen_alike(street: Path) -> None:
-    data = load(street, CalibrationConfig(cues=("labels", "intensity")))
-    few, whole = data.of_frames(CHOSEN), data.observations
-    places = [*CHOSEN, *(len(data.drive.frames) + index for index in CHOSEN)]
-    assert few.observations.frame_observations == tuple(whole.frame_observations[place] for place in places)
-    assert few.first_cue.frame_observations == tuple(whole.frame_observations[place] for place in CHOSEN)

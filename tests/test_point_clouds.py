@@ -164,40 +164,14 @@ def write_pcd(encoding: str) -> Callable[[np.ndarray, Path], Path]:
     return write
 
 
-def write_plyfile(in_text: bool) -> Callable[[np.ndarray, Path], Path]:
+def write_plyfile(in_text: bool, byte_order: str = "<") -> Callable[[np.ndarray, Path], Path]:
     def write(cloud: np.ndarray, path: Path) -> Path:
         faces = np.array([([0, 1, 2], 7), ([3, 4], 8)], [("vertex_indices", "O"), ("flag", "u1")])
         elements = [PlyElement.describe(faces, "face"), PlyElement.describe(cloud, "vertex")]
-        PlyData(elements, text=in_text, byte_order="=" if in_text else "<").write(
+        PlyData(elements, text=in_text, byte_order="=" if in_text else byte_order).write(
             str(path.with_suffix(".ply"))
         )
         return path.with_suffix(".ply")
-
-    return write
-
-
-def write_ply_with_lists(encoding: str) -> Callable[[np.ndarray, Path], Path]:
-    """By hand: plyfile writes numbers beside a list in the machine's order, whatever the header says."""
-    header = (
-        f"ply\nformat {encoding} 1.0\ncomment \u00e4\nelement vertex 40\nproperty list uchar ushort near\n"
-    )
-    names = {"f": "float", "H": "ushort", "d": "double"}
-
-    def write(cloud: np.ndarray, path: Path) -> Path:
-        order, lists = ">" if "big" in encoding else "<", [list(range(ring % 3)) for ring in cloud["ring"]]
-        properties = [
-            f"property {names[kind]} {name}\n" for kind, name in zip("ffffHHd", RECORD.names, strict=True)
-        ]
-        rows = zip(lists, cloud.tolist(), strict=True)
-        if encoding == "ascii":
-            lines = [" ".join(map(str, [len(items), *items, *row])) for items, row in rows]
-            data = "\n".join(lines).encode()
-        else:
-            packed = [struct.pack(f"{order}B{len(i)}H4f2Hd", len(i), *i, *row) for i, row in rows]
-            data = b"".join(packed)
-        path = path.with_suffix(".ply")
-        path.write_bytes((header + "".join(properties) + "end_header\n").encode("latin-1") + data)
-        return path
 
     return write
 
@@ -252,8 +226,7 @@ WRITERS: dict[str, tuple[Callable[[np.ndarray, Path], Path], set[str]]] = {
     "PCD binary_compressed": (write_pcd("binary_compressed"), ALL),
     "PLY ascii": (write_plyfile(in_text=True), ALL),
     "PLY binary": (write_plyfile(in_text=False), ALL),
-    "PLY ascii with lists": (write_ply_with_lists("ascii"), ALL),
-    "PLY big-endian with lists": (write_ply_with_lists("binary_big_endian"), ALL),
+    "PLY big-endian": (write_plyfile(in_text=False, byte_order=">"), ALL),
     "NPY records": (write_npy(padded), ALL),
     "NPY N x 4": (write_npy(lambda cloud: columns(cloud, *XYZI).astype(np.float64)), {"intensity"}),
     "NPZ": (write_npz, ALL),
