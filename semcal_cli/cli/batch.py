@@ -15,7 +15,7 @@ import click
 from semcal_cli.cli.calibrate import CalibrateSettings, calibrate
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, MAX_THREADS, QuietSettings
-from semcal_cli.cli.rules import Options, given, refuse
+from semcal_cli.cli.rules import given, refuse
 from semcal_cli.cli.settings import SettingsCommand, argument, command, option
 from semcal_cli.cli.verify import VerifySettings, verify
 from semcal_cli.errors import torch_import
@@ -205,7 +205,7 @@ def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | Ve
     arguments = ["DRIVE"] if settings.calibration is None else ["DRIVE", str(settings.calibration)]
     root = click.get_current_context().parent
     with run.make_context(name, [*arguments, *rest], root, default_map={"output": RESULTS[name]}) as context:
-        refuse(Options(context), OURS, "is not for many drives")
+        refuse(context, OURS, "is not for many drives")
         found: CalibrateSettings | VerifySettings = run.settings_in(context)
         try:
             found.check()

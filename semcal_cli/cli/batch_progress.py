@@ -64,41 +64,34 @@ class BatchProgress(Pace):
             self.console.print(line, markup=False)
 
     def _lines(self) -> list[Text]:
-        title = [Text(f"{self.num_done:,} of {self.num_items:,} drives"), counts_text(self._counts)]
+        title = [Text(f"{self.num_done:,} of {self.num_items:,} drives"), _counts_text(self._counts)]
         shown = [part for part in (*title, Text(time_left(self))) if part]
-        return [Text("   ").join(shown), *running_lines(self), *map(outcome_text, self._recent)]
+        return [Text("   ").join(shown), *running_lines(self), *map(_outcome_text, self._recent)]
 
 
-def counts_text(counts: Counter[str]) -> Text:
-    """Tell how many drives have each status, the worst first, in its colour on a terminal."""
+def _counts_text(counts: Counter[str]) -> Text:
     parts = [
-        Text(f"{counts[status]:,} {words(status)}", style)
+        Text(f"{counts[status]:,} {status.replace('_', ' ')}", style)
         for status, style in STYLES.items()
         if counts[status]
     ]
     return Text(", ").join(parts)
 
 
-def outcome_text(outcome: Outcome) -> Text:
-    """Name the status of a drive, the drive, and the first reason."""
-    reason = f": {first_reason(outcome)}" if outcome.reasons else ""
-    return status_text(outcome.status) + Text(printable(f"{outcome.drive}{reason}"))
+def _outcome_text(outcome: Outcome) -> Text:
+    reason = f": {_first_reason(outcome)}" if outcome.reasons else ""
+    return _status_text(outcome.status) + Text(printable(f"{outcome.drive}{reason}"))
 
 
-def first_reason(outcome: Outcome) -> str:
+def _first_reason(outcome: Outcome) -> str:
     """Give the first reason of an outcome; files are named from the drive on, whose name stands before it."""
     reason = outcome.reasons[0].removeprefix(f"{Path(outcome.drive).absolute()}/")
     return reason.removeprefix(f"{outcome.drive}/")
 
 
-def words(status: str) -> str:
-    """Write a status as words."""
-    return status.replace("_", " ")
-
-
-def status_text(status: str) -> Text:
+def _status_text(status: str) -> Text:
     """Write a status as words in its colour, as wide as the column of statuses."""
-    return Text(f"{words(status):<{STATUS_WIDTH}}", STYLES[status])
+    return Text(f"{status.replace('_', ' '):<{STATUS_WIDTH}}", STYLES[status])
 
 
 def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> None:
@@ -107,7 +100,7 @@ def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> No
         return
     from semcal_cli.fleet.verdict import MIN_DRIVES
 
-    counts = counts_text(Counter(outcome.status for outcome in outcomes))
+    counts = _counts_text(Counter(outcome.status for outcome in outcomes))
     done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts
     lines = [done, *_bad_drives(outcomes, folder)]
     trusted = [outcome.drive for outcome in outcomes if outcome.status == "trusted"]
@@ -128,9 +121,9 @@ def _bad_drives(outcomes: Sequence[Outcome], folder: Path) -> list[Text]:
     bad.sort(key=lambda outcome: (order.index(outcome.status), outcome.drive))
     lines: list[Text] = []
     for outcome in bad[:MAX_NAMED]:
-        lines.append(status_text(outcome.status) + Text(printable(outcome.drive)))
+        lines.append(_status_text(outcome.status) + Text(printable(outcome.drive)))
         if outcome.reasons:
-            lines += [Text(line) for line in wrapped("", first_reason(outcome), STATUS_WIDTH)]
+            lines += [Text(line) for line in wrapped("", _first_reason(outcome), STATUS_WIDTH)]
     if len(bad) > MAX_NAMED:
         lines.append(Text(f"and {len(bad) - MAX_NAMED:,} more: see {folder / CSV}"))
     return lines

@@ -14,7 +14,7 @@ import click
 
 from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page, files_read
-from semcal_cli.cli.rules import Options, refuse
+from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.tables import labelled, matrix_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.events import Event
@@ -61,7 +61,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    refuse(Options(click.get_current_context()), OF_ONE_CAMERA, f"is of one camera, and {path} is a rig")
+    refuse(click.get_current_context(), OF_ONE_CAMERA, f"is of one camera, and {path} is a rig")
     if (folder := settings.output) is None:
         raise click.UsageError(
             f"-o: {path} is a rig, whose results are several files: give a folder for them"

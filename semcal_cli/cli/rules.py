@@ -9,42 +9,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import click
 
 COMMANDLINE, DEFAULT_MAP = click.core.ParameterSource.COMMANDLINE, click.core.ParameterSource.DEFAULT_MAP
 
 
-class Options:
-    """The options of a command, as they are given."""
+def given_parameters(context: click.Context) -> list[click.Parameter]:
+    """List the parameters of a command that stand on the command line."""
+    source = context.get_parameter_source
+    return [each for each in context.command.params if source(str(each.name)) is COMMANDLINE]
 
-    def __init__(self, context: click.Context) -> None:
-        self.context = context
-        self._parameters = {name: each for each in context.command.params for name in each.opts}
 
-    def given(self) -> list[click.Parameter]:
-        """List the parameters that stand on the command line."""
-        return [
-            each
-            for each in self.context.command.params
-            if self.context.get_parameter_source(str(each.name)) is COMMANDLINE
-        ]
+def _has(context: click.Context, term: str) -> bool:
+    name = term.partition(" ")[0]
+    return any(name in each.opts for each in context.command.params)
 
-    def has(self, term: str) -> bool:
-        """Whether the command has the option."""
-        return term.partition(" ")[0] in self._parameters
 
-    def holds(self, term: str) -> bool:
-        """Whether an option is given, and names something, or has a value."""
-        name, _, value = term.partition(" ")
-        if name not in self._parameters:
-            return False
-        parameter = str(self._parameters[name].name)
-        found = self.context.params[parameter]
-        if value:
-            return value in found if isinstance(found, tuple) else found == value
-        is_given = self.context.get_parameter_source(parameter) in (COMMANDLINE, DEFAULT_MAP)
-        return is_given and found is not None
+def _holds(context: click.Context, term: str) -> bool:
+    """Whether an option is given, and names something, or has a value."""
+    option, _, value = term.partition(" ")
+    name = next((str(each.name) for each in context.command.params if option in each.opts), None)
+    if name is None:
+        return False
+    found = context.params[name]
+    if value:
+        return value in found if isinstance(found, tuple) else found == value
+    return context.get_parameter_source(name) in (COMMANDLINE, DEFAULT_MAP) and found is not None
 
 
 @dataclass(frozen=True)
@@ -70,18 +62,19 @@ class Rule:
         """Say that none of some options may be there."""
         return replace(self, excluded=options, because=because)
 
-    def complaint(self, options: Options) -> str:
-        """Tell how the options break the rule; empty if they do not."""
-        needed = list(filter(options.has, self.required))
-        is_met = any(map(options.holds, needed))
-        other = next(filter(options.holds, self.excluded), "")
-        where = next(filter(options.holds, self.where), "")
+    def complaint(self, context: click.Context) -> str:
+        """Tell how the options of a command break the rule; empty if they do not."""
+        holds = partial(_holds, context)
+        needed = [option for option in self.required if _has(context, option)]
+        is_met = any(map(holds, needed))
+        other = next(filter(holds, self.excluded), "")
+        where = next(filter(holds, self.where), "")
         reason = f": {self.because}." if self.because else "."
         if not self.subjects:
             if needed:
                 return "" if is_met else f"Give {_listed(needed)}."
-            return other and f"{other} is not for {options.context.command.name}{reason}"
-        subject = next(filter(options.holds, self.subjects), "")
+            return other and f"{other} is not for {context.command.name}{reason}"
+        subject = next(filter(holds, self.subjects), "")
         if not subject or (self.where and not where):
             return ""
         if self.required and not is_met:
@@ -105,20 +98,20 @@ def none_of(*options: str, because: str) -> Rule:
     return Rule((), excluded=options, because=because)
 
 
-def refuse(options: Options, names: Iterable[str], why: str) -> None:
+def refuse(context: click.Context, names: Iterable[str], why: str) -> None:
     """Refuse options that what is worked on does not have.
 
     Args:
-        options: The options of the command.
+        context: The command.
         names: Names of those to refuse.
         why: End of the sentence after the option's name.
 
     Raises:
         click.UsageError: one is given.
     """
-    given = {name for each in options.given() for name in each.opts}
+    given = {name for each in given_parameters(context) for name in each.opts}
     if name := next(filter(given.__contains__, names), None):
-        raise click.UsageError(f"{name} {why}.", options.context)
+        raise click.UsageError(f"{name} {why}.", context)
 
 
 def _listed(options: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ from typing import Any, Generic, Literal, TypeVar, get_args, get_origin, get_typ
 
 import click
 
-from semcal_cli.cli.rules import Options
+from semcal_cli.cli.rules import given_parameters
 from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.errors import MisplacedError
 from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
@@ -238,11 +238,10 @@ class SettingsCommand(click.Command, Generic[Settings]):
         rest = super().parse_args(ctx, args)
         if ctx.resilient_parsing:
             return rest
-        options = Options(ctx)
-        if complaint := next(filter(None, (rule.complaint(options) for rule in self.rules)), None):
+        if complaint := next(filter(None, (rule.complaint(ctx) for rule in self.rules)), None):
             raise click.UsageError(complaint, ctx)
         if ctx.params.get("as_json"):
-            _check_stdout_is_free(options)
+            _check_stdout_is_free(ctx)
         return rest
 
     def settings_in(self, ctx: click.Context) -> Settings:
@@ -276,14 +275,14 @@ class SettingsCommand(click.Command, Generic[Settings]):
                 formatter.write_dl(sections[title])
 
 
-def _check_stdout_is_free(options: Options) -> None:
+def _check_stdout_is_free(context: click.Context) -> None:
     """Check that no file goes to standard output, where --json prints the result."""
-    for parameter in options.given():
-        path, name = options.context.params[str(parameter.name)], parameter.opts[0]
+    for parameter in given_parameters(context):
+        path, name = context.params[str(parameter.name)], parameter.opts[0]
         # Standard output is None as the file of the result.
         if parameter.type is OUTPUT_FILE and (path is None or descriptor(path) == 1):
             raise click.UsageError(
-                f"--json, {name}: would both write to standard output: give {name} a file", options.context
+                f"--json, {name}: would both write to standard output: give {name} a file", context
             )
 
 
