@@ -26,9 +26,16 @@ from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 NS = 1_000_000_000
 START_NS = 1_581_624_663_000_000_000
 KINDS = ("ros1", "sqlite3", "mcap", "mcap library")
+ROS1_MCAP = "mcap library, ROS 1"
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """Datatypes of a PointField."""
-SUFFIXES = {"ros1": "bag.bag", "sqlite3": "bag", "mcap": "bag", "mcap library": "bag.mcap"}
+SUFFIXES = {
+    "ros1": "bag.bag",
+    "sqlite3": "bag",
+    "mcap": "bag",
+    "mcap library": "bag.mcap",
+    ROS1_MCAP: "bag.mcap",
+}
 LIVOX = """std_msgs/Header header
 uint64 timebase
 uint32 point_num
@@ -46,16 +53,28 @@ uint8 tag
 uint8 line
 """
 
+OTHERS = {
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\n"
+    "string encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
+    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
+    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets",
+    "ouster_ros/msg/PacketMsg": "uint8[] buf",
+}
+"""Definitions of other types."""
+
 
 class Messages:
     """Makes messages of the types of one generation of ROS."""
 
     def __init__(self, kind: str) -> None:
-        self.is_ros1 = kind == "ros1"
+        self.is_ros1 = kind in ("ros1", ROS1_MCAP)
         self.store = get_typestore(Stores.ROS1_NOETIC if self.is_ros1 else Stores.ROS2_HUMBLE)
         if self.is_ros1:
             text = "geometry_msgs/TransformStamped[] transforms"
             self.store.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+        for kind_of, text in OTHERS.items():
+            plain = text.replace("builtin_interfaces/Time", "time") if self.is_ros1 else text
+            self.store.register(get_types_from_msg(plain, kind_of))
         for package in ("livox_ros_driver", "livox_ros_driver2"):
             text = LIVOX.replace("livox_ros_driver2", package)
             self.store.register(get_types_from_msg(text, f"{package}/msg/CustomMsg"))
@@ -121,6 +140,16 @@ class Messages:
         data = np.frombuffer(content, np.uint8)
         return self.make(
             "sensor_msgs/msg/CompressedImage", header=header(stamp_ns, "optical"), format=name, data=data
+        )
+
+    def packet(self, content: bytes, codec: str, stamp_ns: int) -> Any:
+        """Make an FFMPEGPacket; its flag of key frames is not set, as that of old recorders."""
+        data = np.frombuffer(content, np.uint8)
+        return self.make(
+            "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+            header=header(stamp_ns, "optical"),
+            encoding=codec,
+            data=data,
         )
 
     def camera_info(self, camera: Any, stamp_ns: int, **changes: Any) -> Any:
@@ -189,11 +218,11 @@ class BagWriter(Messages):
             if compression:
                 self._writer.set_compression(Writer1.CompressionFormat[compression])
             self._stack.enter_context(self._writer)
-        elif kind == "mcap library":
+        elif kind in ("mcap library", ROS1_MCAP):
             file = self._stack.enter_context(self.path.open("wb"))
             used = CompressionType[compression] if compression else CompressionType.NONE
             self._writer = McapWriter(file, chunk_size=100_000, compression=used, **mcap_options)
-            self._writer.start(profile="ros2", library="test")
+            self._writer.start(profile="ros1" if self.is_ros1 else "ros2", library="test")
             self._stack.callback(self._writer.finish)
         else:
             plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
@@ -219,15 +248,18 @@ class BagWriter(Messages):
         if (topic, kind) not in self._connections:
             self._connections[topic, kind] = self._connection(topic, kind)
         connection = self._connections[topic, kind]
-        if self.kind == "mcap library":
+        if isinstance(self._writer, McapWriter):
             self._writer.add_message(connection, log_time=received_ns, data=raw, publish_time=received_ns)
         else:
             self._writer.write(connection, received_ns, raw)
 
     def _connection(self, topic: str, kind: str) -> Any:
-        if self.kind == "mcap library":
-            schema = self._writer.register_schema(name=kind, encoding="ros2msg", data=b"")
-            return self._writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+        if isinstance(self._writer, McapWriter):
+            name, schema, encoding = kind, "ros2msg", "cdr"
+            if self.is_ros1:
+                name, schema, encoding = kind.replace("/msg/", "/"), "ros1msg", "ros1"
+            key = self._writer.register_schema(name=name, encoding=schema, data=b"")
+            return self._writer.register_channel(topic=topic, message_encoding=encoding, schema_id=key)
         if kind in self.store.fielddefs:
             return self._writer.add_connection(topic, kind, typestore=self.store)
         digest = {"md5sum": "0" * 32} if self.is_ros1 else {"rihs01": "RIHS01_" + "0" * 64}
@@ -255,7 +287,12 @@ def write_drive_as_bag(
     drive: Drive, folder: Path, kind: str, *, compression: str = "", T_camera_lidar: Pose | None = None
 ) -> Path:
     """Record a drive with pictures: a sweep and a raw picture every tenth of a second."""
-    with BagWriter(folder, kind, compression) as bag:
+    return write_drive(drive, BagWriter(folder, kind, compression), T_camera_lidar)
+
+
+def write_drive(drive: Drive, writer: Any, T_camera_lidar: Pose | None = None) -> Path:
+    """Record a drive by a writer with the methods of `BagWriter`."""
+    with writer as bag:
         if T_camera_lidar is not None:
             bag.write("/tf_static", bag.transforms({("optical", "lidar"): T_camera_lidar}), START_NS)
         for index, (frame, cloud) in enumerate(zip(drive.frames, read_clouds(drive), strict=True)):
@@ -273,7 +310,8 @@ def write_drive_as_bag(
                 "/camera/image_raw", bag.image(pixels, "bgr8", stamp_ns + NS // 100), stamp_ns + NS // 50
             )
             bag.write("/points", bag.cloud(records, stamp_ns), stamp_ns + NS // 30)
-    return bag.path
+    path: Path = writer.path
+    return path
 
 
 def png(pixels: np.ndarray) -> bytes:

@@ -138,7 +138,7 @@ def test_poses_in_any_order() -> None:
     tenths = []
     for tenth in (2, 0, 1, 1):
         # With the time of receipt, one message can be a pose of any time.
-        trajectory.take(Message(topic, START_NS + tenth * NS // 10, raw, is_ros1=False), received=True)
+        trajectory.take(Message(topic, START_NS + tenth * NS // 10, raw), received=True)
         tenths.append(tenth)
         assert trajectory.covers(START_NS + NS // 20) == (tenths != [2])
         times = [float(line.split()[0]) - STAMP_S for line in trajectory.tum().splitlines()]

@@ -34,8 +34,8 @@ from semcal_cli.drive.reading import read_clouds
 
 def sweep_of(bag: Messages, message: Any, stamp_ns: int = START_NS) -> Any:
     raw = bag.raw(message)
-    topic = Topic("/points", message.__msgtype__)
-    return read_sweep(Message(topic, stamp_ns, raw, bag.is_ros1), stamp_ns)
+    topic = Topic("/points", message.__msgtype__, is_ros1=bag.is_ros1)
+    return read_sweep(Message(topic, stamp_ns, raw), stamp_ns)
 
 
 LAYOUTS: dict[str, Any] = {
@@ -189,7 +189,7 @@ def test_every_encoding_of_a_picture(encoding: str) -> None:
         changes = {"step": padded.shape[1], "data": padded.ravel()}
         message = bag.image(pixels, encoding, START_NS, **changes)
         raw = bag.raw(message)
-        picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=False))
+        picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw))
         found = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
         if encoding.startswith(("yuv", "uyvy", "yuyv")):
             np.testing.assert_allclose(found, expected, atol=1.01)
@@ -206,7 +206,7 @@ def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str) -> None:
     bag = Messages("ros1")
     message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
     raw = bag.raw(message)
-    picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=True))
+    picture = read_picture(Message(Topic("/image", message.__msgtype__, is_ros1=True), START_NS, raw))
     assert picture == (content, suffix, (16, 16))
 
 
@@ -241,10 +241,8 @@ def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
     below = small(tmp_path / "below", **{"cam": image(), "points/front": cloud()})
     assert "found 2 topics of" in refused(below, tmp_path / "none")  # another camera, and another LiDAR
     two = small(tmp_path / "two", **again, **{"other/image_raw": image()})
-    found = (
-        "found 2 topics of pictures (Image, CompressedImage), needed one of: /cam/image_raw, /other/image_raw"
-    )
-    assert f"--image: {found}" in refused(two, tmp_path / "none")
+    found = "found 2 topics of pictures (Image, CompressedImage, video), needed one of: /cam/image_raw,"
+    assert f"--image: {found} /other/image_raw" in refused(two, tmp_path / "none")
 
 
 LIES: dict[str, tuple[dict[str, Maker], str]] = {
@@ -269,9 +267,9 @@ LIES: dict[str, tuple[dict[str, Maker], str]] = {
     "lens": ({"info": info(distortion_model="odd")},
              "/cam/camera_info: distortion_model: found 'odd', needed one of: plumb_bob"),
     "no camera": ({"info": nothing}, "found no topic of intrinsics (CameraInfo), only"),
-    "no pictures": ({"image": nothing}, "found no topic of pictures (Image, CompressedImage), only"),
-    "two sweeps": ({"rear": cloud()}, "--points: found 2 topics of sweeps (PointCloud2, Livox CustomMsg), "
-                   "needed one of: /points, /rear"),
+    "no pictures": ({"image": nothing}, "found no topic of pictures (Image, CompressedImage, video), only"),
+    "two sweeps": ({"rear": cloud()}, "--points: found 2 topics of sweeps (PointCloud2, Livox CustomMsg, "
+                   "VelodyneScan), needed one of: /points, /rear"),
 }  # fmt: skip
 
 
@@ -305,7 +303,7 @@ def test_what_is_asked_for_counts(tmp_path: Path) -> None:
 
 def test_messages_too_short_for_a_header() -> None:
     for raw in (b"", b"\0", b"\0\1\0\0\0\0"):
-        message = Message(Topic("/x", "sensor_msgs/msg/PointCloud2"), 1, raw, is_ros1=False)
+        message = Message(Topic("/x", "sensor_msgs/msg/PointCloud2"), 1, raw)
         for read in (
             lambda message: message.header_ns,
             lambda message: message.frame_id,

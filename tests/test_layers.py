@@ -17,6 +17,7 @@ WITH_OPENCV = {
     "drive/cues/edges",
     "labelling/views",
     "datasets/bags/pictures",
+    "datasets/bags/video",
     "labelling/sides",
     "initialization/pnp",
     "assessment/scale",

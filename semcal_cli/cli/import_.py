@@ -193,13 +193,14 @@ class BagSettings(QuietSettings):
 @import_.command(
     cls=SettingsCommand,
     settings=BagSettings,
-    short_help="A recording of ROS 1 or ROS 2: .bag, MCAP, .db3, or a folder of them.",
+    short_help="A recording of ROS or Foxglove: .bag, MCAP, .db3, or a folder of them.",
 )
 def bag(settings: BagSettings) -> None:
     """Make a drive of a recording, without ROS. Several PATHs are one recording in parts.
 
-    Sweeps keep all their fields, JPEG and PNG pictures their bytes. Intrinsics come from camera_info, the reference
-    T_camera_lidar from /tf_static, motion from odometry or /tf. Damaged parts are left out, and told.
+    Sweeps keep all their fields, JPEG and PNG pictures their bytes; video is decoded. Intrinsics come from
+    camera_info, the reference T_camera_lidar from /tf_static, motion from odometry or /tf. Damaged parts are left out,
+    and told.
     """
     from semcal_cli.cli.terminal import Terminal
 

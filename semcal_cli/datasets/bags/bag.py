@@ -18,6 +18,7 @@ from semcal_cli.datasets.bags.mcap_file import McapFile
 from semcal_cli.datasets.bags.messages import NS, Message, Span, Topic
 from semcal_cli.datasets.bags.ros1_file import Ros1File
 from semcal_cli.datasets.bags.sqlite_file import SqliteFile
+from semcal_cli.datasets.bags.unpacking import ZSTD_MAGIC, unpack
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.reading import is_folder, is_same_file, open_file, read_start, read_text
@@ -55,8 +56,9 @@ FORMATS = {
 """Formats by the first bytes of a file."""
 SUFFIXES = (".bag", ".mcap", ".db3", ".zstd")
 METADATA = "metadata.yaml"
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-"""First bytes of a file, or of a message of ROS 2, that is compressed by itself; others start with CDR's 0."""
+MAX_RATIO, MAX_SMALL_BYTES = 100, 1 << 30
+"""A compressed file may unpack to this multiple of its size, or to so many bytes."""
+PART_BYTES = 1 << 20
 STEP_NS = NS // 2
 """How far behind damaged messages reading goes on; it doubles until there is something to read."""
 
@@ -117,8 +119,8 @@ class Bag:
         return all(storage.is_indexed for storage in self._storages.values())
 
     def of_types(self, types: Collection[str]) -> list[Topic]:
-        """List the topics of some types that have messages."""
-        return [topic for topic in self.topics if topic.type in types and topic.span.num_messages]
+        """List the topics that have messages, with the content of some types of ROS's."""
+        return [topic for topic in self.topics if topic.is_a(types) and topic.span.num_messages]
 
     def first(self, topic: Topic) -> Message | None:
         """Read the first message of a topic; None if none is whole."""
@@ -209,22 +211,23 @@ def _listed_files(document: dict[Any, Any], metadata: Path) -> list[Path]:
 
 
 def _unpacked(message: Message) -> Message:
-    """Unpack a message of ROS 2 that is compressed by itself."""
-    if message.is_ros1 or not message.raw.startswith(ZSTD_MAGIC):
+    """Unpack a message of ROS 2 that is compressed by itself; others start with CDR's 0."""
+    is_plain = message.topic.is_ros1 or message.topic.decode is not None
+    if is_plain or not message.raw.startswith(ZSTD_MAGIC):
         return message
-    unpacking = ZstdDecompressor().decompressobj()
-    raw = unpacking.decompress(message.raw)
-    if not unpacking.eof:
-        raise ValueError("found a compressed message that is cut off")
-    return replace(message, raw=raw)
+    return replace(message, raw=unpack("zstd", message.raw))
 
 
 def _unpacked_file(path: Path, folder: Path) -> Path:
     """Unpack a compressed file to a folder, under its name without the last suffix."""
-    target = folder / path.stem
+    target, num_bytes = folder / path.stem, 0
+    most = max(MAX_RATIO * path.stat().st_size, MAX_SMALL_BYTES)
     try:
         with open_file(path) as packed, target.open("wb") as file:
-            ZstdDecompressor().copy_stream(packed, file)
+            for part in ZstdDecompressor().read_to_iter(packed, write_size=PART_BYTES):
+                num_bytes += file.write(part)
+                if num_bytes > most:
+                    raise ValueError(f"it unpacks to more than {most:,} bytes")
     except Exception as error:  # Hostile bytes raise errors of several kinds in the library.
         raise InputError(f"{path}: found a compressed file that cannot be unpacked: {_told(error)}") from None
     return target

@@ -18,6 +18,7 @@ from semcal_cli.datasets.bags.motion import Trajectory
 from semcal_cli.datasets.bags.pairs import AFTER_NS, Pair, Pairing
 from semcal_cli.datasets.bags.pictures import thumbnail
 from semcal_cli.datasets.bags.topics import MAX_FRAMES, Request, Topics
+from semcal_cli.datasets.bags.video import Packet, Video
 from semcal_cli.drive.frame_selection import evenly_spaced, farthest_points
 
 CANDIDATES = 2
@@ -44,8 +45,9 @@ class Candidate:
 class Spool:
     """Messages on disk, until it is known which are needed."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
+    def __init__(self, file: BinaryIO, video: Video | None = None) -> None:
+        """Keep messages in a file; pictures of a video are decoded."""
+        self._file, self._video = file, video
 
     def put(self, pair: Pair) -> Candidate:
         """Put a pair on disk.
@@ -53,6 +55,8 @@ class Spool:
         Raises:
             MessageError: its picture cannot be read.
         """
+        if self._video is not None and isinstance(pair.picture, Packet):
+            pair = pair._replace(picture=self._video.still(pair.picture))
         look = thumbnail(pair.picture)
         light = pair._replace(sweep=replace(pair.sweep, raw=b""), picture=replace(pair.picture, raw=b""))
         return Candidate(light, (self._append(pair.sweep.raw), self._append(pair.picture.raw)), look)

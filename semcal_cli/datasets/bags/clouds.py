@@ -13,7 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.datasets.bags.messages import CLOUD, HEADER_BYTES, NS, Message, MessageError
+from semcal_cli.datasets.bags.messages import (
+    CLOUD,
+    HEADER_BYTES,
+    NS,
+    VELODYNE,
+    Message,
+    MessageError,
+)
 from semcal_cli.errors import listed
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -85,7 +92,10 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
     Raises:
         MessageError: the message is damaged, or contradicts itself, or has no points with a range.
     """
-    records = _point_cloud2(message) if message.type == CLOUD else _livox(message)
+    if message.is_a(VELODYNE):
+        records = _velodyne(message, stamp_ns)
+    else:
+        records = _point_cloud2(message) if message.is_a(CLOUD) else _livox(message)
     names = records.dtype.names or ()
     if not {"x", "y", "z"} <= set(names):
         raise MessageError(f"found the fields {listed(names)}, needed x, y and z")
@@ -158,16 +168,16 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
     their number in front. CDR aligns each of these, and each point, to the size of its numbers.
     """
     order, raw = message.byte_order, message.raw
-    layout = np.dtype([(name, order + kind) for name, kind in LIVOX_POINT], align=not message.is_ros1)
+    layout = np.dtype([(name, order + kind) for name, kind in LIVOX_POINT], align=not message.topic.is_ros1)
     packed = np.dtype([(name, f"<{kind}") for name, kind in LIVOX_POINT])
     place = HEADER_BYTES + (
         struct.unpack_from(f"{order}I", raw, HEADER_BYTES - 4)[0] if len(raw) >= 16 else 0
     )
-    if not message.is_ros1:
+    if not message.topic.is_ros1:
         place += (CDR_BYTES - place) % 8
     place += 8 + 4 + 4  # timebase, point_num, and lidar_id with what is reserved
     if place + 4 > len(raw):
-        raise MessageError(f"found {len(raw):,} bytes that are no {message.type}")
+        raise MessageError(f"found {len(raw):,} bytes that are no {message.topic.type}")
     (count,) = struct.unpack_from(f"{order}I", raw, place)
     if count == 0:
         raise MessageError("found a cloud without points")
@@ -176,6 +186,28 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
         raise MessageError(f"found {count:,} points in {len(raw):,} bytes")
     padded = raw[place + 4 :] + bytes(layout.itemsize - packed.itemsize)
     return np.frombuffer(padded, layout, count).astype(packed).reshape(1, count)
+
+
+def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
+    """Decode the packets of a VelodyneScan; the times of points become seconds after the stamp of the sweep."""
+    import velodyne_decoder
+
+    scan = message.content
+    if not scan.packets:
+        raise MessageError("found a cloud without points")
+    stamps_s = [(each.stamp.sec * NS + each.stamp.nanosec - stamp_ns) / NS for each in scan.packets]
+    packets = velodyne_decoder.PacketVector()
+    for stamp_s, packet in zip(stamps_s, scan.packets, strict=True):
+        packets.append(velodyne_decoder.VelodynePacket(stamp_s, packet.data.tobytes()))
+    try:
+        decoder = velodyne_decoder.ScanDecoder(velodyne_decoder.Config())
+        stamp, points = decoder.decode(packets, as_pcl_structs=True)
+    except Exception as error:  # Hostile bytes raise errors of several kinds in the library.
+        raise MessageError(f"found {len(scan.packets):,} packets that cannot be decoded: {error}") from None
+    points["time"] += np.float32(stamp.host)
+    layout: np.dtype[Any] = points.dtype
+    packed: npt.NDArray[np.void] = points.astype([(name, layout[name]) for name in layout.names or ()])
+    return packed.reshape(1, -1)
 
 
 def _readable_times(

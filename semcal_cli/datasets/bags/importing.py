@@ -15,11 +15,12 @@ from semcal_cli.datasets.bags.bag import Bag
 from semcal_cli.datasets.bags.cameras import CameraInfo, camera_block, difference, read_camera_info
 from semcal_cli.datasets.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
 from semcal_cli.datasets.bags.frames import write_frames, write_motion
-from semcal_cli.datasets.bags.messages import NS, Message, MessageError, Topic
+from semcal_cli.datasets.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.datasets.bags.motion import Trajectory, find_motion, read_frames
 from semcal_cli.datasets.bags.pairs import Pairing
 from semcal_cli.datasets.bags.topics import Request, choose_topics
 from semcal_cli.datasets.bags.transforms import reference
+from semcal_cli.datasets.bags.video import Video
 from semcal_cli.datasets.choice import Options
 from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Written, write_drive
@@ -32,6 +33,8 @@ from semcal_cli.formats.intrinsics import read_intrinsics
 
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
+MAX_TOLD = 3
+"""Most remarks about damage in an error."""
 MAX_LATCHED = 100
 """Messages of a camera that is stated now and then; those of one that comes with each picture are more."""
 
@@ -72,6 +75,8 @@ class _Import:
         self.topics = choose_topics(bag, request)
         intrinsics = [] if request.intrinsics is None else [request.intrinsics]
         self.read = (*bag.files, *intrinsics)
+        is_video = self.topics.image.is_a(VIDEOS)
+        self.video = Video(bag, self.topics.image) if is_video else None
         self.info: CameraInfo | None = None
         self.trajectory: Trajectory | None = None
         self.remarks = [
@@ -98,7 +103,7 @@ class _Import:
         refused: Counter[str] = Counter()
         try:
             with tempfile.TemporaryFile(dir=self.path.parent) as file:
-                spool = Spool(file)
+                spool = Spool(file, self.video)
                 chosen = choose(self._candidates(spool), request, self.trajectory, self.left_out)
                 found = write_frames(
                     chosen, spool, camera, self.topics, self.path.parent, self.on_event, refused
@@ -135,7 +140,11 @@ class _Import:
             raise InputError(f"{self.path}: found a file that this import reads, needed another name")
 
     def _no_pair(self, reason: str) -> InputError:
-        return InputError(f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}")
+        return self._refusal(f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}")
+
+    def _refusal(self, found: str) -> InputError:
+        """Make the error of a recording that gives no drive, with what is damaged in it."""
+        return InputError("; ".join([found, *self.bag.damage_remarks()[:MAX_TOLD]]))
 
     def _camera(self) -> dict[str, Any]:
         """Read the camera from the file that is given, or from the first message about it."""
@@ -145,7 +154,7 @@ class _Import:
         assert topic is not None
         first = self.bag.first(topic)
         if first is None:
-            raise InputError(
+            raise self._refusal(
                 f"{topic.name}: found no whole message, needed a camera; or give --intrinsics FILE"
             )
         try:
@@ -199,7 +208,11 @@ class _Import:
         info = None if self.info is None else self.topics.camera_info
         poses = None if self.trajectory is None else self.trajectory.source.topic
         topics = [topic for topic in (*self.frame_ids, info, poses) if topic is not None]
-        for message in self.bag.messages(topics, start_ns, stop_ns):
+        if self.video is not None:
+            self.video.seek(start_ns)
+        for each in self.bag.messages(topics, start_ns, stop_ns):
+            is_frame = self.video is not None and each.topic == self.topics.image
+            message = self.video.take(each) if self.video is not None and is_frame else each
             needed = self.frame_ids.get(message.topic)
             if message.topic == info:
                 self._check_same(message)

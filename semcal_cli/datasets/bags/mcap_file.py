@@ -1,21 +1,27 @@
-"""An MCAP of ROS 2, also without its summary (mcap.dev/spec)."""
+"""An MCAP, also without its summary (mcap.dev/spec)."""
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
+from heapq import heappop, heappush
 from io import BytesIO
 from pathlib import Path
+from typing import IO
 
 from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.reader import SeekingReader
-from mcap.records import Channel, ChunkIndex, McapRecord, MessageIndex, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, MessageIndex, Schema
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
+from semcal_cli.datasets.bags.foxglove import reader
 from semcal_cli.datasets.bags.messages import Message, Span, Topic
+from semcal_cli.datasets.bags.unpacking import MAX_UNPACKED_BYTES, unpack
 from semcal_cli.files.reading import open_file, size_of
 
 MAGIC_BYTES = 8
@@ -24,28 +30,26 @@ MAX_INDEX_BYTES = 1 << 26
 
 
 class McapFile:
-    """An MCAP of ROS 2."""
+    """An MCAP of ROS 1, of ROS 2, or of Foxglove's schemas."""
 
     def __init__(self, path: Path, stack: ExitStack) -> None:
         """Open the file, until `stack` closes it, and read its index, or without one all of it.
 
-        Raises:
-            ValueError: it is none of ROS 2; the library raises errors of any kind for what is no MCAP.
+        The library raises errors of any kind for what is no MCAP.
         """
         self._path = path
         self._file = stack.enter_context(open_file(path))
         self._size = size_of(self._file)
-        self._reader = SeekingReader(self._file, validate_crcs=True, record_size_limit=self._size)
         self.damage: str | None = None
         self._topics: dict[int, Topic] = {}
+        self._chunks: list[ChunkIndex] = []
         self._times: dict[int, dict[int, tuple[int, int]]] = {}
         self._missing, self._num_bad = 0, 0
-        profile = self._reader.get_header().profile
-        if profile != "ros2":
-            raise ValueError(f"found the profile {profile!r}, needed that of ROS 2")
+        library = SeekingReader(self._file, validate_crcs=True, record_size_limit=self._size)
+        library.get_header()
         is_whole, summary = True, None
         try:
-            summary = self._reader.get_summary()
+            summary = library.get_summary()
         except Exception:  # Hostile bytes raise errors of any kind in the library.
             is_whole = False
         self.is_indexed = summary is not None and _is_index(summary)
@@ -61,27 +65,53 @@ class McapFile:
         They come in the order of receipt; without an index, in that of the file.
 
         Raises:
-            ValueError: a chunk is damaged; without an index, those are left out.
+            ValueError: a chunk is damaged, or too large; without an index, those are left out.
         """
-        names = {topic.name for topic in topics}
-        for each in self._indexed(names, start_ns, stop_ns) if self.is_indexed else self._records():
-            if isinstance(each, McapMessage) and start_ns <= each.log_time < stop_ns:
-                topic = self._topics.get(each.channel_id)
-                if topic is not None and topic in topics:
-                    yield Message(topic, each.log_time, each.data, is_ros1=False)
-
-    def _indexed(self, names: Collection[str], start_ns: int, stop_ns: int) -> Iterator[McapRecord]:
-        try:
-            for _, _, message in self._reader.iter_messages(
-                names, starting_at=start_ns, ending_before=stop_ns
+        channels = {key for key, topic in self._topics.items() if topic in topics}
+        records = self._indexed(channels, start_ns, stop_ns) if self.is_indexed else self._records()
+        for each in records:
+            if (
+                isinstance(each, McapMessage)
+                and each.channel_id in channels
+                and start_ns <= each.log_time < stop_ns
             ):
-                yield message
-        except Exception as error:  # Hostile bytes raise errors of any kind in the library.
-            raise ValueError("found a damaged chunk") from error
+                yield Message(self._topics[each.channel_id], each.log_time, each.data)
+
+    def _indexed(self, channels: Collection[int], start_ns: int, stop_ns: int) -> Iterator[McapRecord]:
+        """Yield the messages of the chunks that hold some channels at some time, in the order of receipt."""
+        chunks = [
+            chunk
+            for chunk in self._chunks
+            if chunk.message_start_time < stop_ns
+            and chunk.message_end_time >= start_ns
+            and (
+                not chunk.message_index_offsets or not chunk.message_index_offsets.keys().isdisjoint(channels)
+            )
+        ]
+        waiting: list[tuple[int, int, int, McapMessage]] = []
+        for place, chunk in enumerate(sorted(chunks, key=lambda chunk: chunk.message_start_time)):
+            while waiting and waiting[0][0] < chunk.message_start_time:
+                yield heappop(waiting)[-1]
+            self._file.seek(chunk.chunk_start_offset)
+            record = next(self._reader(self._file).records)
+            if not isinstance(record, Chunk):
+                raise ValueError("found no chunk where the index has one")
+            for index, each in enumerate(_opened(record)):
+                if isinstance(each, McapMessage) and each.channel_id in channels:
+                    heappush(waiting, (each.log_time, place, index, each))
+        while waiting:
+            yield heappop(waiting)[-1]
+
+    def _reader(self, file: IO[bytes]) -> StreamReader:
+        """Read the records from here on; a chunk as a whole, so that it is unpacked up to a limit."""
+        return StreamReader(
+            file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=self._size
+        )
 
     def _take_index(self, summary: Summary) -> None:
         """Take the topics of a summary, with the times of messages from the indexes of their chunks."""
         assert summary.statistics is not None
+        self._chunks = summary.chunk_indexes
         chunks_of: dict[int, list[ChunkIndex]] = {channel: [] for channel in summary.channels}
         for chunk in summary.chunk_indexes:
             for channel in chunk.message_index_offsets or summary.channels:
@@ -145,10 +175,12 @@ class McapFile:
         with open_file(self._path) as file:
             file.seek(end)
             while True:
-                reader = StreamReader(file, skip_magic=True, validate_crcs=True, record_size_limit=self._size)
                 try:
-                    for record in reader.records:
-                        yield record
+                    for record in self._reader(file).records:
+                        if isinstance(record, Chunk):
+                            yield from _opened(record)
+                        else:
+                            yield record
                         end = file.tell()
                     return
                 except (EndOfFile, RecordLengthLimitExceeded, struct.error):
@@ -168,6 +200,24 @@ def _is_index(summary: Summary) -> bool:
     return used <= known
 
 
+def _opened(chunk: Chunk) -> list[McapRecord]:
+    """List the records of a chunk, which is unpacked up to the size that it states."""
+    if chunk.uncompressed_size > MAX_UNPACKED_BYTES:
+        found = f"found a chunk that states {chunk.uncompressed_size:,} bytes"
+        raise ValueError(f"{found}, needed at most {MAX_UNPACKED_BYTES:,}")
+    data = unpack(chunk.compression, chunk.data, chunk.uncompressed_size)
+    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
+
+
 def _topic(channel: Channel, schemas: dict[int, Schema], span: Span) -> Topic:
     schema = schemas.get(channel.schema_id)
-    return Topic(channel.topic, "" if schema is None else schema.name, span)
+    name = "" if schema is None else schema.name
+    match channel.message_encoding:
+        case "cdr":
+            return Topic(channel.topic, name, span)
+        case "ros1":
+            return Topic(channel.topic, re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", name), span, is_ros1=True)
+        case "protobuf" | "json" as encoding if schema is not None:
+            kind, decode = reader(encoding, schema)
+            return Topic(channel.topic, name, span, kind=kind, decode=decode)
+    return Topic(channel.topic, f"{name} in {channel.message_encoding}", span)

@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 LIVOX = ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg")
+VELODYNE = "velodyne_msgs/msg/VelodyneScan"
+OUSTER = ("ouster_ros/msg/PacketMsg", "ouster_msgs/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg")
 PICTURE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+VIDEO, FFMPEG = "foxglove_msgs/msg/CompressedVideo", "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
-CLOUDS, PICTURES = (CLOUD, *LIVOX), (PICTURE, COMPRESSED)
+VIDEOS = (VIDEO, FFMPEG)
+CLOUDS, PICTURES = (CLOUD, *LIVOX, VELODYNE), (PICTURE, COMPRESSED, *VIDEOS)
+DEFINITIONS = {
+    VIDEO: "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format",
+    FFMPEG: "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
+    "bool is_bigendian\nuint8[] data",
+    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
+    VELODYNE: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets",
+    **dict.fromkeys(TRANSFORMS, "geometry_msgs/TransformStamped[] transforms"),
+}
+"""Definitions of types that ROS itself has not, or not in both of its generations."""
 
 HEADER_BYTES = 16
 """Bytes before the characters of `frame_id`: ROS 1's sequence or ROS 2's encapsulation, stamp and length."""
@@ -55,6 +69,16 @@ class Topic:
     """Name of the type of its messages, as sensor_msgs/msg/Image."""
     span: Span = field(default=Span(), compare=False)
     """Number and times of its messages."""
+    is_ros1: bool = False
+    """Whether its messages are serialized as in ROS 1, and not in CDR."""
+    kind: str = ""
+    """ROS's type with the same content, of a type of Foxglove's; empty for the type itself."""
+    decode: Callable[[bytes], Any] | None = field(default=None, compare=False)
+    """What reads a message of Foxglove's, with the fields of ROS's type; None for ROS's own serializations."""
+
+    def is_a(self, types: Collection[str]) -> bool:
+        """Whether its messages have the content of one of some types of ROS's."""
+        return (self.kind or self.type) in types
 
     @property
     def rate_hz(self) -> float:
@@ -73,18 +97,15 @@ class Message:
     """Time at which it was received."""
     raw: bytes
     """Its bytes."""
-    is_ros1: bool
-    """Whether the bytes are those of ROS 1, and not CDR."""
 
-    @property
-    def type(self) -> str:
-        """Name of its type."""
-        return self.topic.type
+    def is_a(self, *types: str) -> bool:
+        """Whether it has the content of one of some types of ROS's."""
+        return self.topic.is_a(types)
 
     @property
     def byte_order(self) -> str:
         """The sign of the byte order in `struct`."""
-        return "<" if self.is_ros1 or self.raw[1:2] in (b"\1", b"\3") else ">"
+        return "<" if self.topic.is_ros1 or self.raw[1:2] in (b"\1", b"\3") else ">"
 
     @property
     def header_ns(self) -> int:
@@ -103,35 +124,44 @@ class Message:
         Raises:
             MessageError: the message is too short for a header.
         """
-        _, _, length = self._header
-        if length > min(MAX_FRAME_ID, len(self.raw) - HEADER_BYTES):
-            raise MessageError(f"found a frame_id of {length:,} characters in {len(self.raw):,} bytes")
-        name = self.raw[HEADER_BYTES : HEADER_BYTES + length]
-        return plain_frame(name.decode("utf-8", "replace"))
+        return plain_frame(self._header[2])
 
     @property
     def content(self) -> Any:
-        """The message with its fields.
+        """The message with the fields of ROS's type.
 
         Raises:
             MessageError: the bytes are no message of this type.
         """
-        store = _types(self.is_ros1)
-        read = store.deserialize_ros1 if self.is_ros1 else store.deserialize_cdr
+        if (read := self.topic.decode) is None:
+            store = _types(self.topic.is_ros1)
+            deserialize = store.deserialize_ros1 if self.topic.is_ros1 else store.deserialize_cdr
+            read = partial(deserialize, typename=self.topic.type)
         try:
-            return read(self.raw, self.type)
-        except Exception as error:  # Hostile bytes raise errors of any kind in the library.
-            raise MessageError(f"found {len(self.raw):,} bytes that are no {self.type}") from error
+            return read(self.raw)
+        except MessageError:
+            raise
+        except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
+            raise MessageError(f"found {len(self.raw):,} bytes that are no {self.topic.type}") from error
 
     @cached_property
-    def _header(self) -> tuple[int, int, int]:
-        """Seconds and nanoseconds of the stamp, and the length of the frame's name."""
+    def _header(self) -> tuple[int, int, str]:
+        """Seconds and nanoseconds of the stamp, and the frame; of ROS's messages without reading all of them."""
+        if self.topic.decode is not None:
+            header = self.content.header
+            return header.stamp.sec, header.stamp.nanosec, header.frame_id
         if len(self.raw) < HEADER_BYTES:
             raise MessageError(f"found {len(self.raw)} bytes, needed a header of {HEADER_BYTES} or more")
+        is_ros1 = self.topic.is_ros1
+        # A CompressedVideo of ROS 1 has no sequence number in front.
+        start = 0 if is_ros1 and self.is_a(VIDEO) else 4
         seconds, nanoseconds, length = struct.unpack_from(
-            f"{self.byte_order}{'I' if self.is_ros1 else 'i'}II", self.raw, 4
+            f"{self.byte_order}{'I' if is_ros1 else 'i'}II", self.raw, start
         )
-        return seconds, nanoseconds, length
+        name = self.raw[start + 12 :][:length] if length <= MAX_FRAME_ID else b""
+        if len(name) < length:
+            raise MessageError(f"found a frame_id of {length:,} characters in {len(self.raw):,} bytes")
+        return seconds, nanoseconds, name.decode("utf-8", "replace")
 
 
 def plain_frame(name: str) -> str:
@@ -143,6 +173,8 @@ def plain_frame(name: str) -> str:
 def _types(is_ros1: bool) -> Any:
     """Load ROS's own definitions; those in a recording are not needed for its usual messages, and can be broken."""
     store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
-    for name in set(TRANSFORMS) - store.fielddefs.keys():
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    for name, text in DEFINITIONS.items():
+        if name not in store.fielddefs:
+            plain = text.replace("builtin_interfaces/Time", "time") if is_ros1 else text
+            store.register(get_types_from_msg(plain, name))
     return store

@@ -213,7 +213,7 @@ def _misfit(
         return InputError(
             f"--motion {wanted}: found the moving frames {found}, needed one that the LiDAR is fixed to"
         )
-    if posed[0].topic.type == POSE and not posed[0].frame:
+    if posed[0].topic.is_a([POSE]) and not posed[0].frame:
         needed = "needed --motion-frame FRAME: a PoseStamped does not say whose pose it is"
         return InputError(f"--motion {wanted}: {needed}")
     needed = f"needed one that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
@@ -228,7 +228,7 @@ def _posed(bag: Bag, wanted: str | None, frame: str | None) -> list[MotionSource
             child, parent, first = "", None, bag.first(topic)
             if first is not None:
                 with suppress(MessageError):
-                    child = plain_frame(first.content.child_frame_id) if topic.type == ODOMETRY else ""
+                    child = plain_frame(first.content.child_frame_id) if topic.is_a([ODOMETRY]) else ""
                     parent = first.frame_id
             found.append(MotionSource(topic, frame or child, parent))
     return found
@@ -237,7 +237,7 @@ def _posed(bag: Bag, wanted: str | None, frame: str | None) -> list[MotionSource
 def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:
     """Read stamps and poses of a source from a message; those of other frames do not count."""
     content = message.content
-    if message.type in TRANSFORMS:
+    if message.is_a(*TRANSFORMS):
         return [
             (each.header.stamp.sec * NS + each.header.stamp.nanosec, T)
             for each in content.transforms
@@ -246,9 +246,9 @@ def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:
         ]
     if message.frame_id != source.parent:
         return []
-    if message.type == ODOMETRY and plain_frame(content.child_frame_id) not in ("", source.frame):
+    if message.is_a(ODOMETRY) and plain_frame(content.child_frame_id) not in ("", source.frame):
         return []
-    pose = content.pose.pose if message.type == ODOMETRY else content.pose
+    pose = content.pose.pose if message.is_a(ODOMETRY) else content.pose
     T = pose_of(pose.orientation, pose.position)
     return [] if T is None else [(message.header_ns, T)]
 

@@ -84,7 +84,7 @@ def read_picture(message: Message) -> Picture:
     Raises:
         MessageError: the message is damaged, or has an encoding that is not read.
     """
-    if message.type == COMPRESSED:
+    if message.is_a(COMPRESSED):
         return _compressed(message)
     pixels = _pixels(message)
     _, content = cv2.imencode(".png", pixels, PNG_SPEED)
@@ -97,7 +97,7 @@ def thumbnail(message: Message) -> npt.NDArray[np.float32]:
     Raises:
         MessageError: as `read_picture`, or the picture cannot be decoded.
     """
-    if message.type == COMPRESSED:
+    if message.is_a(COMPRESSED):
         _compressed(message)
         content = np.frombuffer(message.content.data, dtype=np.uint8)
         grey = _decoded(lambda: cv2.imdecode(content, cv2.IMREAD_REDUCED_GRAYSCALE_8))

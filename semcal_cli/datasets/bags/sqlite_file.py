@@ -58,7 +58,7 @@ class SqliteFile:
         They come in the order of receipt; where the database is damaged, in that of the file.
         """
         for topic_id, time_ns, raw in self._rows(topics, start_ns, stop_ns):
-            yield Message(self._topics[topic_id], time_ns, raw, is_ros1=False)
+            yield Message(self._topics[topic_id], time_ns, raw)
 
     def _rows(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[tuple[Any, ...]]:
         keys = [key for key, topic in self._topics.items() if topic in topics]

@@ -7,9 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semcal_cli.datasets.bags.bag import Bag
-from semcal_cli.datasets.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS, Topic
+from semcal_cli.datasets.bags.messages import (
+    CAMERA_INFO,
+    CLOUDS,
+    ODOMETRY,
+    OUSTER,
+    PICTURES,
+    POSE,
+    TRANSFORMS,
+    VELODYNE,
+    VIDEOS,
+    Topic,
+)
 from semcal_cli.datasets.bags.transforms import TF_STATIC
-from semcal_cli.errors import InputError, listed
+from semcal_cli.errors import InputError, check_installed, listed
 
 RECTIFIED = "image_rect"
 """Start of the name of a topic with rectified pictures (image_proc)."""
@@ -69,8 +80,22 @@ class Topics:
         return self.camera_info is not None and any(part.startswith(RECTIFIED) for part in parts)
 
 
-TRANSPORTS = ("compressed", "compressedDepth", "theora", "zstd", "avif", "draco", "zlib")
+TRANSPORTS = (
+    "compressed",
+    "compressedDepth",
+    "theora",
+    "zstd",
+    "avif",
+    "draco",
+    "zlib",
+    "ffmpeg",
+    "foxglove",
+)
 """Names below a topic under which the plugins of image_transport and point_cloud_transport publish it once more."""
+REPLAY_OUSTER = (
+    "; packets of an Ouster become sweeps when they are replayed: `ros2 launch ouster_ros replay.launch.xml "
+    "bag_file:=BAG` beside `ros2 bag record`"
+)
 USES = {
     "sweeps": CLOUDS,
     "pictures": PICTURES,
@@ -86,8 +111,14 @@ def choose_topics(bag: Bag, request: Request) -> Topics:
     Raises:
         InputError: there is none of a kind, or several, or a name is none of them.
     """
-    points = _choose(bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg)")
-    image = _choose(bag, PICTURES, request.image, "--image", "pictures (Image, CompressedImage)")
+    points = _choose(
+        bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg, VelodyneScan)"
+    )
+    if points.is_a([VELODYNE]):
+        check_installed(points.name, "velodyne_decoder", "velodyne")
+    image = _choose(bag, PICTURES, request.image, "--image", "pictures (Image, CompressedImage, video)")
+    if image.is_a(VIDEOS):
+        check_installed(image.name, "av", "bag")
     again = (
         *(_others_of(bag.of_types(CLOUDS), points) if request.points is None else ()),
         *(_others_of(bag.of_types(PICTURES), image) if request.image is None else ()),
@@ -116,6 +147,8 @@ def _choose(
         return found[0]
     if not known:
         others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
+        if types is CLOUDS and bag.of_types(OUSTER):
+            advice = REPLAY_OUSTER
         raise InputError(f"{bag.paths[0]}: found no topic of {what}, only {others}{advice}")
     again = {other for topic in known for other in _others_of(known, topic)}
     known = [topic for topic in known if topic not in again]

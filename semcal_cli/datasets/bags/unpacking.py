@@ -1,0 +1,57 @@
+"""Compressed bytes, unpacked up to a limit: a recording of some kilobytes can unpack to any size."""
+
+from __future__ import annotations
+
+from bz2 import BZ2Decompressor
+
+from lz4.frame import LZ4FrameDecompressor
+from zstandard import CONTENTSIZE_UNKNOWN, ZstdDecompressor, ZstdError, get_frame_parameters
+
+MAX_UNPACKED_BYTES = 1 << 29
+"""Largest size of a chunk or of a message, unpacked; recorders write chunks of some megabytes."""
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""First bytes of what Zstandard has compressed."""
+
+
+def unpack(compression: str, packed: bytes, max_bytes: int = MAX_UNPACKED_BYTES) -> bytes:
+    """Unpack the bytes of a chunk or of a message.
+
+    Args:
+        compression: `zstd`, `lz4`, `bz2`, or empty or `none` for bytes that are not compressed.
+        packed: The bytes.
+        max_bytes: Most bytes that are unpacked.
+
+    Raises:
+        ValueError: there are more, they are cut off, or the compression is not known; the libraries raise errors of
+            other kinds for damaged bytes.
+    """
+    match compression:
+        case "" | "none":
+            return packed
+        case "zstd":
+            return _unpack_zstd(packed, max_bytes)
+        case "lz4" | "bz2":
+            decompressor = LZ4FrameDecompressor() if compression == "lz4" else BZ2Decompressor()
+            found: bytes = decompressor.decompress(packed, max_bytes + 1)
+            if len(found) > max_bytes:
+                raise _too_many(max_bytes)
+            if not decompressor.eof:
+                raise ValueError("found compressed data that are cut off")
+            return found
+    raise ValueError(f"found the compression {compression[:40]!r}, needed zstd, lz4 or bz2")
+
+
+def _unpack_zstd(packed: bytes, max_bytes: int) -> bytes:
+    stated = get_frame_parameters(packed).content_size
+    if stated != CONTENTSIZE_UNKNOWN and stated > max_bytes:
+        raise _too_many(max_bytes)
+    try:
+        return ZstdDecompressor().decompress(packed, max_output_size=max_bytes)
+    except ZstdError:
+        raise ValueError(
+            f"found compressed data that are damaged, cut off, or more than {max_bytes:,} bytes"
+        ) from None
+
+
+def _too_many(max_bytes: int) -> ValueError:
+    return ValueError(f"found data that unpack to more than {max_bytes:,} bytes")

@@ -1,0 +1,177 @@
+"""Recordings of other makers: Foxglove's schemas, ROS 1 in MCAP, video, and packets of LiDARs."""
+
+from __future__ import annotations
+
+import bz2
+import re
+import struct
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from bag_imports import T_MOUNT, done, fill, nothing, refused, run_cli, small
+from bags import NS, ROS1_MCAP, BagWriter, header, write_drive
+from foxglove_recordings import FoxgloveWriter, VideoWriter
+
+from semcal_cli.datasets.bags.unpacking import unpack
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.reading import read_clouds
+from semcal_cli.files.images import read_image
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.poses import compare_poses
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+VIDEO_GREY = 3.5
+"""Largest mean difference of the brightness of a video's frame from its picture, of 255: it is rounded down by 2."""
+WRITERS: dict[str, Any] = {
+    "protobuf": lambda folder: FoxgloveWriter(folder, "protobuf"),
+    "json": lambda folder: FoxgloveWriter(folder, "json"),
+    "ROS 1 in MCAP": lambda folder: BagWriter(folder, ROS1_MCAP),
+}
+VIDEOS: dict[str, Any] = {
+    "protobuf, H.264": lambda folder: VideoWriter(FoxgloveWriter(folder, "protobuf"), "h264"),
+    "ROS 2, H.265": lambda folder: VideoWriter(BagWriter(folder, "sqlite3"), "h265"),
+    "json, AV1": lambda folder: VideoWriter(FoxgloveWriter(folder, "json"), "av1"),
+}
+
+
+def recorded(drive: Drive, writer: Any, out: Path) -> Drive:
+    """Record a drive, and import it again."""
+    done(write_drive(drive, writer, T_MOUNT), out)
+    return read_drive(out)
+
+
+@pytest.mark.parametrize("name", [*WRITERS, *VIDEOS])
+def test_a_recording_is_the_drive_that_it_was_made_of(name: str, synthetic: Drive, tmp_path: Path) -> None:
+    found = recorded(synthetic, (WRITERS | VIDEOS)[name](tmp_path), tmp_path / "drive")
+    np.testing.assert_array_equal(found.camera.K, synthetic.camera.K)
+    np.testing.assert_allclose(found.T_camera_lidar, T_MOUNT, atol=1e-9)
+    assert len(found.frames) == len(synthetic.frames)
+    for cloud_found, cloud_before in zip(read_clouds(found), read_clouds(synthetic), strict=True):
+        np.testing.assert_array_equal(cloud_found.points, cloud_before.points)
+    for frame, before in zip(found.frames, synthetic.frames, strict=True):
+        grey, expected = (
+            read_image(drive.resolve(each.image or "")).mean(axis=2)
+            for drive, each in ((found, frame), (synthetic, before))
+        )
+        # Brightness keeps its resolution in a video; another frame differs by 20 and more.
+        assert np.abs(grey - expected).mean() <= (VIDEO_GREY if name in VIDEOS else 0.0)
+
+
+@pytest.mark.slow
+def test_a_video_gives_the_pose_of_its_pictures(tmp_path: Path) -> None:
+    size = ["--frames", "12", "--width", "640", "--height", "360", "--seed", "93010"]
+    run_cli("synth", tmp_path / "true", *size)
+    drive, poses = read_drive(tmp_path / "true"), []
+    assert drive.T_camera_lidar is not None
+    writers = BagWriter(tmp_path, "sqlite3"), VideoWriter(FoxgloveWriter(tmp_path, "protobuf"), "h264")
+    for index, writer in enumerate(writers):
+        out = tmp_path / str(index)
+        done(write_drive(drive, writer, np.array(drive.T_camera_lidar)), out)
+        run_cli("calibrate", out, "--cue", "edges", "--init", out, "-o", out / "found.yaml", code=None)
+        poses.append(read_transform(out / "found.yaml"))
+    assert compare_poses(*poses).rotation_deg < 0.02
+
+
+def test_frames_of_a_video_are_decoded_from_the_key_frame_before_them(tmp_path: Path) -> None:
+    """Every 25th picture is a key frame, and frames lie three seconds apart."""
+
+    def pictures(bag: Any, index: int, stamp: int) -> Any:
+        return bag.image(np.full((16, 16, 3), 2 * index + 20, np.uint8), "bgr8", stamp)
+
+    writer = VideoWriter(BagWriter(tmp_path, "mcap"), "h264", key_every=25)
+    fill(writer, 100, image=pictures)
+    done(writer.path, tmp_path / "drive", every_s=3.0)
+    drive = read_drive(tmp_path / "drive")
+    found = [read_image(drive.resolve(frame.image or "")).mean() for frame in drive.frames]
+    np.testing.assert_allclose(found, [20, 80, 140, 200], atol=4.0)
+
+
+@pytest.mark.parametrize(
+    ("pictures", "told"),
+    [
+        (lambda bag, index, stamp: bag.packet(b"\0\0\1\1", "h264", stamp), "without a key frame"),
+        (lambda bag, index, stamp: bag.packet(b"\0\0\1\5", "h264", stamp), "damaged frame of a video"),
+        (lambda bag, index, stamp: bag.packet(b"", "vp8", stamp), "'vp8', needed H.264, H.265 or AV1"),
+    ],
+)
+def test_a_video_that_cannot_be_decoded_is_named(pictures: Any, told: str, tmp_path: Path) -> None:
+    path = small(tmp_path, image=nothing, **{"cam/video": pictures})
+    assert told in refused(path, tmp_path / "drive")
+
+
+def velodyne(bag: Any, index: int, stamp: int) -> Any:
+    """A revolution of a VLP-16 that sees a wall 10 m away in all directions, by its manual (63-9243, chapter 9)."""
+    packets = []
+    for packet in range(75):
+        blocks = b"".join(
+            struct.pack("<HH", 0xEEFF, round(100 * (4.8 * packet + 0.4 * block)) % 36000)
+            + struct.pack("<HB", 5000, 50) * 32
+            for block in range(12)
+        )
+        data = blocks + struct.pack("<IBB", round(1e6 * 0.1 * packet / 75), 0x37, 0x22)
+        times = stamp - round((74 - packet) * 1.33e6)
+        packets.append(
+            {"stamp": {"sec": times // NS, "nanosec": times % NS}, "data": np.frombuffer(data, np.uint8)}
+        )
+    return bag.make("velodyne_msgs/msg/VelodyneScan", header=header(stamp, "lidar"), packets=packets)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+def test_packets_of_a_velodyne_become_sweeps(kind: str, tmp_path: Path) -> None:
+    done(small(tmp_path, kind, points=nothing, velodyne_packets=velodyne), tmp_path / "drive")
+    points = read_clouds(read_drive(tmp_path / "drive"))[0].points.astype(float)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 10.0, atol=0.01)
+    elevations = np.degrees(np.arcsin(points[:, 2] / 10.0))
+    assert sorted(set(elevations.round().astype(int))) == list(range(-15, 16, 2))
+
+
+def test_packets_of_an_ouster_are_to_be_replayed(tmp_path: Path) -> None:
+    packet = {"buf": np.zeros(8, np.uint8)}
+    path = small(
+        tmp_path,
+        points=nothing,
+        lidar_packets=lambda bag, index, stamp: bag.make("ouster_ros/msg/PacketMsg", **packet),
+    )
+    assert "replay.launch.xml" in refused(path, tmp_path / "drive")
+
+
+def patched(path: Path, stated: int) -> Path:
+    """Let each chunk of an MCAP state another size of what it unpacks to."""
+    content = bytearray(path.read_bytes())
+    for found in re.finditer(rb"\x04\x00\x00\x00zstd", bytes(content)):
+        content[found.start() - 12 : found.start() - 4] = struct.pack("<Q", stated)
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("stated", "told"),
+    [(1 << 40, "states 1,099,511,627,776 bytes, needed at most"), (10, "more than 10 bytes")],
+)
+def test_a_chunk_is_unpacked_up_to_what_it_states(stated: int, told: str, tmp_path: Path) -> None:
+    whole = fill(BagWriter(tmp_path, "mcap library", "ZSTD"), 30)
+    lying = patched(whole, stated)
+    assert "/points" in run_cli("import", "bag", lying, "--list").output
+    assert told in refused(lying, tmp_path / "drive")
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "bz2"])
+def test_what_unpacks_to_more_than_the_limit_is_refused(compression: str) -> None:
+    compress = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}[compression]
+    packed = compress(bytes(1 << 20))
+    assert unpack(compression, packed, 1 << 20) == bytes(1 << 20)
+    with pytest.raises(ValueError, match=r"more than 1,048,575 bytes"):
+        unpack(compression, packed, (1 << 20) - 1)
+    with pytest.raises(ValueError, match="cut off"):
+        unpack(compression, packed[:-1], 1 << 20)
+
+
+def test_a_message_that_unpacks_to_gigabytes_is_left_out(tmp_path: Path) -> None:
+    bomb = zstandard.compress(bytes(1 << 30))
+    writer = BagWriter(tmp_path, "sqlite3")
+    fill(writer, 3, points=lambda bag, index, stamp: bag.write_raw("/points", CLOUD, bomb, stamp + NS // 100))
+    assert "unpack to more than 536,870,912 bytes" in refused(writer.path, tmp_path / "drive")
