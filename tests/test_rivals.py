@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 from conftest import STREET
-from dataset_trees import KITTI_360_DRIVE, moved, numbers, write
 
-from semcal_cli import _core
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import rivals
@@ -19,9 +18,9 @@ from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.methods import METHODS
 from semcal_cli.experiments.plots import plot_png
 from semcal_cli.experiments.rivals import EXPERIMENTS, Result, Setting, cases, complete, report, run
-from semcal_cli.files.images import read_image, write_image
+from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting
+from semcal_cli.geometry.poses import mounting_rpy_deg, pose_from_mounting
 
 pytestmark = pytest.mark.slow
 
@@ -86,99 +85,26 @@ def test_every_method_on_a_real_frame(rellis3d: Path, tmp_path: Path) -> None:
     assert summary["published"][0]["rotation_vector_deg"] == [70.80, 67.78, -68.06]
 
 
-IN_KITTI_360 = {
-    "road": 7, "sidewalk": 8, "building": 11, "wall": 12, "fence": 13, "pole": 17, "traffic_light": 19,
-    "traffic_sign": 20, "vegetation": 21, "terrain": 22, "sky": 23, "pedestrian": 24, "rider": 25, "car": 26,
-    "truck": 27, "bus": 28, "motorcycle": 32, "bicycle": 33, "static": 4, "dynamic": 5,
-}  # fmt: skip
-"""Ids of the names of CARLA, which synthetic drives have."""
-
-
-def make_kitti_360(street: Path, root: Path, truth: Pose) -> None:
-    """A synthetic drive in the layout of KITTI-360: labelled pictures, raw sweeps, and windows of labelled points."""
+@pytest.mark.parametrize("has_intensity", [True, False])
+def test_methods_need_what_they_see(street: Path, tmp_path: Path, has_intensity: bool) -> None:
+    """Points that are accumulated over sweeps have lost their intensity; all else is compared by labels."""
     drive = read_drive(street)
-    camera = drive.camera
-    ids = np.zeros(256, np.uint8)
-    for value, name in _core.synthetic_classes():
-        ids[value] = IN_KITTI_360.get(name, 0)
-    write(root / "calibration/calib_cam_to_velo.txt", numbers(inverse(truth)[:3]) + "\n")
-    write(root / "calibration/calib_cam_to_pose.txt", f"image_00: {numbers(np.eye(4)[:3])}\n")
-    P = np.c_[np.array(camera.K), np.zeros(3)]
-    write(
-        root / "calibration/perspective.txt",
-        f"S_rect_00: {camera.width}.0 {camera.height}.0\nR_rect_00: {numbers(np.eye(3))}\nP_rect_00: {numbers(P)}\n",
-    )
-    poses = ""
-    for number, frame in enumerate(drive.frames):
-        name = f"{250 + number:010d}"
-        pictures, labels = (
-            root / f"{part}/{KITTI_360_DRIVE}/image_00/{kind}/{name}.png"
-            for part, kind in (("data_2d_raw", "data_rect"), ("data_2d_semantics/train", "semantic"))
-        )
-        for path in (pictures, labels):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        assert frame.image is not None
-        assert frame.image_labels is not None
-        pictures.write_bytes(drive.resolve(frame.image).read_bytes())
-        write_image(ids[read_image(drive.resolve(frame.image_labels))[..., 0]], labels)
-        cloud = np.fromfile(drive.resolve(frame.points), np.float32).reshape(-1, 4)
-        of_points = ids[np.fromfile(drive.resolve(str(frame.point_labels)), np.uint32) & 0xFFFF]
-        # The HDL-64E sees less of what is above and below.
-        elevation = np.degrees(np.arctan2(cloud[:, 2], np.hypot(cloud[:, 0], cloud[:, 1])))
-        seen = (elevation > -24.8) & (elevation < 2.0)
-        cloud, of_points = cloud[seen], of_points[seen]
-        sweep = root / f"data_3d_raw/{KITTI_360_DRIVE}/velodyne_points/data/{name}.bin"
-        sweep.parent.mkdir(parents=True, exist_ok=True)
-        cloud.tofile(sweep)
-        network = root / f"network/{name}.label"
-        network.parent.mkdir(exist_ok=True)
-        of_points.astype(np.uint32).tofile(network)
-        # Each frame has a window of its own, and a kilometre to itself.
-        T_world_pose = moved(np.eye(4), 1000.0 * number, 0.0, 0.0)
-        poses += f"{250 + number} {numbers(T_world_pose[:3])}\n"
-        write_window(
-            root / f"data_3d_semantics/train/{KITTI_360_DRIVE}/static/{name}_{name}.ply",
-            cloud[:, :3].astype(float) @ truth[:3, :3].T + truth[:3, 3] + T_world_pose[:3, 3],
-            of_points,
-        )
-    write(root / f"data_poses/{KITTI_360_DRIVE}/poses.txt", poses)
-
-
-def write_window(path: Path, world: np.ndarray, ids: np.ndarray) -> None:
-    vertices = np.zeros(len(world), dtype="<f4,<f4,<f4,<i4,u1")
-    vertices["f0"], vertices["f1"], vertices["f2"] = world.T
-    vertices["f3"], vertices["f4"] = ids, 1
-    properties = ("float x", "float y", "float z", "int semantic", "uchar visible")
-    header = "".join(f"property {name}\n" for name in properties)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(world)}\n{header}end_header\n"
-    path.write_bytes(head.encode() + vertices.tobytes())
-
-
-@pytest.mark.parametrize("clouds", ["windows", "sweeps"])
-def test_kitti_360_from_import_to_table(
-    street: Path, street_truth: Pose, tmp_path: Path, clouds: str
-) -> None:
-    make_kitti_360(street, tmp_path / "KITTI-360", street_truth)
-    arguments: list[str] = []
-    if clouds == "sweeps":
-        (tmp_path / "KITTI-360/data_3d_semantics").rename(tmp_path / "windows")
-        network = str(tmp_path / "KITTI-360/network")
-        arguments = ["--point-labels", network, "--point-classes", "kitti-360"]
-    drive = tmp_path / "drive"
-    found = CliRunner().invoke(
-        semcal, ["import", "kitti-360", str(tmp_path / "KITTI-360"), *arguments, "-o", str(drive)]
-    )
-    assert found.exit_code == 0, found.output
-    table = run_table(drive, tmp_path)
-    rows = read_rows(tmp_path / "table_drive")
+    document = yaml.safe_load(drive.path.read_text())
+    for number, frame in enumerate(document["frames"]):
+        cloud = np.fromfile(drive.resolve(frame["points"]), np.float32).reshape(-1, 4)
+        np.save(tmp_path / f"{number}.npy", cloud[:, : 4 if has_intensity else 3])
+        others = {key: str(drive.resolve(name)) for key, name in frame.items() if isinstance(name, str)}
+        frame.update({**others, "points": f"{number}.npy"})
+    (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
+    table = run_table(tmp_path, tmp_path / "out")
+    folder = tmp_path / f"out/table_{tmp_path.name}"
+    rows = read_rows(folder)
     assert float(rows["semcal"]["rotation_error_deg"]) < 0.2
     assert float(rows["SOIC"]["rotation_error_deg"]) < 0.5
-    # Accumulated points have lost their intensity.
     for method in (name for name, method in METHODS.items() if not method.is_by_labels):
-        assert (method in rows) == (clouds == "sweeps")
-        assert (f"| {method} | failed: " in table) == (clouds == "windows")
-    assert (tmp_path / "table_drive/c_pmi.png").exists() == (clouds == "sweeps")
+        assert (method in rows) == has_intensity
+        assert (f"| {method} | failed: " in table) != has_intensity
+    assert (folder / "c_pmi.png").exists() == has_intensity
 
 
 def test_settings_are_those_of_the_paper() -> None:

@@ -26,30 +26,20 @@ from semcal_cli.result.stage import StageResult
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 
+@dataclass(eq=False)
 class Scene:
     """The input of the methods: the same pairs by their labels and by their intensities, read when needed."""
 
-    def __init__(
-        self,
-        drive: Drive,
-        *,
-        wrong: float = 0.0,
-        seed: int = 0,
-        is_mended: bool = True,
-        is_initialized: bool = False,
-    ) -> None:
-        """Take a drive.
-
-        Args:
-            drive: The drive, of whose frames all are used.
-            wrong: Share of the labels that are replaced by wrong ones, on both sides.
-            seed: Seed of the wrong labels.
-            is_mended: Whether isolated pixels are mended for all methods but the paper's.
-            is_initialized: Whether the common start is that of an initial calibration; otherwise coarse levels are
-                ascended first.
-        """
-        self.drive, self.wrong, self.seed = drive, wrong, seed
-        self.is_mended, self.is_initialized = is_mended, is_initialized
+    drive: Drive
+    """The drive, of whose frames all are used."""
+    wrong: float = 0.0
+    """Share of the labels that are replaced by wrong ones, on both sides."""
+    seed: int = 0
+    """Seed of the wrong labels."""
+    is_mended: bool = True
+    """Whether isolated pixels are mended for all methods but the paper's."""
+    is_initialized: bool = False
+    """Whether the common start is that of an initial calibration; otherwise coarse levels are ascended first."""
 
     @cached_property
     def raw_labels(self) -> Observations:

@@ -13,16 +13,7 @@ import numpy as np
 from semcal_cli.experiments import spoiled, trust
 from semcal_cli.experiments.drives import RIGS, Pool
 from semcal_cli.experiments.experiment import Experiment, Report
-from semcal_cli.experiments.spoiled import (
-    COPIES,
-    KINDS,
-    KNOCKED,
-    LEAKED,
-    PRINCIPAL_POINT,
-    SCALE,
-    SEGMENTS,
-    SINGLE,
-)
+from semcal_cli.experiments.spoiled import KINDS, KNOCKED
 from semcal_cli.experiments.summary import (
     Column,
     Rate,
@@ -35,18 +26,7 @@ from semcal_cli.experiments.summary import (
     summarise,
     summary_table,
 )
-from semcal_cli.experiments.trust import (
-    BAD,
-    MOVED,
-    MOVED_M,
-    NOISES,
-    OFFSETS,
-    PAIRS,
-    SHARED,
-    SHARED_PAIRS,
-    Case,
-    Outcome,
-)
+from semcal_cli.experiments.trust import NOISES, PAIRS, SHARED, SHARED_PAIRS, Case, Outcome
 
 VERIFY_DRAWS = 5
 """Number of times that a drive's labels are corrupted for `verify`, with transforms off in other directions."""
@@ -55,7 +35,7 @@ MINE_EVERY = SPOILED_EVERY = 5
 """Step between the seeds whose drive is also calibrated with MINE, or spoiled; it covers all rigs in turn."""
 MANY_PAIRS = 10
 """Least number of pairs of the drives none of which may be trusted and wrong."""
-EXCEPTED = (PRINCIPAL_POINT, SCALE)
+EXCEPTED = (spoiled.PRINCIPAL_POINT, spoiled.SCALE)
 """Groups that labels cannot tell from another pose; a note or a wider interval is what counts there."""
 INSIDE, TRUSTED, WRONGLY_TRUSTED = Outcome.axes_inside, Outcome.is_trusted, Outcome.is_trusted_and_wrong
 
@@ -76,7 +56,7 @@ def cases(seeds: range, parts: Sequence[str]) -> list[Case]:
     for seed in seeds:
         rng = np.random.default_rng(seed)
         found += [Case("good", seed, num_pairs, float(rng.choice(NOISES))) for num_pairs in PAIRS]
-        found += [Case(kind, seed, int(rng.choice(PAIRS)), float(rng.choice(NOISES))) for kind in BAD]
+        found += [Case(kind, seed, int(rng.choice(PAIRS)), float(rng.choice(NOISES))) for kind in trust.BAD]
         found += [Case(SHARED, seed, num_pairs, 0.0) for num_pairs in SHARED_PAIRS]
         noises = [*NOISES, *rng.choice(NOISES[1:], VERIFY_DRAWS - len(NOISES)).tolist()]
         found += [Case("verify", seed, PAIRS[-1], noise, draw) for draw, noise in enumerate(noises)]
@@ -91,7 +71,7 @@ def _part(kind: str) -> str:
     """Name the part of the experiment to which a kind belongs."""
     if kind in KINDS:
         return "subtle" if KINDS[kind].is_subtle else "spoiled"
-    return "bad" if kind in BAD else "verify" if kind == "verify" else "good"
+    return "bad" if kind in trust.BAD else "verify" if kind == "verify" else "good"
 
 
 def run(pool: Pool, pool_with_pictures: Pool, case: Case) -> list[Outcome]:
@@ -106,7 +86,7 @@ def _is_told(outcome: Outcome) -> bool:
 
 def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     """Rates of all statements that semcal makes."""
-    calibrated = [f for f in outcomes if f.kind not in OFFSETS and f.kind not in KINDS]
+    calibrated = [f for f in outcomes if f.kind not in trust.OFFSETS and f.kind not in KINDS]
     trusted = list(filter(TRUSTED, calibrated))
     good, mine = ([f for f in calibrated if f.kind == kind] for kind in ("good", "mine"))
     trusted_good, trusted_mine = list(filter(TRUSTED, good)), list(filter(TRUSTED, mine))
@@ -125,7 +105,9 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         rate_of("good drives are trusted, all", good, TRUSTED),
         rate_of(f"good drives are trusted, {MANY_PAIRS} pairs or more", many, TRUSTED),
         rate_of("good drives are trusted, MINE, 10 pairs", mine, TRUSTED),
-        *rates_by("not trusted or failed, {}", outcomes, lambda f: f.kind, lambda f: not f.is_trusted(), BAD),
+        *rates_by(
+            "not trusted or failed, {}", outcomes, lambda f: f.kind, lambda f: not f.is_trusted(), trust.BAD
+        ),
         *_rates_of_verify(outcomes),
         *spoiled_rates(outcomes),
         *subtle_rates(outcomes),
@@ -135,7 +117,10 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
 def _rates_of_verify(outcomes: Sequence[Outcome]) -> list[Rate]:
     """Rates of the verdicts of `verify` on each offset, and on the three moves together."""
     found = []
-    for name, kinds in (*((kind, (kind,)) for kind in OFFSETS), (f"{100 * MOVED_M:.0f} cm off, all", MOVED)):
+    for name, kinds in (
+        *((kind, (kind,)) for kind in trust.OFFSETS),
+        (f"{100 * trust.MOVED_M:.0f} cm off, all", trust.MOVED),
+    ):
         chosen = [f for f in outcomes if f.kind in kinds]
         found.append(rate_of(f"verify fails, {name}", chosen, lambda f: f.status == "fail"))
         found.append(rate_of(f"verify is inconclusive, {name}", chosen, lambda f: f.status == "inconclusive"))
@@ -173,7 +158,7 @@ def spoiled_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
             )
             for name in EXCEPTED
         ),
-        rate_of("copies of a frame have its interval and verdict", groups.get(COPIES, []), _is_told),
+        rate_of("copies of a frame have its interval and verdict", groups.get(spoiled.COPIES, []), _is_told),
     ]
 
 
@@ -187,9 +172,9 @@ def subtle_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
             rate_of(f"{group}: the same, not told", listed, Outcome.is_outside_untold),
             rate_of(f"{group}: the same, beyond 0.3 degrees or 6 cm", listed, Outcome.is_missed),
         ]
-        if group == LEAKED:
+        if group == spoiled.LEAKED:
             found.append(rate_of(f"{group} are told", listed, _is_told))
-        if group in (SINGLE, SEGMENTS):
+        if group in (spoiled.SINGLE, spoiled.SEGMENTS):
             right = [f for f in listed if f.errors and not f.is_wrong()]
             found += [
                 rate_of(f"{group} are trusted", listed, TRUSTED),
