@@ -102,7 +102,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
     if LENS not in source.mapping:
         return None
     refuse_camera(source.path, camera)
-    return ros_intrinsics(Node(str(source.path), source.document))
+    return ros_intrinsics(source.node)
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:

@@ -22,11 +22,6 @@ SetLens: TypeAlias = Callable[[dict[str, Any], Camera, FormatOptions, bool], Non
 """Sets the intrinsics in the entry of a camera, which may be of a new file."""
 
 
-def document_of(source: Source) -> Node:
-    """Make the node of a file's document."""
-    return Node(str(source.path), source.document)
-
-
 def under(*keys: str) -> Find:
     """Find the entry under some keys."""
 
@@ -57,7 +52,7 @@ def entry_format(
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
-        T = notation.read(find(document_of(source), options), options)
+        T = notation.read(find(source.node, options), options)
         return inverse(T) if maps_camera else T
 
     def put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
@@ -97,7 +92,7 @@ def base_format(
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
-        pair = find(document_of(source), options)
+        pair = find(source.node, options)
         T_base_optical = notation.read(pair.camera, options) @ pair.T_frame_optical
         return inverse(T_base_optical) @ notation.read(pair.lidar, options)
 

@@ -16,6 +16,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, parse_any
 from semcal_cli.files.reading import read_bytes
 from semcal_cli.files.writing import STANDARD_INPUT, read_standard_input
+from semcal_cli.formats.node import Node
 from semcal_cli.geometry.poses import Pose
 
 if TYPE_CHECKING:
@@ -122,6 +123,11 @@ class Source:
             with suppress(InputError):
                 return parse_any(self.text, self.path.with_suffix(".json"))
         return parse_any(self.text, self.path)
+
+    @property
+    def node(self) -> Node:
+        """The document with the name of its file, for messages; raises as `document` does."""
+        return Node(str(self.path), self.document)
 
     @cached_property
     def mapping(self) -> dict[Any, Any]:

@@ -50,8 +50,7 @@ def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
     for format in FORMATS:
         if format.read_lens is not None and (found := format.read_lens(source, camera, model)) is not None:
             return found
-    document = Node(str(source.path), source.document).mapping
-    keys = ", ".join(describe(key) for key in list(document)[:5]) or "none"
+    keys = ", ".join(describe(key) for key in list(source.node.mapping)[:5]) or "none"
     raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_AS}")
 
 

@@ -17,7 +17,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from semcal_cli.errors import InputError, listed
-from semcal_cli.formats.documents import document_of, under
+from semcal_cli.formats.documents import under
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frames import CAMERA_WORDS, between, camera_and_lidar, has_word, named, optical_axes
 from semcal_cli.formats.node import Node, parse_number
@@ -166,13 +166,13 @@ def _stamped_frames(document: Node) -> tuple[str, str]:
 
 
 def _read_stamped(source: Source, options: FormatOptions) -> Pose:
-    document = document_of(source)
+    document = source.node
     T_parent_child = STAMPED_POSE.read(document.at("transform"), options)
     return between(document.where, T_parent_child, *_stamped_frames(document), options)
 
 
 def _read_apollo(source: Source, options: FormatOptions) -> Pose:
-    _, child = _stamped_frames(document_of(source))
+    _, child = _stamped_frames(source.node)
     frame = options.frame or "optical"
     return _read_stamped(source, replace(options, camera=options.camera or child, frame=frame))
 
