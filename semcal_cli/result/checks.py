@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from semcal_cli.config import MIN_OVERLAP, PolishConfig, PyramidConfig
 from semcal_cli.result.stage import Finding
@@ -78,15 +78,13 @@ class Limit:
 def read_limits(text: str) -> dict[str, dict[str, Limit]]:
     """Read limits by topic and name from JSON."""
 
-    def limit(entry: Mapping[str, object]) -> Limit:
-        measured = entry.get("measured")
-        evidence = None if measured is None else Evidence(**measured)  # type: ignore[arg-type]
-        return Limit(**{**entry, "measured": evidence})  # type: ignore[arg-type]
+    def entry(pairs: dict[str, Any]) -> object:
+        if "num_good" in pairs:
+            return Evidence(**pairs)
+        return Limit(**pairs) if {"at_most", "at_least"} & pairs.keys() else pairs
 
-    return {
-        topic: {name: limit(entry) for name, entry in limits.items()}
-        for topic, limits in json.loads(text).items()
-    }
+    limits: dict[str, dict[str, Limit]] = json.loads(text, object_hook=entry)
+    return limits
 
 
 LIMITS = read_limits(LIMITS_FILE.read_text(encoding="utf-8"))
