@@ -44,24 +44,16 @@ def refined_camera(given: Camera, found: Camera, *, is_kept: bool = True) -> Ref
 
 def clock(*, is_determined: bool = True) -> Clock:
     """A clock that is off, or that nothing is known of."""
-    if not is_determined:
-        meaning = "not determined: drive at different speeds, and turn"
-        return Clock(
-            time_offset_s=0.0,
-            sigma_s=None,
-            half_width_95_s=None,
-            is_determined=False,
-            is_kept=False,
-            meaning=meaning,
-        )
     return Clock(
-        time_offset_s=LATER_S,
-        given_s=GIVEN_S,
-        sigma_s=0.0006,
-        half_width_95_s=0.0012,
-        is_determined=True,
-        is_kept=True,
-        meaning="pictures are 23.1 ms later than their stamps say",
+        time_offset_s=LATER_S if is_determined else 0.0,
+        given_s=GIVEN_S if is_determined else None,
+        sigma_s=0.0006 if is_determined else None,
+        half_width_95_s=0.0012 if is_determined else None,
+        is_determined=is_determined,
+        is_kept=is_determined,
+        meaning="pictures are 23.1 ms later than their stamps say"
+        if is_determined
+        else "not determined: drive at different speeds, and turn",
     )
 
 

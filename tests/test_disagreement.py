@@ -28,13 +28,7 @@ from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, RawFrame, write_raw_drive
 
-RNG_SEED = 3
 CM = 0.01
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(RNG_SEED)
 
 
 def fitted(raw: RawDrive, folder: Path) -> tuple[LoadedDrive, Stages]:
