@@ -15,7 +15,7 @@ from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
 from semcal_cli.fleet.fleet import Offset, describe_fleet
 from semcal_cli.fleet.history import change_points, drift
-from semcal_cli.fleet.members import read_members
+from semcal_cli.fleet.members import Member, read_members
 from semcal_cli.fleet.verdict import SIGNS, motions
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
@@ -82,16 +82,22 @@ def test_many_that_lie_alone_do_not_hide_one_another(share: float) -> None:
 
 
 @pytest.mark.parametrize("count", [5, 6, 8, 12])
+def turned(drives: list[Member], place: int, turn_deg: float, axis: int = 4) -> None:
+    """Turn the camera of a drive about one of its axes."""
+    T = drives[place].T_camera_lidar
+    assert T is not None
+    twist = np.radians(turn_deg) * np.eye(6)[axis]
+    drives[place] = replace(drives[place], T_camera_lidar=pose_at(T, twist))
+
+
+@pytest.mark.parametrize("count", [5, 6, 8, 12])
 def test_few_drives_of_which_one_is_off_do_not_pass(count: int) -> None:
     """What few drives cannot tell from scatter is at least not called good, and named."""
     for seed in range(10):
         for places in ([count // 2], [count - 1], list(range(count // 2, count))):
             drives = series_of("nothing", count, seed)
             for place in places:
-                T = drives[place].T_camera_lidar
-                drives[place] = replace(
-                    drives[place], T_camera_lidar=pose_at(T, np.array([0, 0, 0, 0, np.radians(0.8), 0]))
-                )
+                turned(drives, place, 0.8)
             found = combine_drives(drives, Limits())
             assert found.verdict != "pass"
             assert found.reasons
@@ -99,10 +105,8 @@ def test_few_drives_of_which_one_is_off_do_not_pass(count: int) -> None:
 
 def test_small_changes_add_up() -> None:
     drives = series_of("nothing", 40)
-    for index, drive in enumerate(drives):
-        turn = np.radians(0.25) * (index // 10)
-        T = pose_at(drive.T_camera_lidar, np.array([0, 0, 0, 0, 0, turn]))
-        drives[index] = replace(drive, T_camera_lidar=T)
+    for index in range(40):
+        turned(drives, index, 0.25 * (index // 10), axis=5)
     assert combine_drives(drives, Limits()).verdict == "fail"
 
 
@@ -261,11 +265,9 @@ def test_an_offset_in_words(axis: int, off: float, half_width: float, words: str
 
 
 def test_what_chance_may_explain_is_told_only_if_nothing_else_is() -> None:
-    half_widths = np.full(6, 0.01)
-    both = Offset(np.array([0.02, 0.0, 0.03, 0.0, 0.0, 0.0]), half_widths)
-    assert motions(both) == "30 mm forward (+- 10), 20 mm to the right (+- 10)"
-    neither = Offset(np.array([0.002, 0.0, 0.003, 0.0, 0.0, 0.0]), half_widths)
-    assert motions(neither) == "3 mm forward (+- 10)"
+    values, half_widths = np.array([0.02, 0.0, 0.03, 0.0, 0.0, 0.0]), np.full(6, 0.01)
+    assert motions(Offset(values, half_widths)) == "30 mm forward (+- 10), 20 mm to the right (+- 10)"
+    assert motions(Offset(0.1 * values, half_widths)) == "3 mm forward (+- 10)"
 
 
 def test_signs_of_rotations_are_those_that_the_page_states() -> None:

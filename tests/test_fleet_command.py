@@ -35,10 +35,8 @@ def test_the_command(tmp_path: Path) -> None:
     assert max(map(len, found.stderr.splitlines())) <= 80 + len(str(tmp_path))
     document = read_document(out)
     assert document["status"] == "fail"
-    assert [d["drive"] for d in document["drives"] if d["status"] == "left_out"] == [
-        "drives/003",
-        "drives/004",
-    ]
+    left_out = [drive["drive"] for drive in document["drives"] if drive["status"] == "left_out"]
+    assert left_out == ["drives/003", "drives/004"]
     assert read_transform(out) == pytest.approx(np.array(document["T_camera_lidar"]))
     page = (tmp_path / "f.html").read_text()
     assert "<h1>The rig changed</h1>" in page
@@ -84,6 +82,7 @@ def test_the_exit_codes(tmp_path: Path) -> None:
         ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found nothing"),
         ({"camera": ""}, "line 2: camera: found '', needed text that matches \\S"),
         ({"extra": 1}, "line 2: unknown key 'extra'"),
+        ({"drive": "a\x00b"}, "line 2: drive: found"),
         ({"result": "000/calibration.yaml"}, "000: found twice"),
         ({"drive": "drives/000"}, None),
         ({"stamp": 1e300}, "line 2: stamp"),
@@ -111,6 +110,7 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
     for content, complaint in (
         ("{\n", "summary.jsonl: line 1: "),
         ("", "found no drives"),
+        ("\n", "found no drives"),
         ("[]\n", "line 1: "),
     ):
         (tmp_path / "summary.jsonl").write_text(content)
@@ -120,14 +120,6 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
     for option in ("-o", "--report", "--plot"):
         assert "found suffix '.txt'" in str(run(tmp_path, option, tmp_path / "out.txt").exception)
     assert "reads or writes" in str(run(tmp_path, "--junit", tmp_path / "summary.jsonl").exception)
-
-
-def test_the_result_as_json(tmp_path: Path) -> None:
-    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
-    out = tmp_path / "fleet.yaml"
-    alone, beside = run(batch, "--json"), run(batch, "--json", "-o", out)
-    assert json.loads(alone.stdout)["status"] == "pass"
-    assert json.loads(beside.stdout) == json.loads(json.dumps(read_document(out)))
 
 
 def test_what_is_worst_stands_first(tmp_path: Path) -> None:
@@ -149,43 +141,34 @@ def test_what_is_worst_stands_first(tmp_path: Path) -> None:
     assert checks == sorted(checks, key=["fail", "inconclusive", "pass"].index)
 
 
-def test_a_result_is_checked_and_compared_as_a_calibration_is(tmp_path: Path) -> None:
+def test_a_result_is_read_as_a_calibration_is(tmp_path: Path) -> None:
+    """And is the same on standard output; a run that fails leaves the earlier one."""
+    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
     out = tmp_path / "fleet.json"
-    run(write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")]), "-o", out)
+    beside = run(batch, "--json", "-o", out)
+    document = json.loads(out.read_text())
+    assert json.loads(beside.stdout) == document
+    assert json.loads(run(batch, "--json").stdout)["status"] == document["status"] == "pass"
+    assert isinstance(run(batch, "-o", out, "--junit", "/dev/full").exception, InputError)
+    assert json.loads(out.read_text()) == document
     compared = CliRunner().invoke(semcal, ["compare", str(out), str(out)])
     assert "not known" not in compared.output
-    document = json.loads(out.read_text())
-    for key, value in (
-        ("translation_m", [0, 0, 0]),
-        ("quaternion_xyzw", "junk"),
-        ("T_lidar_camera", np.eye(4).tolist()),
-    ):
+    changes = {"translation_m": [0, 0, 0], "quaternion_xyzw": "junk", "T_lidar_camera": np.eye(4).tolist()}
+    for key, value in changes.items():
         out.write_text(json.dumps(document | {key: value}))
         with pytest.raises(InputError, match=key):
             read_transform(out)
 
 
-def test_a_failure_to_write_leaves_the_earlier_result(tmp_path: Path) -> None:
-    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
-    out = tmp_path / "fleet.yaml"
-    out.write_text("an earlier result")
-    assert isinstance(run(batch, "-o", out, "--junit", "/dev/full").exception, InputError)
-    assert out.read_text() == "an earlier result"
-
-
 def test_names_may_hold_anything(tmp_path: Path) -> None:
     lines = [line(member) for member in series_of("outlier")]
     lines[9]["drive"] = '<b>"&\x01\x1b[31m\n' + "9" * 5000
-    xml = tmp_path / "f.xml"
-    found = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", tmp_path / "f.html")
+    xml, page = tmp_path / "f.xml", tmp_path / "f.html"
+    found = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", page)
     assert found.exit_code == 3
     assert "\x1b" not in found.stderr
-    assert "<b>" not in (tmp_path / "f.html").read_text()
+    assert "<b>" not in page.read_text()
     suite = ElementTree.parse(xml).getroot()
     failed = [case.get("name", "") for case in suite if case.find("failure") is not None]
     assert failed[1:] == ["all together"]
     assert '<b>"&??[31m\n999' in failed[0]
-    lines[9]["drive"] = "a\x00b"
-    assert "line 10: drive: found" in str(run(write_summary(tmp_path / "batch", lines)).exception)
-    (tmp_path / "batch/summary.jsonl").write_text("\n")
-    assert "found no drives" in str(run(tmp_path / "batch").exception)

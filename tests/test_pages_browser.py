@@ -26,25 +26,13 @@ SOUND = """<!doctype html><html lang="en"><meta name="viewport" content="width=d
         ("", None),
         ("<script>console.info('said')</script>", "console: INFO"),
         ("<p style='color: #777'>pale</p>", "contrast 4.48: 'pale' in p"),
-        ("<p style='color: #777; font-size: 24px'>pale and large</p>", None),
-        ("<p style='opacity: .6'>pale</p>", "contrast 3.71: 'pale' in p"),
         ("<div style='background: #000c'><p style='color: #fff'>on a shade</p></div>", None),
         ("<details><summary>more</summary><p style='color: #eee'>folded</p></details>", "'folded' in p"),
-        ("<p hidden style='color: #fff'>never seen</p>", None),
         ("<p style='font-size: 8px'>tiny</p>", "letters of 8.0 px: 'tiny' in p"),
-        (
-            "<svg viewBox='0 0 100 10' width='50'><title>t</title><text y='9' font-size='10'>a</text></svg>",
-            "letters of 5.0 px: 'a' in text",
-        ),
         ("<svg width='50'><title>t</title><text y='20'>far too long for it</text></svg>", "cut: 'far"),
         ("<p style='width: 500px'>wide</p>", "phone, dark: the page is"),
         ("<div style='overflow-x: auto'><p style='width: 1500px'>wide</p></div>", None),
-        ("<div style='overflow: hidden'><p style='width: 1500px'>wide</p></div>", "1500 px in"),
-        ("<select><option>a</option></select>", "no name: select"),
         ("<input id='x' type='range'>", "no name: input#x"),
-        ("<canvas class='c'></canvas>", "no name: canvas.c"),
-        ("<img src='data:image/gif;base64,R0lGODlhAQABAAAAACw=' alt=''>", "no name: img"),
-        ("<svg width='50'></svg>", "no name: svg"),
         ("<i id='a'></i><i id='a'></i>", "found twice: #a"),
         ("<img src='file:///nowhere.png' alt='a'>", "from elsewhere: file:///nowhere.png"),
     ],
@@ -86,7 +74,6 @@ def test_a_fleet_is_read_without_trouble(
 ) -> None:
     page = fleet_page(tmp_path, kind, count, prefix, has_stamps)
     assert page.stat().st_size < 5e6
-    browser.get("about:blank")
     browser.get_log("browser")
     browser.get(page.as_uri())
     assert serious_findings(browser) == []
@@ -106,7 +93,6 @@ def test_a_rig_is_read_without_trouble(
     rig: Path, rig_results: tuple[Result, Path], browser: webdriver.Chrome
 ) -> None:
     assert rig_results[0].exit_code in (0, 3), rig_results[0].output
-    browser.get("about:blank")
     browser.get_log("browser")
     browser.get((rig.parents[1] / "rig.html").as_uri())
     assert serious_findings(browser) == []
