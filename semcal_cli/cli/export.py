@@ -45,24 +45,24 @@ def rerun(settings: RerunSettings) -> None:
 
     check_installed("semcal export rerun", "rerun", "view")
     from semcal_cli.formats import read_extrinsic
-    from semcal_cli.report.rerun_file import begun_cameras, poses_of, write_rerun
-    from semcal_cli.result.applied import apply_result
+    from semcal_cli.report.rerun_file import cameras_of, write_rerun
+    from semcal_cli.result.applied import apply_result, as_begun
 
     whole, calibration = read_drive(settings.drive, settings.max_points), settings.calibration
     check_outputs(files_read(whole, calibration), settings.output)
-    poses = {} if whole.T_camera_lidar is None else {"reference": np.array(whole.T_camera_lidar)}
-    cameras = dict.fromkeys(poses, whole.camera)
+    cameras = {}
+    if whole.T_camera_lidar is not None:
+        cameras["reference"] = np.array(whole.T_camera_lidar), whole.camera
     terminal = Terminal(quiet=settings.quiet)
     if calibration is not None:
         extrinsic = read_extrinsic(calibration)
-        poses |= poses_of(extrinsic)
-        cameras |= begun_cameras(extrinsic, whole)
         applied = apply_result(extrinsic.record, whole, str(calibration))
         terminal.print_changes(applied.changes)
+        cameras |= cameras_of(extrinsic, as_begun(extrinsic.record, whole).camera, applied.drive.camera)
         whole = applied.drive
     spec = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, settings.max_frames))})
     with terminal:
         terminal.show("reading frames")
-        write_rerun(spec, poses, settings.output, cameras)
-    names = f", cameras {', '.join(poses)}" if poses else ""
+        write_rerun(spec, cameras, settings.output)
+    names = f", cameras {', '.join(cameras)}" if cameras else ""
     terminal.print(f"wrote {settings.output}: {len(spec.frames)} frames{names}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
@@ -75,23 +74,20 @@ def read_members(paths: Sequence[Path]) -> list[Member]:
     for path in paths:
         found += _read_batch(path) if is_folder(path) else [(path, _read_single(path))]
     names = Counter(member.drive for _, member in found)
-    members: dict[str, Member] = {}
+    members: list[Member] = []
     owners: dict[tuple[bytes, bytes], str] = {}
     for result, member in found:
-        place = os.path.realpath(result)
-        if place in members:
-            raise InputError(f"{result}: found twice among what was given, needed each drive once")
         name = member.drive if names[member.drive] == 1 else str(result)
-        members[place] = replace(member, drive=name)
+        members.append(replace(member, drive=name))
         if member.T_camera_lidar is not None and member.covariance is not None:
-            # Calibrations of two drives never agree to the last bit: one is a copy of the other.
+            # Calibrations of two drives never agree to the last bit: one is a copy of the other, or is given twice.
             key = member.T_camera_lidar.tobytes(), member.covariance.tobytes()
-            owner = owners.setdefault(key, name)
-            if owner != name:
+            if key in owners:
                 raise InputError(
-                    f"{owner}, {name}: found the same result to the last bit, needed each drive once"
+                    f"{owners[key]}, {name}: found the same result to the last bit, needed each drive once"
                 )
-    return list(members.values())
+            owners[key] = name
+    return members
 
 
 def _read_batch(folder: Path) -> list[tuple[Path, Member]]:

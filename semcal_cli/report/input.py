@@ -167,24 +167,22 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
         return tuple(getattr(frame, key) for key in keys)
 
     names = {files(frame) for frame in record.input.frames}
-    named = tuple(frame for frame in drive.frames if files(frame) in names)
-    known = record.input.sha256
-    found = describe_input(drive.model_copy(update={"frames": named}), None, Path(), keys).sha256
+    named: dict[tuple[str | None, ...], Frame] = {}  # a frame that is listed again is read once
+    for frame in drive.frames:
+        if files(frame) in names:
+            named.setdefault(files(frame), frame)
+    used, known = drive.model_copy(update={"frames": tuple(named.values())}), record.input.sha256
+    found = describe_input(used, None, Path(), keys).sha256
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
-    if all(changed & set(filter(None, files(frame))) for frame in named):
+    if all(changed & set(filter(None, each)) for each in named):
         notice = (
             f"The calibration was computed from other frames, of {record.input.drive}; figures and pictures are of "
             f"{drive.path}."
         )
         return None, [notice]
     notices = []
-    num_found = len({files(frame) for frame in named})
-    if num_found != len(names):
-        notices.append(f"Of the {len(names)} frames it was computed from, {num_found} are in {drive.path}.")
+    if len(named) != len(names):
+        notices.append(f"Of the {len(names)} frames it was computed from, {len(named)} are in {drive.path}.")
     if changed:
         notices.append(f"Since it was computed, files were changed: {listed(sorted(changed))}.")
-    # A calibration uses no frame twice, and each takes time and memory.
-    distinct: dict[tuple[str | None, ...], Frame] = {}
-    for frame in named:
-        distinct.setdefault(tuple(name and found[name] for name in files(frame)), frame)
-    return drive.model_copy(update={"frames": tuple(distinct.values())}), notices
+    return used, notices

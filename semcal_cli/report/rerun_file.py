@@ -25,7 +25,6 @@ from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import palettes
-from semcal_cli.result.applied import as_begun
 
 LIDAR, CAMERAS = "lidar", "lidar/cameras"
 """Entities of the LiDAR's frame, under which all others stand, and of the cameras in it."""
@@ -38,31 +37,27 @@ UNKNOWN_COLOR = (128, 128, 128)
 POINT_RADIUS_PX = 1.5
 
 
-def poses_of(extrinsic: Extrinsic) -> dict[str, Pose]:
-    """List the poses of a calibration by the names of their cameras: hypotheses, stages in order, and the result.
+def cameras_of(extrinsic: Extrinsic, begun: Camera, used: Camera) -> dict[str, tuple[Pose, Camera]]:
+    """List the poses of a calibration with the cameras that they belong to, by the names of these.
 
-    A transform of another format is the result alone.
+    They are its hypotheses, its stages in order, and its result. A transform of another format is the result alone.
+
+    Args:
+        extrinsic: The calibration.
+        begun: Camera that the calibration began with.
+        used: Camera that the result belongs to, and the stage that estimated it.
     """
-    calibration = extrinsic.record
+    calibration, result = extrinsic.record, {"result": (extrinsic.T_camera_lidar, used)}
     if calibration is None:
-        return {"result": extrinsic.T_camera_lidar}
-    found = {f"hypothesis_{index}": each.pose for index, each in enumerate(calibration.hypotheses)}
-    found |= {f"stage_{name}": np.array(stage.T_camera_lidar) for name, stage in calibration.stages.items()}
-    return found | {"result": calibration.pose}
+        return result
+    found = {f"hypothesis_{index}": (each.pose, begun) for index, each in enumerate(calibration.hypotheses)}
+    for name, stage in calibration.stages.items():
+        camera = used if name == "joint" else begun
+        found[f"stage_{name}"] = np.array(stage.T_camera_lidar), camera
+    return found | result
 
 
-def begun_cameras(extrinsic: Extrinsic, drive: Drive) -> dict[str, Camera]:
-    """Give the camera that a calibration began with to each of its poses before intrinsics were estimated."""
-    calibration = extrinsic.record
-    if calibration is None or calibration.camera is None or not calibration.camera.is_kept:
-        return {}
-    camera = as_begun(calibration, drive).camera
-    return {name: camera for name in poses_of(extrinsic) if name not in ("stage_joint", "result")}
-
-
-def write_rerun(
-    drive: Drive, poses: Mapping[str, Pose], path: Path, cameras: Mapping[str, Camera] | None = None
-) -> None:
+def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: Path) -> None:
     """Write a `.rrd`, as a whole or not at all.
 
     Points have the colour of their class if all frames have labels of points and of pictures, else of their height.
@@ -70,9 +65,8 @@ def write_rerun(
 
     Args:
         drive: The drive, whose frames are all written.
-        poses: T_camera_lidar (4, 4), metres, by the name of the camera; the picture hangs on the last. May be empty.
+        cameras: T_camera_lidar (4, 4), metres, and camera by name; the picture hangs on the last. May be empty.
         path: File to write; its suffix is .rrd.
-        cameras: Cameras of poses that belong to another one than that of the drive, by the same names.
 
     Raises:
         InputError: the suffix is another one, a file of the drive is missing or wrong, or nothing can be written.
@@ -83,14 +77,16 @@ def write_rerun(
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .rrd")
     has_labels = all(frame.point_labels and frame.image_labels for frame in drive.frames)
     observations = read_observations(drive) if has_labels else load_points(drive)
-    if poses:
-        observations = unrolled(observations, list(poses.values())[-1])
+    if cameras:
+        observations = unrolled(observations, list(cameras.values())[-1][0])
     stream = rr.RecordingStream("semcal", recording_id=str(drive.path.absolute()))
     memory = stream.memory_recording()
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
-    for name, T in poses.items():
-        _log_camera(stream, name, T, (cameras or {}).get(name, drive.camera))
-    entity = f"{CAMERAS}/{list(poses)[-1]}" if poses else "camera"  # without a pose, pictures lie in no space
+    for name, (T, camera) in cameras.items():
+        _log_camera(stream, name, T, camera)
+    entity = (
+        f"{CAMERAS}/{list(cameras)[-1]}" if cameras else "camera"
+    )  # without a pose, pictures lie in no space
     point_colors, pixel_colors = palettes(observations)
     _log_classes(stream, f"{LIDAR}/points", observations.point_class_names, point_colors)
     if observations.image_class_names:
