@@ -9,13 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.geometry.poses import Pose, camera_center, inverse
 from semcal_cli.report.colors import Colors, hex_color, painted, palettes
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.points import at_pixels, packed, points_in_image
+from semcal_cli.report.points import at_pixels, packed, points_in_image, thinned
 
 Rgb = tuple[int, int, int]
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
@@ -127,11 +126,6 @@ def frame_cloud(report: ReportInput) -> Cloud:
     cloud = make_cloud(frames[number].points, points, is_seen, colored, [camera])
     cloud.legends.update({name: _legend(*found) for name, found in labels.items()})
     return cloud
-
-
-def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
-    """Indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
-    return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
 
 
 def _legend(classes: npt.NDArray[np.uint8], names: Sequence[str], palette: Colors) -> dict[str, str]:

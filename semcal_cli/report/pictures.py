@@ -6,7 +6,7 @@ import base64
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
 
@@ -116,7 +116,7 @@ def make_pictures(overlays: Overlays) -> Pictures:
         found = list(pool.map(lambda frame: frame_points(views, frame, together), frames))
         moved_px = _moved_px(found) if len(views) > 1 else None
         if moved_px is not None and moved_px[1] < SEEN_PX:
-            found = [replace(points, poses=points.poses[-1:]) for points in found]
+            found = [points._replace(poses=points.poses[-1:]) for points in found]
         best = _best(found)
         num_shares = len(found) + BEST_SHARES - 1
         shares = [Fraction(BEST_SHARES if frame == best else 1, num_shares) for frame in frames]

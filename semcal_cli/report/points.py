@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -101,8 +100,7 @@ def kinds_of(
     return kinds
 
 
-@dataclass(frozen=True)
-class PosePoints:
+class PosePoints(NamedTuple):
     """Points of a frame at one pose, all arrays in one order."""
 
     positions: npt.NDArray[np.float64]
@@ -128,8 +126,7 @@ class PosePoints:
         return int((self.kinds == AGREES).sum()) / self.num_judged if self.num_judged else None
 
 
-@dataclass(frozen=True)
-class FramePoints:
+class FramePoints(NamedTuple):
     """Points of a frame that some pose puts into the picture, farthest first."""
 
     indices: npt.NDArray[np.intp]
@@ -142,12 +139,11 @@ class FramePoints:
 
     def thinned(self, count: int) -> FramePoints:
         """Keep at most this number of points, evenly spaced in their order; those with an edge before all others."""
-        first = is_edge(self.classes) if self.by_edge else np.zeros(len(self.classes), bool)
-        chosen = evenly_spaced(np.flatnonzero(first).tolist(), count)
-        others = evenly_spaced(np.flatnonzero(~first).tolist(), count - len(chosen))
-        kept = np.sort(np.array([*chosen, *others], np.intp))
-        poses = (PosePoints(p.positions[kept], p.kinds[kept], p.levels[kept]) for p in self.poses)
-        return FramePoints(self.indices[kept], self.classes[kept], tuple(poses), self.by_edge)
+        is_first = is_edge(self.classes) if self.by_edge else np.zeros(len(self.classes), bool)
+        first = thinned(is_first, count)
+        kept = np.sort(np.concatenate([first, thinned(~is_first, count - len(first))]))
+        poses = tuple(PosePoints(*(each[kept] for each in pose)) for pose in self.poses)
+        return FramePoints(self.indices[kept], self.classes[kept], poses, self.by_edge)
 
     def moved_px(self) -> npt.NDArray[np.float64]:
         """Distances, in pixels, between the first and the last pose, of points that both show."""
@@ -195,6 +191,11 @@ def frame_points(views: Sequence[View], frame: int, together: npt.NDArray[np.boo
         levels[each.indices] = depth_levels(each.ranges_m)
         found.append(PosePoints(positions[order], kinds[order], levels[order]))
     return FramePoints(order, cloud.classes[order], tuple(found), coloring_of(observations) == "edge")
+
+
+def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
+    """Indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
+    return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
 
 
 def packed(array: npt.NDArray[np.generic]) -> str:

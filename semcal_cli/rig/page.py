@@ -14,12 +14,12 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_points, read_frame_image
 from semcal_cli.errors import listed
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.report.cloud import MAX_SEEN, CameraInView, Cloud, Rgb, make_cloud, thinned
+from semcal_cli.report.cloud import MAX_SEEN, CameraInView, Cloud, Rgb, make_cloud
 from semcal_cli.report.colors import QUALITATIVE_COLORS, Legend, hex_color
 from semcal_cli.report.notations import Notation, T_notation, matrix_text
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_BYTES, MAX_PICTURE_BYTES, data_uri
-from semcal_cli.report.points import at_pixels, points_in_image
+from semcal_cli.report.points import at_pixels, points_in_image, thinned
 from semcal_cli.report.template import Reason, Verdict, linked, render_page
 from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import Calibration
