@@ -184,16 +184,16 @@ def test_cameras_of_a_synthetic_rig_err_in_places_of_their_own(tmp_path: Path) -
 
 
 def test_a_camera_that_fails_stops_no_other(rig: Path, tmp_path: Path) -> None:
-    broken = copied(rig, tmp_path / "rig", {"broken": "camera_0", "whole": "camera_1"})
-    shutil.rmtree(broken.parent / "broken/image_labels")
-    found = run(broken.parent, "-o", tmp_path / "out", "--no-polish")  # the folder of a rig.yaml
+    copied(rig, tmp_path, dict(zip(NAMES, NAMES, strict=True)))
+    shutil.rmtree(tmp_path / "camera_0/image_labels")
+    found = run(tmp_path, "-o", tmp_path / "out", "--no-polish")  # the folder of a rig.yaml
     assert isinstance(found.exception, CalibrationError)
-    assert str(found.exception).startswith("1 of 2 cameras failed; broken: ")
+    assert str(found.exception).startswith("1 of 2 cameras failed; camera_0: ")
     document = read_document(tmp_path / "out/rig_calibration.yaml")
-    assert document["status"] == document["cameras"]["broken"]["status"] == "failed"
-    assert document["cameras"]["whole"]["status"] == "not_assessed"
-    assert read_calibration(tmp_path / "out/whole.yaml").status == "not_assessed"
-    assert not (tmp_path / "out/broken.yaml").exists()
+    assert document["status"] == document["cameras"]["camera_0"]["status"] == "failed"
+    assert document["cameras"]["camera_1"]["status"] == "not_assessed"
+    assert read_calibration(tmp_path / "out/camera_1.yaml").status == "not_assessed"
+    assert not (tmp_path / "out/camera_0.yaml").exists()
 
 
 def test_a_reference_is_taken_either_way_round(rig: Path) -> None:
@@ -248,7 +248,14 @@ def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: 
 
 
 def test_usage(rig: Path, tmp_path: Path) -> None:
-    for options in ([], ["--init", rig], ["--to", "tum"], ["--split"], ["--json"], ["--image-model", "m"]):
+    for options in (
+        [],
+        ["--init", rig.parent / "camera_0"],
+        ["--to", "tum"],
+        ["--split"],
+        ["--json"],
+        ["--image-model", "m"],
+    ):
         found = run(rig, *(["-o", tmp_path] if options else []), *options)
         assert found.exit_code == 2
         named = f"Error: {options[0]} is of one camera, and {rig} is a rig." if options else "Error: -o: "
