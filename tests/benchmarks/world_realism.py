@@ -119,11 +119,11 @@ def _observe(
     point_ids, image_ids = (labels & 0xFFFF).astype(np.uint16), image_labels.astype(np.uint16)
     point_table = class_table([point_ids], named, [UNLABELED])
     image_table = class_table([image_ids], named, [UNLABELED])
-    cloud = LabelledCloud(np.ascontiguousarray(points[:, :3]), point_table(point_ids))
+    cloud = LabelledCloud(np.ascontiguousarray(points[:, :3]), *point_table(point_ids))
     return Observations(
         camera=make_camera(config),
         lidar=None,
-        frame_observations=(FrameObservation(cloud, LabelledImage(image_table(image_ids))),),
+        frame_observations=(FrameObservation(cloud, LabelledImage(*image_table(image_ids))),),
         point_class_names=point_table.names,
         image_class_names=image_table.names,
     )
