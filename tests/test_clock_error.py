@@ -26,7 +26,7 @@ from semcal_cli.pipeline import calibrate
 from semcal_cli.refinement.polish import newton
 from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import Calibration, read_calibration
-from semcal_cli.result.intervals import stated_error
+from semcal_cli.result.uncertainty import stated_error
 from semcal_cli.synthetic.synthesis import synthesize
 
 T = make_pose((0.4, -1.2, 0.8), (0.3, -0.2, 0.1))

@@ -9,8 +9,7 @@ from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.refinement.polish import newton
-from semcal_cli.result.intervals import figure
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import Uncertainty, figure
 
 CONFIG = PolishConfig()
 

@@ -134,7 +134,7 @@ def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
     from semcal_cli.config import Limits
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members
-    from semcal_cli.result.intervals import widest
+    from semcal_cli.result.uncertainty import widest
 
     try:
         members = [each for each in read_members([folder]) if each.drive in trusted and each.left_out is None]

@@ -163,7 +163,7 @@ def _print(found: Fleet, written: Sequence[Path], *, quiet: bool) -> None:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.errors import printable
     from semcal_cli.fleet.verdict import title
-    from semcal_cli.result.intervals import intervals
+    from semcal_cli.result.uncertainty import intervals
 
     terminal = Terminal(quiet=quiet)
 

@@ -26,8 +26,8 @@ from semcal_cli.files.reading import is_folder
 from semcal_cli.files.writing import make_folder, write_text
 from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.intervals import intervals
 from semcal_cli.result.provenance import hash_files
+from semcal_cli.result.uncertainty import intervals
 from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
 from semcal_cli.rig.page import rig_page_html

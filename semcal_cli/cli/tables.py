@@ -11,7 +11,7 @@ import numpy as np
 from semcal_cli.errors import printable
 from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.result.camera import clock_sentence, intrinsic_texts, kept_sentence
-from semcal_cli.result.intervals import stated_error
+from semcal_cli.result.uncertainty import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.geometry.poses import PoseError

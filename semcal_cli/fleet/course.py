@@ -30,7 +30,7 @@ from semcal_cli.report.drawing import (
     short_names,
 )
 from semcal_cli.report.figures import Plot
-from semcal_cli.result.intervals import AXIS_NAMES
+from semcal_cli.result.uncertainty import AXIS_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

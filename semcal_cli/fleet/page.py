@@ -10,7 +10,7 @@ from semcal_cli.fleet.fleet import Fleet
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import T_notation, notations
 from semcal_cli.report.template import Reason, Verdict, render_page
-from semcal_cli.result.intervals import intervals, widest
+from semcal_cli.result.uncertainty import intervals, widest
 
 KINDS: dict[Kind, str] = {
     "beyond": "drive surely beyond what is allowed",

@@ -13,7 +13,7 @@ import numpy as np
 from semcal_cli.assessment.limits import IN_ALL, Check, Verdict, together
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
-from semcal_cli.result.intervals import CHECK_NAMES, widest
+from semcal_cli.result.uncertainty import CHECK_NAMES, widest
 
 if TYPE_CHECKING:
     from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset, Order, Part

@@ -27,8 +27,7 @@ from semcal_cli.report.drawing import (
     short_names,
 )
 from semcal_cli.report.points import over_chance
-from semcal_cli.result.intervals import AXIS_NAMES
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import AXIS_NAMES, Uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

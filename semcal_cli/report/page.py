@@ -35,9 +35,9 @@ from semcal_cli.report.template import Verdict, linked, render_page
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import intrinsic_texts
-from semcal_cli.result.intervals import CHECK_NAMES
 from semcal_cli.result.provenance import describe_input, versions
 from semcal_cli.result.sections import DrivePart
+from semcal_cli.result.uncertainty import CHECK_NAMES
 
 if TYPE_CHECKING:
     from semcal_cli.drive.loading import LoadedDrive

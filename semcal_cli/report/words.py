@@ -16,8 +16,7 @@ from semcal_cli.report.input import ReportInput
 from semcal_cli.report.template import Verdict, linked
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import clock_sentence, kept_sentence
-from semcal_cli.result.intervals import figure, image_radius_px, stated_error
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import Uncertainty, figure, image_radius_px, stated_error
 
 DEPTHS_M = 10.0, 50.0
 """Depths at which the error of a point's place in the image is stated."""

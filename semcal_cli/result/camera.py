@@ -10,8 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from semcal_cli.drive.camera import OF_K, Camera, intrinsic_names, intrinsic_value, without_last_zeros
 from semcal_cli.errors import describe, listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
-from semcal_cli.result.intervals import figure
-from semcal_cli.result.uncertainty import check_covariance
+from semcal_cli.result.uncertainty import check_covariance, figure
 
 OF_DRIVE = "the transform belongs to the camera of the drive"
 

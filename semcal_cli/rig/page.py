@@ -23,7 +23,7 @@ from semcal_cli.report.points import at_pixels, points_in_image, thinned
 from semcal_cli.report.template import Reason, Verdict, linked, render_page
 from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.intervals import intervals, widest
+from semcal_cli.result.uncertainty import intervals, widest
 from semcal_cli.rig.calibration import WORST_FIRST, Pair, RigCalibration
 from semcal_cli.rig.document import cloud_path
 from semcal_cli.threads import thread_pool

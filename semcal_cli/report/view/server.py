@@ -16,7 +16,7 @@ from typing import Any
 from semcal_cli.errors import InputError, SemcalError, os_reason
 from semcal_cli.report.template import render_page
 from semcal_cli.report.view.session import Session
-from semcal_cli.result.intervals import AXIS_NAMES
+from semcal_cli.result.uncertainty import AXIS_NAMES
 
 HOST = "127.0.0.1"
 MAX_BODY_BYTES = 10_000
