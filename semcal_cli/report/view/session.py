@@ -61,7 +61,7 @@ class Placed:
     T_base: Pose
     """(4, 4) T_camera_lidar before it is moved."""
     offsets: npt.NDArray[np.float64]
-    """(6,) motion of the camera's centre along its axes, in metres, then degrees about them: see `result.uncertainty`."""
+    """(6,) motion of the camera's centre along its axes, metres, then degrees about them: see `result.uncertainty`."""
 
     @property
     def T_camera_lidar(self) -> Pose:
