@@ -13,8 +13,6 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from semcal_cli.datasets.files import (
     files_by_stem,
     folders,
@@ -27,9 +25,15 @@ from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.reading import is_folder, read_text
-from semcal_cli.formats.kitti import OBJECT_KEY, ODOMETRY_KEY, beside_camera0, camera0_pose, read_keyed
-from semcal_cli.formats.node import Node, camera_block, image_side, parse_numbers, pick, rigid, stamp_s
-from semcal_cli.formats.pose import rotation, transform
+from semcal_cli.formats.kitti import (
+    OBJECT_KEY,
+    ODOMETRY_KEY,
+    beside_camera0,
+    camera0_pose,
+    raw_pose,
+    read_keyed,
+)
+from semcal_cli.formats.node import Node, camera_block, image_side, parse_numbers, pick, stamp_s
 from semcal_cli.geometry.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
@@ -130,7 +134,7 @@ def read_raw(request: Request) -> Recording:
     Raises:
         InputError: the drive, the camera or a file is missing or wrong, or no frame is complete.
     """
-    drives = sorted(path.name for path in request.root.glob("*/*_sync") if path.is_dir())
+    drives = sorted(path.parent.name for path in request.root.glob("*/*_sync/velodyne_points"))
     drive = pick("sequence", request.sequence, drives, request.root)
     day = request.root / drive[: len("2011_09_26")]
     folder = day / drive
@@ -146,28 +150,14 @@ def read_raw(request: Request) -> Recording:
         speed_mps={name: _speed(path) for name, path in packets.items() if name in clouds},
         missing=f"{folder}: found no frame with a sweep and a picture in {camera}",
     )
-    keyed, number = read_keyed(day / "calib_cam_to_cam.txt"), camera.removeprefix("image_")
+    velo, keyed = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
+    number = camera.removeprefix("image_")
     return Recording(
         camera=pinhole(keyed.at(f"P_rect_{number}"), *image_sides(keyed.at(f"S_rect_{number}"))),
         lidar=LIDAR,
         frames=frames,
-        T_camera_lidar=raw_reference(day, number),
+        T_camera_lidar=raw_pose(velo, keyed, camera),
     )
-
-
-def raw_reference(day: Path, camera: str) -> Pose:
-    """Read T_camera_lidar (4, 4) of a rectified camera from the calibration files of a day of KITTI raw.
-
-    calib_velo_to_cam.txt maps the LiDAR to the unrectified camera 0, so R_rect_00 is applied after it.
-
-    Raises:
-        InputError: a key is missing or wrong.
-    """
-    cameras, velo = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("cam", "velo"))
-    shift = velo.at("T")
-    T_camera0_lidar = rigid(shift.where, transform(np.eye(3), shift.numbers(3))) @ rotation(velo.at("R"))
-    T_camera_camera0 = beside_camera0(cameras.at(f"P_rect_{camera}")) @ rotation(cameras.at("R_rect_00"))
-    return T_camera_camera0 @ T_camera0_lidar
 
 
 def read_stamps(path: Path) -> dict[int, float]:

@@ -21,6 +21,7 @@ from semcal_cli.geometry.poses import Pose, inverse
 
 CAMERAS = ("P0", "P1", "P2", "P3")
 ODOMETRY_KEY, OBJECT_KEY, RECTIFICATION = "Tr", "Tr_velo_to_cam", "R0_rect"
+RAW_CAMERAS, RAW_CAMERAS_FILE = ("image_00", "image_01", "image_02", "image_03"), "calib_cam_to_cam.txt"
 KITTI_360_FILE, KITTI_360_KEY = "calib_cam_to_velo.txt", "camera 0 to LiDAR"
 
 
@@ -101,6 +102,49 @@ def unrectified_camera0_pose(path: Path, text: str, options: FormatOptions | Non
     )
 
 
+def raw_pose(
+    velo: Node, cameras: Node | None, camera: str | None, options: FormatOptions | None = None
+) -> Pose:
+    """Read T_camera_lidar (4, 4) from the lines of calib_velo_to_cam.txt and calib_cam_to_cam.txt of KITTI raw.
+
+    Args:
+        velo: Lines of calib_velo_to_cam.txt, which maps the LiDAR to camera 0 before rectification.
+        cameras: Lines of calib_cam_to_cam.txt; only needed for a camera.
+        camera: A rectified camera, as `image_02`; None for camera 0 before rectification.
+        options: What the user says of the transform.
+
+    Raises:
+        InputError: a number is missing or wrong, or a transform is not rigid.
+    """
+    shift = velo.at("T")
+    T = rigid(shift.where, transform(np.eye(3), shift.numbers(3))) @ rotation(velo.at("R"), options)
+    if camera is None or cameras is None:
+        return T
+    projection = cameras.at(f"P_rect_{camera.removeprefix('image_')}")
+    return beside_camera0(projection) @ rotation(cameras.at("R_rect_00"), options) @ T
+
+
+def _read_raw(source: Source, options: FormatOptions) -> Pose:
+    if options.camera not in (None, *RAW_CAMERAS):
+        raise InputError(f"--camera: found {options.camera!r}, needed one of: {', '.join(RAW_CAMERAS)}")
+    cameras = None if options.camera is None else read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
+    return raw_pose(keyed(source.path, source.text), cameras, options.camera, options)
+
+
+def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    _check_no_camera(options)
+    turn, shift = (
+        " ".join(map(repr, each.ravel().tolist())) for each in (T_camera_lidar[:3, :3], T_camera_lidar[:3, 3])
+    )
+    return f"R: {turn}\nT: {shift}\n".encode()
+
+
+def _check_no_camera(options: FormatOptions) -> None:
+    if options.camera is not None:
+        needed = "needed nothing: a new file has camera 0 alone"
+        raise InputError(f"--to-camera: found {options.camera!r}, {needed}")
+
+
 def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
     def read(source: Source, options: FormatOptions) -> Pose:
         lines = keyed(source.path, source.text)
@@ -112,9 +156,7 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
         return beside_camera0(lines.at(options.camera)) @ T
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-        if options.camera is not None:
-            needed = "needed nothing: a new file has camera 0 alone"
-            raise InputError(f"--to-camera: found {options.camera!r}, {needed}")
+        _check_no_camera(options)
         return f"{first_line}{key}: {_row(T_camera_lidar)}\n".encode()
 
     equation = f"p_camera0 = {equation} p_velo; --camera P2 for another camera"
@@ -127,6 +169,15 @@ OBJECT = _kitti(
     "R0_rect Tr_velo_to_cam",
     OBJECT_KEY,
     f"{RECTIFICATION}: {' '.join(map(repr, np.eye(3).ravel().tolist()))}\n",
+)
+RAW = Format(
+    "kitti-raw",
+    "p_camera0 = T p_velo: calib_velo_to_cam.txt, camera 0 before rectification; --camera image_02 for a rectified "
+    "one, by calib_cam_to_cam.txt beside it",
+    lambda source: {"R", "T"} <= _keys(source) <= {"calib_time", "R", "T", "delta_f", "delta_c"},
+    _read_raw,
+    _make_raw,
+    asks=("camera",),
 )
 KITTI_360 = Format(
     "kitti-360",

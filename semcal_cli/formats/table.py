@@ -16,6 +16,7 @@ FORMATS: tuple[Format, ...] = (
     urdf.FORMAT,
     kitti.ODOMETRY,
     kitti.OBJECT,
+    kitti.RAW,
     kitti.KITTI_360,
     documents.RELLIS_3D,
     bases.NUSCENES,

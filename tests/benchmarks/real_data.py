@@ -16,7 +16,7 @@ import yaml
 
 from semcal_cli.datasets import kitti
 from semcal_cli.files.images import read_image
-from semcal_cli.formats.kitti import read_keyed
+from semcal_cli.formats.kitti import raw_pose, read_keyed
 
 CITYSCAPES = [
     *("road", "sidewalk", "building", "wall", "fence", "pole", "light", "sign", "vegetation", "terrain"),
@@ -71,10 +71,10 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
             of_drive = source / "image_labels" / sync.name
             labels = (of_drive if of_drive.is_dir() else of_drive.parent) / path.name
             frames.append(_frame(sync / f"velodyne_points/data/{path.stem}.bin", path, labels))
-    camera = images.name.removeprefix("image_")
-    projection = read_keyed(day / "calib_cam_to_cam.txt").at(f"P_rect_{camera}")
+    velo, cameras = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
+    projection = cameras.at(f"P_rect_{images.name.removeprefix('image_')}")
     height, width = read_image(Path(frames[0]["image"])).shape[:2]
-    lens, T = kitti.pinhole(projection, width, height), kitti.raw_reference(day, camera)
+    lens, T = kitti.pinhole(projection, width, height), raw_pose(velo, cameras, images.name)
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
     yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T)
 
