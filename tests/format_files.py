@@ -129,6 +129,11 @@ FILES: dict[str, tuple[str, str, FormatOptions]] = {
         f"R0_rect: {words(R0)}\nTr_velo_to_cam: {words((np.linalg.inv(T_R0) @ T_ANY)[:3])}\nTr_imu_to_velo: 1\n",
         FormatOptions(),
     ),
+    "kitti-raw": (
+        "calib_velo_to_cam.txt",
+        f"calib_time: 15-Mar-2012 11:37:16\nR: {words(T_ANY[:3, :3])}\nT: {words(T_ANY[:3, 3])}\ndelta_f: 0 0\n",
+        FormatOptions(),
+    ),
     "kitti-360": ("calib_cam_to_velo.txt", words(T_LIDAR_CAMERA[:3]), FormatOptions()),
     "rellis-3d": (
         "transforms.yaml",

@@ -92,6 +92,17 @@ def test_kitti_object(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.array(drive.T_camera_lidar), published, atol=PRINTED)
 
 
+def test_kitti_raw_of_the_right_camera(tmp_path: Path) -> None:
+    """Its drives lie beside a folder of labels that has theirs, too; the calibration is read as `convert` reads it."""
+    day = real("kitti_raw_right") / "2011_09_26"
+    sequence = ("--sequence", "2011_09_26_drive_0009_sync", "--camera", "image_03")
+    run_import("kitti-raw", day.parent, *sequence, "-o", tmp_path / "drive")
+    drive = read_drive(tmp_path / "drive")
+    assert len(drive.frames) == 5
+    published = read_transform(day / "calib_velo_to_cam.txt", options=FormatOptions(camera="image_03"))
+    np.testing.assert_allclose(np.array(drive.T_camera_lidar), published, atol=PRINTED)
+
+
 def edge_points(path: Path) -> npt.NDArray[np.float32]:
     """Points (N, 3) in front of a jump in range to their neighbour on the ring."""
     cloud = _core.read_point_clouds([(path, None)])[0]

@@ -281,6 +281,7 @@ OPTIONS: dict[str, tuple[FormatOptions, ...]] = {
     "lidar2cam": (FormatOptions(camera="CAM_FRONT"),),
     "colmap": (FormatOptions(), FormatOptions(camera="right/")),
     "kitti-odometry": (FormatOptions(), FormatOptions(camera="P2")),
+    "kitti-raw": (FormatOptions(), FormatOptions(camera="image_02")),
     "kitti-object": (FormatOptions(), FormatOptions(camera="P2")),
     "ros2-launch": (FormatOptions(lidar="l"), FormatOptions(frame="body")),
     "urdf": (
