@@ -38,9 +38,6 @@ pub struct Correspondence {
 
 /// Samples, for each hypothesis, up to `count` pairs whose classes agree, that is, have positive pointwise mutual
 /// information; they are spread over the image and over range.
-///
-/// # Errors
-/// The camera has no field of view.
 pub fn sample(
     observations: &Observations,
     images: &SphericalImages,

@@ -18,9 +18,6 @@ pub struct Opened {
 impl Opened {
     /// Opens a regular file. Its kind is tested before it is opened, since opening a device may have effects, and again
     /// afterwards, since something else may then have its name.
-    ///
-    /// # Errors
-    /// There is none at this path, or it cannot be read.
     pub fn open(path: &Path) -> Result<Self> {
         let check = |metadata: io::Result<std::fs::Metadata>| {
             let metadata = metadata.map_err(|e| complaint(path, e))?;
@@ -42,18 +39,12 @@ impl Opened {
     }
 
     /// Refuses a file of more bytes than `limit`; `needed_for` says what the limit applies to.
-    ///
-    /// # Errors
-    /// The file is larger.
     pub fn at_most(self, limit: u64, needed_for: &str) -> Result<Self> {
         check_bytes(self.size, limit, needed_for).map_err(|reason| Error::file(&self.path, reason))?;
         Ok(self)
     }
 
     /// The content, of which nothing is read beyond the size that the file had when it was opened.
-    ///
-    /// # Errors
-    /// The file cannot be read.
     pub fn bytes(self) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         let no_memory = |_| complaint(&self.path, ErrorKind::OutOfMemory.into());
@@ -106,9 +97,6 @@ impl Seek for Watched<'_> {
 }
 
 /// Refuses more bytes than a limit: in words.
-///
-/// # Errors
-/// There are more.
 pub fn check_bytes(found: u64, limit: u64, needed_for: &str) -> std::result::Result<(), String> {
     if found <= limit {
         return Ok(());

@@ -60,9 +60,6 @@ pub fn read_array(file: &mut impl Read, limit: u64) -> std::result::Result<Vec<u
 }
 
 /// An array's header; what follows in the file is its data.
-///
-/// # Errors
-/// It is no `.npy`: in words.
 pub fn read_header(file: &mut impl Read) -> std::result::Result<NpyHeader, String> {
     parse_header(&read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?)
 }
@@ -184,9 +181,6 @@ const LONGEST_COMMENT: usize = 65_535;
 
 /// Opens an archive, if it has fewer files than ZIP64 is for: the table of contents, which is read as a whole, takes up
 /// to six times its size.
-///
-/// # Errors
-/// It is no archive, or has too many files.
 pub fn open_archive<R: Read + Seek>(mut file: R) -> ZipResult<ZipArchive<R>> {
     let size = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(size.saturating_sub((LONGEST_COMMENT + LAST_RECORD_BYTES) as u64)))?;

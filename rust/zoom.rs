@@ -75,8 +75,6 @@ pub struct Zoomed<'a> {
 }
 
 impl<'a> Zoomed<'a> {
-    /// # Errors
-    /// The lens does not reach the middle of the image.
     pub fn new(camera: &'a Camera, zoom: Zoom) -> Result<Self> {
         let (center, _) = border_ray(camera, 0.0, 0.0)?;
         let sides = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];

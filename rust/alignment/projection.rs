@@ -72,8 +72,6 @@ pub(super) struct Projection<'a> {
 }
 
 impl<'a> Neighbourhood<'a> {
-    /// # Errors
-    /// The lens has not one of the variables.
     pub fn new(variables: &'a Variables, anchor: &'a Estimate) -> Result<Self> {
         let slopes = IntrinsicSlopes::new(&anchor.camera, &variables.intrinsics)?;
         Ok(Self { variables, anchor, slopes })
@@ -89,9 +87,6 @@ impl<'a> Neighbourhood<'a> {
     }
 
     /// The projection at a change of the variables. Points are those that the anchor observes.
-    ///
-    /// # Errors
-    /// The changed camera is impossible.
     pub fn projection(&'a self, change: &DVector<f64>) -> Result<Projection<'a>> {
         let variables = self.variables;
         let at = self.anchor.changed(variables, change, f64::INFINITY)?;

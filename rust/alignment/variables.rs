@@ -51,9 +51,6 @@ impl Variables {
 
 impl Estimate {
     /// The estimate that a change of the variables leads to.
-    ///
-    /// # Errors
-    /// The changed camera is impossible.
     pub fn changed(&self, variables: &Variables, change: &DVector<f64>, max_baseline_m: f64) -> Result<Self> {
         Ok(Self {
             pose: within_baseline(&moved(&self.pose, change), max_baseline_m),

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::label_image::NO_ID;
 use crate::point_cloud::to_f64;
-use crate::spherical::{azimuth, elevation};
+use crate::spherical::{azimuth, elevation, nearest};
 
 /// Index of a pixel without a point, or of a point without a pixel.
-pub const EMPTY: u32 = u32::MAX;
+pub use crate::spherical::EMPTY;
 
 const MAX_PIXELS: usize = 1 << 24;
 /// Largest side of the window in which neighbours are looked for.
@@ -79,15 +79,8 @@ impl RangeView {
             self.pixel(&points[index], ring).unwrap_or(EMPTY)
         };
         let pixels: Vec<u32> = (0..points.len()).into_par_iter().map(pixel).collect();
-        let mut nearest = vec![(f64::INFINITY, EMPTY); self.rows * self.columns];
-        for (index, &pixel) in pixels.iter().enumerate().filter(|(_, pixel)| **pixel != EMPTY) {
-            let range = to_f64(&points[index]).norm_squared();
-            let best = &mut nearest[pixel as usize];
-            if range < best.0 {
-                *best = (range, index as u32);
-            }
-        }
-        Projection { points: nearest.into_iter().map(|(_, index)| index).collect(), pixels }
+        let seen = pixels.iter().map(|&pixel| (pixel != EMPTY).then_some(pixel as usize));
+        Projection { points: nearest(points, seen, self.rows * self.columns), pixels }
     }
 
     fn pixel(&self, point: &[f32; 3], ring: Option<usize>) -> Option<u32> {
@@ -118,9 +111,6 @@ impl RangeView {
 
     /// Carries the classes of pixels back to points: each point's is that which most of its nearest neighbours have, by
     /// range, among the pixels around its own; the lowest of several. Pixels of `NO_ID` do not vote.
-    ///
-    /// # Errors
-    /// The window is even or too large, or no neighbour may vote.
     pub fn carry_back(
         &self,
         projection: &Projection,

@@ -33,9 +33,6 @@ pub struct Places<'a> {
 
 impl<'a> Scores<'a> {
     /// Scores with the classes last: `rows * columns * num_classes` values.
-    ///
-    /// # Errors
-    /// A value is not finite, or there are no values.
     pub fn classes_last(
         values: &'a [f32],
         (rows, columns, num_classes): (usize, usize, usize),
@@ -116,9 +113,6 @@ fn between(place: f32, count: usize) -> (usize, usize, f32) {
 
 impl Places<'_> {
     /// The class of the highest score of each pixel, the lowest of several; [`NO_ID`] where no view shows it.
-    ///
-    /// # Errors
-    /// A pixel's view has no scores, or views differ in their number of classes.
     pub fn classes(&self, scores: &[Scores<'_>]) -> Result<Vec<u16>> {
         let num_classes = self.check(scores)?;
         let cells: Vec<Vec<u16>> = scores.iter().map(Scores::highest).collect();

@@ -116,19 +116,19 @@ pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().chain(arrays.names.iter().map(String::as_str)).collect();
     let found = find(&names)?;
-    let mut join = |index: Option<usize>| {
-        let member = index.and_then(|index| index.checked_sub(3));
-        member
-            .map(|member| {
-                let unpacked = arrays.unpack(member)?;
-                let joined = parse_values(&unpacked).and_then(|values| table.join(&values));
-                arrays.explain(member, joined)
-            })
-            .transpose()
+    // Others stand in front of what the table has.
+    let mut join = |index: Option<usize>, field: fn(&mut Fields<Column>) -> &mut Option<Column>| {
+        let Some(member) = index.and_then(|index| index.checked_sub(3)) else { return Ok(()) };
+        let unpacked = arrays.unpack(member)?;
+        let joined = parse_values(&unpacked).and_then(|values| table.join(&values));
+        *field(&mut table.columns) = Some(arrays.explain(member, joined)?);
+        Ok::<_, String>(())
     };
-    let (intensity, ring) = (join(found.intensity)?, join(found.ring)?);
-    let (time, label) = (join(found.time)?, join(found.label)?);
-    table.put(intensity, ring, time, label);
+    join(found.intensity, |fields| &mut fields.intensity)?;
+    join(found.ring, |fields| &mut fields.ring)?;
+    join(found.time, |fields| &mut fields.time)?;
+    join(found.label, |fields| &mut fields.label)?;
+    table.seconds_per_tick = table.columns.time.map_or(1.0, |time| seconds_per_tick(time.scalar));
     Ok(table)
 }
 

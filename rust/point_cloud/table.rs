@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use super::PointCloud;
 use super::column::{Column, Scalar};
-use super::fields::{Fields, seconds_per_tick};
+use super::fields::Fields;
 use super::limit::Parsed;
 
 /// Columns of a cloud, over the bytes of its file or over bytes unpacked from it.
@@ -12,8 +12,8 @@ use super::limit::Parsed;
 pub(super) struct Table<'a> {
     bytes: Cow<'a, [u8]>,
     num_records: usize,
-    columns: Fields<Column>,
-    seconds_per_tick: f64,
+    pub columns: Fields<Column>,
+    pub seconds_per_tick: f64,
 }
 
 /// A number for each entry of a cloud, no-returns included, such as its class id.
@@ -57,22 +57,6 @@ impl<'a> Table<'a> {
         let offset = self.bytes.len() + values.column.offset;
         self.bytes.to_mut().extend_from_slice(&values.bytes);
         Ok(Column { offset, ..values.column })
-    }
-
-    /// Puts columns that were joined in their places, in front of what the table had there.
-    pub(super) fn put(
-        &mut self,
-        intensity: Option<Column>,
-        ring: Option<Column>,
-        time: Option<Column>,
-        label: Option<Column>,
-    ) {
-        let columns = &mut self.columns;
-        self.seconds_per_tick = time.map_or(self.seconds_per_tick, |time| seconds_per_tick(time.scalar));
-        columns.intensity = intensity.or(columns.intensity);
-        columns.ring = ring.or(columns.ring);
-        columns.time = time.or(columns.time);
-        columns.label = label.or(columns.label);
     }
 
     pub(super) fn num_records(&self) -> usize {

@@ -56,7 +56,7 @@ pub(super) fn agreement(
     observations: &PyObservations,
     t_camera_lidar: Pose,
 ) -> PyResult<PyAgreement> {
-    let found = detached(py, || measure_agreement(&observations.0, &t_camera_lidar.0));
+    let found = detached(|| measure_agreement(&observations.0, &t_camera_lidar.0));
     let shape = [observations.0.num_point_classes, observations.0.num_image_classes];
     let joint = PyArray1::from_slice(py, &found.joint.weights).reshape(shape)?;
     let of_frames: Vec<f64> =
@@ -79,7 +79,6 @@ pub(super) fn agreement(
 #[pyfunction]
 #[pyo3(signature = (observations, held_out, before, after, seen_after=None))]
 pub(super) fn held_out_gain(
-    py: Python<'_>,
     observations: &PyObservations,
     held_out: &PyObservations,
     before: Pose,
@@ -99,7 +98,7 @@ pub(super) fn held_out_gain(
     }
     let before = HeldOut { observations, held_out, pose: &before.0 };
     let after = HeldOut { observations: observations_after, held_out: held_out_after, pose: &after.0 };
-    Ok(detached(py, || measure_gain(before, after)).into())
+    Ok(detached(|| measure_gain(before, after)).into())
 }
 
 #[pyclass(name = "Ascended", frozen, get_all)]
@@ -168,7 +167,6 @@ fn to_matrix(py: Python<'_>, matrix: &DMatrix<f64>) -> PyResult<Py<PyArray2<f64>
 #[pyfunction]
 #[pyo3(signature = (observations, t_camera_lidar, config, *, factor, visible_only, seed))]
 pub(super) fn ascend(
-    py: Python<'_>,
     observations: &PyObservations,
     t_camera_lidar: Pose,
     config: AlignmentConfig,
@@ -179,14 +177,13 @@ pub(super) fn ascend(
     check_factor(factor, &observations.0.camera)?;
     let (start, counted) = (t_camera_lidar.0, counted(visible_only));
     let Ascended { pose, drift, num_points } =
-        detached(py, || alignment::ascend(&observations.0, &start, factor, counted, &config, seed));
+        detached(|| alignment::ascend(&observations.0, &start, factor, counted, &config, seed));
     Ok(PyAscended { t_camera_lidar: Pose(pose), num_points, drift })
 }
 
 #[pyfunction]
 #[pyo3(signature = (observations, poses, config, *, factor, visible_only, seed))]
 pub(super) fn align(
-    py: Python<'_>,
     observations: &PyObservations,
     poses: Vec<Pose>,
     config: AlignmentConfig,
@@ -196,7 +193,7 @@ pub(super) fn align(
 ) -> PyResult<Vec<PyAligned>> {
     check_factor(factor, &observations.0.camera)?;
     let (starts, counted): (Vec<_>, _) = (poses.iter().map(|pose| pose.0).collect(), counted(visible_only));
-    let found = detached(py, || alignment::align(&observations.0, &starts, factor, counted, &config, seed));
+    let found = detached(|| alignment::align(&observations.0, &starts, factor, counted, &config, seed));
     let aligned = |(Ascended { pose, drift, num_points }, mutual_information)| PyAligned {
         t_camera_lidar: Pose(pose),
         mutual_information,
@@ -218,7 +215,7 @@ pub(super) fn polish(
     let known = inverse_curvature.map(|matrix| matrix_6x6(&matrix)).transpose()?;
     let (start, pose_alone) = (t_camera_lidar.0, Variables::default());
     let JointMaximum { estimate, moved_px, inverse_curvature } =
-        detached(py, || alignment::maximise(&observations.0, &start, &pose_alone, known, &config.into()))?;
+        detached(|| alignment::maximise(&observations.0, &start, &pose_alone, known, &config.into()))?;
     let inverse_curvature = inverse_curvature.map(|found| to_matrix(py, &found)).transpose()?;
     Ok(PyPolished { t_camera_lidar: Pose(estimate.pose), moved_px, inverse_curvature })
 }
@@ -235,8 +232,7 @@ pub(super) fn sensitivity(
 ) -> PyResult<Option<PySensitivity>> {
     check_factor(config.factor, &observations.0.camera)?;
     let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
-    let found =
-        detached(py, || alignment::sensitivity(&observations.0, &t_camera_lidar.0, &variables, &config));
+    let found = detached(|| alignment::sensitivity(&observations.0, &t_camera_lidar.0, &variables, &config));
     found.map(|found| PySensitivity::new(py, &found)).transpose()
 }
 
@@ -252,7 +248,6 @@ pub(super) struct PyJointMaximum {
 #[pyfunction]
 #[pyo3(signature = (observations, t_camera_lidar, config, intrinsics=Vec::new(), twists_per_s=None))]
 pub(super) fn maximise(
-    py: Python<'_>,
     observations: &PyObservations,
     t_camera_lidar: Pose,
     config: JointConfig,
@@ -267,7 +262,7 @@ pub(super) fn maximise(
         return Err(value_error("radial moves points as no lens does, needed intrinsics of the camera"));
     }
     let JointMaximum { estimate, moved_px, .. } =
-        detached(py, || alignment::maximise(&observations.0, &t_camera_lidar.0, &variables, None, &config))?;
+        detached(|| alignment::maximise(&observations.0, &t_camera_lidar.0, &variables, None, &config))?;
     let value = |camera: &Camera, each: &Intrinsic| camera.intrinsic(*each).unwrap_or(0.0);
     let change = |each: &Intrinsic| value(&estimate.camera, each) - value(camera, each);
     Ok(PyJointMaximum {
@@ -325,37 +320,33 @@ pub(super) fn counted(visible_only: bool) -> Counted {
 
 #[pyfunction]
 pub(super) fn information_along(
-    py: Python<'_>,
     observations: &PyObservations,
     anchor: Pose,
     ways: Vec<([f64; 6], Vec<f64>)>,
 ) -> Vec<Vec<f64>> {
     let way = |(twist, offsets): ([f64; 6], Vec<f64>)| Way { twist: twist.into(), offsets };
     let ways: Vec<Way> = ways.into_iter().map(way).collect();
-    detached(py, || alignment::information_along(&observations.0, &anchor.0, &ways))
+    detached(|| alignment::information_along(&observations.0, &anchor.0, &ways))
 }
 
 #[pyfunction]
 pub(super) fn information(
-    py: Python<'_>,
     observations: &PyObservations,
     t_camera_lidar: Pose,
     edge_band_px: usize,
 ) -> Vec<([u32; 3], f64, f64)> {
-    let found = detached(py, || alignment::information(&observations.0, &t_camera_lidar.0, edge_band_px));
+    let found = detached(|| alignment::information(&observations.0, &t_camera_lidar.0, edge_band_px));
     found.into_iter().map(|(square, found)| (square, found.sum, found.weight)).collect()
 }
 
 #[pyfunction]
 pub(super) fn information_gains(
-    py: Python<'_>,
     observations: &PyObservations,
     before: Pose,
     after: Vec<Pose>,
     edge_band_px: usize,
 ) -> Vec<PyHeldOutGain> {
     let after: Vec<_> = after.iter().map(|pose| pose.0).collect();
-    let found =
-        detached(py, || alignment::information_gains(&observations.0, &before.0, &after, edge_band_px));
+    let found = detached(|| alignment::information_gains(&observations.0, &before.0, &after, edge_band_px));
     found.into_iter().map(PyHeldOutGain::from).collect()
 }

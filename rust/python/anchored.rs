@@ -31,7 +31,7 @@ impl PyAnchoredPoints {
         let (seen, counted) = (Arc::clone(&observations.0), counted(visible_only));
         let choose =
             || Anchored::new(seen, factor, edge_band_px, max_points, &anchor.0, counted, constant_radius);
-        Ok(Self(detached(observations.py(), choose)))
+        Ok(Self(detached(choose)))
     }
 
     #[getter]

@@ -44,14 +44,15 @@ pub(super) fn value_error(message: impl Into<String>) -> PyErr {
 static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 
 /// Runs `f` without the GIL, on the chosen number of threads.
-pub(super) fn detached<T: Send>(py: Python<'_>, f: impl Send + FnOnce() -> T) -> T {
-    py.detach(|| {
+pub(super) fn detached<T: Send>(f: impl Send + FnOnce() -> T) -> T {
+    let run = || {
         let pool = POOL.lock().unwrap_or_else(PoisonError::into_inner).clone();
         match pool {
             Some(pool) => pool.install(f),
             None => f(),
         }
-    })
+    };
+    Python::attach(|py| py.detach(run))
 }
 
 /// More threads than any machine has cores: a pool of a thousand million is never done.

@@ -44,7 +44,7 @@ impl PyCamera {
     fn unproject<'py>(&self, py: Python<'py>, pixels: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
         let pixels: Vec<[f64; 2]> = rows("pixels", &pixels)?;
         let ray = |&p: &[f64; 2]| self.0.unproject(&p.into()).map_or([f64::NAN; 3], Into::into);
-        let rays: Vec<[f64; 3]> = detached(py, || pixels.par_iter().map(ray).collect());
+        let rays: Vec<[f64; 3]> = detached(|| pixels.par_iter().map(ray).collect());
         to_array2(py, &rays)
     }
 
@@ -76,7 +76,7 @@ pub(super) fn project_points(
     let points = rows("points", &points)?;
     let (mut pixels, mut ranges, mut is_hidden) =
         (vec![[f64::NAN; 2]; points.len()], vec![f64::NAN; points.len()], vec![false; points.len()]);
-    detached(py, || {
+    detached(|| {
         let projected = visibility::project_points(&camera.0, &points, 0..points.len(), &t_camera_lidar.0);
         for (point, hidden) in projected.iter().zip(visibility::hidden(&camera.0, &points, &projected)) {
             pixels[point.index] = point.pixel.into();

@@ -41,7 +41,7 @@ pub(super) fn edge_steps(
         return Err(value_error("every sweep needs an intensity for each point, or None"));
     }
     let sweeps: Vec<_> = rows.iter().map(AsRef::as_ref).zip(values).collect();
-    let found = detached(py, || edges::steps(&sweeps, same_surface_m));
+    let found = detached(|| edges::steps(&sweeps, same_surface_m));
     found.iter().map(|steps| PySteps::new(py, steps)).collect()
 }
 
@@ -66,7 +66,7 @@ pub(super) fn steps_at_label_changes<'py>(
     num_blocks: usize,
 ) -> PyResult<Vec<Bound<'py, PyArray2<f32>>>> {
     let clouds = clouds.iter().map(|cloud| cloud.arrays()).collect::<PyResult<Vec<_>>>()?;
-    let sums: Vec<Vec<f32>> = detached(py, || {
+    let sums: Vec<Vec<f32>> = detached(|| {
         let all = clouds.par_iter();
         all.map(|(points, classes)| steps_at_point_borders(points, classes, reach, num_blocks)).collect()
     });
@@ -91,7 +91,7 @@ pub(super) fn steps_at_label_borders<'py>(
     let array = picture.as_array();
     let pixels = array.as_slice().map_or_else(|| array.iter().copied().collect(), <[u8]>::to_vec);
     let (pixels, _) = pixels.as_chunks::<3>();
-    let sums = detached(py, || steps_at_pixel_borders(pixels, classes, Tiling { reach, tiles }));
+    let sums = detached(|| steps_at_pixel_borders(pixels, classes, Tiling { reach, tiles }));
     let side = 2 * reach + 1;
     sums.into_pyarray(py).reshape([tiles.0 * tiles.1, side, side])
 }

@@ -10,7 +10,6 @@ use crate::labelling::{Neighbors, Places, Projection, RangeView, Scores};
 
 /// Calls a function with the scores of all views and the places of all pixels.
 fn sampled<T: Send>(
-    py: Python<'_>,
     scores: &[PyReadonlyArray3<'_, f32>],
     views: &PyReadonlyArray1<'_, u8>,
     places: &PyReadonlyArray2<'_, f32>,
@@ -25,7 +24,7 @@ fn sampled<T: Send>(
     for each in scores {
         arrays.push((each.as_slice()?, each.as_array().dim()));
     }
-    let found = detached(py, || {
+    let found = detached(|| {
         let scores = arrays.iter().map(|&(values, dim)| match classes_first {
             true => Scores::classes_first(values, dim),
             false => Scores::classes_last(values, dim),
@@ -44,8 +43,7 @@ pub(super) fn classes_of_scores<'py>(
     places: PyReadonlyArray2<'py, f32>,
     classes_first: bool,
 ) -> PyResult<Bound<'py, PyArray1<u16>>> {
-    let found =
-        sampled(py, &scores, &views, &places, classes_first, |places, scores| places.classes(scores))?;
+    let found = sampled(&scores, &views, &places, classes_first, |places, scores| places.classes(scores))?;
     Ok(found.into_pyarray(py))
 }
 
@@ -58,9 +56,8 @@ pub(super) fn shares_of_scores<'py>(
     classes_first: bool,
     are_logits: bool,
 ) -> PyResult<Bound<'py, PyArray1<u8>>> {
-    let found = sampled(py, &scores, &views, &places, classes_first, |places, scores| {
-        places.shares(scores, are_logits)
-    })?;
+    let found =
+        sampled(&scores, &views, &places, classes_first, |places, scores| places.shares(scores, are_logits))?;
     Ok(found.into_pyarray(py))
 }
 
@@ -101,7 +98,7 @@ impl PyRangeView {
         if rings.is_some_and(|rings| rings.len() != points.len()) {
             return Err(value_error("a ring of each point is needed"));
         }
-        let found = detached(py, || self.0.project(&points, rings));
+        let found = detached(|| self.0.project(&points, rings));
         Ok(PyRangeProjection {
             points: found.points.into_pyarray(py).unbind(),
             pixels: found.pixels.into_pyarray(py).unbind(),
@@ -125,7 +122,7 @@ impl PyRangeView {
         if projection.points.len() != classes.len() || projection.pixels.len() != points.len() {
             return Err(value_error("the projection is not of these points and pixels"));
         }
-        let found = detached(py, || self.0.carry_back(&projection, &points, classes, &neighbors))?;
+        let found = detached(|| self.0.carry_back(&projection, &points, classes, &neighbors))?;
         Ok(found.into_pyarray(py))
     }
 }

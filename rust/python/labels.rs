@@ -56,7 +56,7 @@ pub(super) fn read_point_clouds(
     paths: Vec<(PathBuf, Option<PathBuf>)>,
     max_points: usize,
 ) -> PyResult<Vec<PyPointCloud>> {
-    let clouds = detached(py, || point_cloud::read_all(&paths, Limit { max_points }))?;
+    let clouds = detached(|| point_cloud::read_all(&paths, Limit { max_points }))?;
     clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()
 }
 
@@ -70,7 +70,7 @@ pub(super) fn parse_point_cloud(
     max_points: usize,
 ) -> PyResult<PyPointCloud> {
     let (format, limit) = (point_cloud::Format::Npy, Limit { max_points });
-    let cloud = detached(py, || point_cloud::read_as(format, &path, npy, labels.as_deref(), limit))?;
+    let cloud = detached(|| point_cloud::read_as(format, &path, npy, labels.as_deref(), limit))?;
     PyPointCloud::new(py, cloud)
 }
 
@@ -101,10 +101,10 @@ impl PyClassShares {
         self.0.classes().into_pyarray(py)
     }
 
-    fn renamed(&self, py: Python<'_>, table: PyReadonlyArray1<u8>) -> PyResult<Self> {
+    fn renamed(&self, table: PyReadonlyArray1<u8>) -> PyResult<Self> {
         let table = table.as_array().to_vec().try_into();
         let table: [u8; 256] = table.map_err(|_| value_error("table needs 256 classes"))?;
-        Ok(Self(detached(py, || self.0.renamed(&table)).into()))
+        Ok(Self(detached(|| self.0.renamed(&table)).into()))
     }
 }
 
@@ -118,7 +118,7 @@ pub(super) fn read_label_images(
     palette: Option<Vec<[u8; 3]>>,
 ) -> PyResult<Vec<Bound<'_, PyArray2<u16>>>> {
     let encoding = encoding(width, height, palette);
-    let images = detached(py, || encoding.read_all(&paths))?;
+    let images = detached(|| encoding.read_all(&paths))?;
     let array = |image: LabelImage<u16>| image.ids.into_pyarray(py).reshape([height, width]);
     images.into_iter().map(array).collect()
 }
@@ -135,18 +135,14 @@ pub(super) fn read_label_thumbnails(
     palette: Option<Vec<[u8; 3]>>,
 ) -> PyResult<Bound<'_, PyArray3<u16>>> {
     let encoding = encoding(width, height, palette);
-    let images = detached(py, || encoding.read_thumbnails(&paths, (columns, rows)))?;
+    let images = detached(|| encoding.read_thumbnails(&paths, (columns, rows)))?;
     let ids: Vec<u16> = images.into_iter().flat_map(|image| image.ids).collect();
     ids.into_pyarray(py).reshape([paths.len(), rows, columns])
 }
 
 #[pyfunction]
-pub(super) fn read_class_shares(
-    py: Python<'_>,
-    paths: Vec<PathBuf>,
-    shape: Vec<usize>,
-) -> PyResult<Vec<PyClassShares>> {
-    let shares = detached(py, || probabilities::read_all(&paths, &shape))?;
+pub(super) fn read_class_shares(paths: Vec<PathBuf>, shape: Vec<usize>) -> PyResult<Vec<PyClassShares>> {
+    let shares = detached(|| probabilities::read_all(&paths, &shape))?;
     Ok(shares.into_iter().map(|shares| PyClassShares(shares.into())).collect())
 }
 
@@ -156,7 +152,7 @@ pub(super) fn seen_ids<'py>(
     ids: Vec<PyReadonlyArrayDyn<u16>>,
 ) -> PyResult<Bound<'py, PyArray1<bool>>> {
     let frames = ids.iter().map(PyReadonlyArrayDyn::as_slice).collect::<Result<Vec<_>, _>>()?;
-    Ok(detached(py, || classes::seen(&frames)).into_pyarray(py))
+    Ok(detached(|| classes::seen(&frames)).into_pyarray(py))
 }
 
 #[pyfunction]
@@ -168,7 +164,7 @@ pub(super) fn look_up_classes<'py>(
     let table: &[u8; NUM_IDS] =
         table.as_slice()?.try_into().map_err(|_| value_error(format!("table needs {NUM_IDS} classes")))?;
     let values = ids.as_slice()?;
-    detached(py, || classes::look_up(values, table)).into_pyarray(py).reshape(ids.shape())
+    detached(|| classes::look_up(values, table)).into_pyarray(py).reshape(ids.shape())
 }
 
 #[pyfunction]
@@ -177,7 +173,7 @@ pub(super) fn despeckle<'py>(
     image_classes: Vec<PyReadonlyArray2<u8>>,
 ) -> PyResult<Vec<(Bound<'py, PyArray2<u8>>, usize)>> {
     let images: Vec<LabelImage<u8>> = image_classes.iter().map(dense_image).collect();
-    let mended: Vec<_> = detached(py, || images.par_iter().map(despeckled).collect());
+    let mended: Vec<_> = detached(|| images.par_iter().map(despeckled).collect());
     let array = |(image, count): (LabelImage<u8>, usize)| {
         Ok((image.ids.into_pyarray(py).reshape([image.height, image.width])?, count))
     };

@@ -42,7 +42,7 @@ impl PyTrajectory {
         if points.len() != times.len() {
             return Err(value_error(format!("{} points need as many times", points.len())));
         }
-        let moved = detached(py, || self.0.compensate(&points, times, moment))
+        let moved = detached(|| self.0.compensate(&points, times, moment))
             .map_err(|time| value_error(format!("nothing is known of the motion at {time} s")))?;
         to_array2(py, &moved)
     }
@@ -69,6 +69,6 @@ pub(super) fn unroll<'py>(
         return Err(value_error(format!("{} points need as many times", points.len())));
     }
     let (moved, exposed_s): (Vec<_>, Vec<_>) =
-        detached(py, || rolling.unroll(&points, seen_s)).into_iter().unzip();
+        detached(|| rolling.unroll(&points, seen_s)).into_iter().unzip();
     Ok((to_array2(py, &moved)?, exposed_s.into_pyarray(py)))
 }

@@ -38,8 +38,8 @@ pub(super) struct PySphericalImages(pub(super) SphericalImages);
 #[pymethods]
 impl PySphericalImages {
     #[new]
-    fn new(py: Python<'_>, observations: &PyObservations, grid: &PyGrid) -> Self {
-        Self(detached(py, || SphericalImages::new(&observations.0, grid.core())))
+    fn new(observations: &PyObservations, grid: &PyGrid) -> Self {
+        Self(detached(|| SphericalImages::new(&observations.0, grid.core())))
     }
 
     #[getter]
@@ -61,10 +61,10 @@ pub(super) fn scan_grid(channels: usize, columns: usize, fov_up: f64, fov_down: 
 }
 
 #[pyfunction]
-pub(super) fn estimate_grid(py: Python<'_>, points: Vec<PyReadonlyArray2<f32>>) -> PyResult<PyGrid> {
+pub(super) fn estimate_grid(points: Vec<PyReadonlyArray2<f32>>) -> PyResult<PyGrid> {
     let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
     let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
-    Ok(PyGrid::new(detached(py, || spherical::estimate(&sweeps))?))
+    Ok(PyGrid::new(detached(|| spherical::estimate(&sweeps))?))
 }
 
 #[pyclass(name = "Hypothesis", frozen)]
@@ -116,14 +116,13 @@ impl PyCorrespondences {
 #[pyfunction]
 #[pyo3(signature = (observations, images, config, around=None))]
 pub(super) fn register(
-    py: Python<'_>,
     observations: &PyObservations,
     images: &PySphericalImages,
     config: RegistrationConfig,
     around: Option<(Pose, f64)>,
 ) -> PyResult<Vec<PyHypothesis>> {
     let around = around.map(|(pose, angle)| (pose.0.rotation.to_rotation_matrix(), angle));
-    let found = detached(py, || registration::register(&observations.0, &images.0, &config, around))?;
+    let found = detached(|| registration::register(&observations.0, &images.0, &config, around))?;
     Ok(found.into_iter().map(PyHypothesis).collect())
 }
 
@@ -139,6 +138,6 @@ pub(super) fn sample_correspondences(
 ) -> PyResult<Vec<PyCorrespondences>> {
     let hypotheses: Vec<Hypothesis> = hypotheses.iter().map(|h| h.0.clone()).collect();
     let samples =
-        detached(py, || correspondences::sample(&observations.0, &images.0, zoom, &hypotheses, count, seed))?;
+        detached(|| correspondences::sample(&observations.0, &images.0, zoom, &hypotheses, count, seed))?;
     samples.iter().map(|pairs| PyCorrespondences::new(py, pairs)).collect()
 }

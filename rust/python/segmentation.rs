@@ -63,7 +63,7 @@ fn unit(up: Option<[f64; 3]>) -> PyResult<Option<UnitVector3<f64>>> {
 pub(super) fn estimate_up(py: Python<'_>, points: Vec<PyReadonlyArray2<f32>>) -> PyResult<Option<PyUp>> {
     let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
     let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
-    let up = detached(py, || segmentation::estimate_up(&sweeps));
+    let up = detached(|| segmentation::estimate_up(&sweeps));
     Ok(up.map(|up| PyUp {
         direction: vector(py, up.direction),
         height_m: up.height_m,
@@ -81,7 +81,7 @@ pub(super) fn segment_sweep(
     up: Option<[f64; 3]>,
 ) -> PyResult<PySegmentedSweep> {
     let (points, up) = (borrowed_rows("points", &points)?, unit(up)?);
-    let segmented = detached(py, || segmentation::segment_sweep(&points, up, &config));
+    let segmented = detached(|| segmentation::segment_sweep(&points, up, &config));
     Ok(PySegmentedSweep::new(py, segmented))
 }
 
@@ -95,13 +95,12 @@ pub(super) fn segment_sweeps(
 ) -> PyResult<Vec<PySegmentedSweep>> {
     let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
     let (sweeps, up): (Vec<&[[f32; 3]]>, _) = (sweeps.iter().map(AsRef::as_ref).collect(), unit(up)?);
-    let segmented = detached(py, || segmentation::segment_sweeps(&sweeps, up, &config));
+    let segmented = detached(|| segmentation::segment_sweeps(&sweeps, up, &config));
     Ok(segmented.into_iter().map(|sweep| PySegmentedSweep::new(py, sweep)).collect())
 }
 
 #[pyfunction]
 pub(super) fn turned_partitions(
-    py: Python<'_>,
     points: Vec<PyReadonlyArray2<f32>>,
     segmented: Vec<PyRef<'_, PySegmentedSweep>>,
     num_turns: usize,
@@ -113,6 +112,6 @@ pub(super) fn turned_partitions(
     if sweeps.iter().map(|sweep| sweep.len()).ne(segmented.iter().map(|each| each.ids.len())) {
         return Err(value_error("the sweeps are not those that were segmented"));
     }
-    let partitions = detached(py, || segmentation::turned(&sweeps, &segmented, num_turns))?;
+    let partitions = detached(|| segmentation::turned(&sweeps, &segmented, num_turns))?;
     Ok(partitions.into_iter().map(|each| PyPartitions(Arc::new(each))).collect())
 }

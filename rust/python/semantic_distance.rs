@@ -44,17 +44,12 @@ impl PySemanticDistance {
         Ok(Self(SemanticDistance::new(camera.0.clone(), parts?, block)))
     }
 
-    fn at(&self, py: Python<'_>, t_camera_lidar: Pose) -> f64 {
-        detached(py, || self.0.at(&t_camera_lidar.0))
+    fn at(&self, t_camera_lidar: Pose) -> f64 {
+        detached(|| self.0.at(&t_camera_lidar.0))
     }
 
-    fn minimize(
-        &self,
-        py: Python<'_>,
-        t_camera_lidar: Pose,
-        config: DescentConfig,
-    ) -> Result<PyDistanceMinimum> {
-        let found = detached(py, || self.0.minimize(&t_camera_lidar.0, &config))?;
+    fn minimize(&self, t_camera_lidar: Pose, config: DescentConfig) -> Result<PyDistanceMinimum> {
+        let found = detached(|| self.0.minimize(&t_camera_lidar.0, &config))?;
         Ok(PyDistanceMinimum {
             t_camera_lidar: Pose(found.pose),
             cost_px: found.cost_px,

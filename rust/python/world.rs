@@ -19,16 +19,11 @@ pub(super) struct PyRenderer {
 #[pymethods]
 impl PyRenderer {
     #[new]
-    fn new(
-        py: Python<'_>,
-        camera: &PyCamera,
-        t_camera_lidar: Pose,
-        config: &Bound<'_, PyAny>,
-    ) -> PyResult<Self> {
+    fn new(camera: &PyCamera, t_camera_lidar: Pose, config: &Bound<'_, PyAny>) -> PyResult<Self> {
         let (lidar, shutter): (Lidar, Shutter) = (config.extract()?, config.extract()?);
         let rig = Rig { lidar, camera: camera.0.clone(), t_camera_lidar: t_camera_lidar.0, shutter };
         let size = [camera.0.height, camera.0.width];
-        Ok(Self { renderer: detached(py, || Renderer::new(rig))?, size })
+        Ok(Self { renderer: detached(|| Renderer::new(rig))?, size })
     }
 
     #[pyo3(signature = (seed, number, twist_per_s = None))]
@@ -39,7 +34,7 @@ impl PyRenderer {
         number: u64,
         twist_per_s: Option<[f64; 6]>,
     ) -> PyResult<PyRenderedFrame> {
-        let frame = detached(py, || match twist_per_s {
+        let frame = detached(|| match twist_per_s {
             None => Ok(self.renderer.frame(seed, number)),
             Some(twist) => self.renderer.frame_in_motion(seed, number, Vector6::from(twist)),
         })?;

@@ -54,9 +54,6 @@ pub struct Hypothesis {
 }
 
 /// Finds the best well-separated placements, best first, among all or among those around one.
-///
-/// # Errors
-/// No placement overlaps labelled points with labelled pixels.
 pub fn register(
     observations: &Observations,
     images: &SphericalImages,

@@ -23,9 +23,6 @@ const LEAST_GAP: usize = 30;
 /// The segments of each sweep, and of each as if it had been turned by `1, 2, ... num_turns` of `num_turns + 1` equal
 /// parts of the azimuths that the sweeps cover; what leaves on one side enters on the other. A point has the segment of the
 /// return that is nearest to it in the turned sweep, at about its elevation.
-///
-/// # Errors
-/// A sweep has more segments than a partition can have.
 pub fn turned(
     sweeps: &[&[[f32; 3]]],
     segmented: &[&SegmentedSweep],

@@ -23,9 +23,6 @@ const CHUNK: usize = 4096;
 
 /// The grid of a sensor without a description, from its sweeps: that of a spinning LiDAR if the points lie in channels;
 /// else square cells, small enough for the pattern and large enough that the points fill them.
-///
-/// # Errors
-/// There are no points, or they span no elevation range.
 pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     let of_point = |point: &[f32; 3]| {
         let point = to_f64(point);

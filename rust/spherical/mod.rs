@@ -84,23 +84,30 @@ impl SphericalGrid {
         self.top - self.rows as f64 * self.cell_height
     }
 
-    /// For each pixel, the index of its nearest return, or [`EMPTY`] (Alg. 2, line 1). Equal ranges go to the lowest
-    /// index.
+    /// For each pixel, the index of its nearest return, or [`EMPTY`] (Alg. 2, line 1).
     pub fn project(&self, points: &[[f32; 3]]) -> Vec<u32> {
-        let mut index = vec![EMPTY; self.rows * self.columns];
-        let mut nearest = vec![f64::INFINITY; index.len()];
-        for (i, point) in points.iter().enumerate() {
-            let point = to_f64(point);
-            if let Some((row, column)) = self.cell(&point) {
-                let pixel = row * self.columns + column;
-                let range = point.norm_squared();
-                if range < nearest[pixel] {
-                    (nearest[pixel], index[pixel]) = (range, i as u32);
-                }
-            }
-        }
-        index
+        let pixel =
+            |point: &[f32; 3]| self.cell(&to_f64(point)).map(|(row, column)| row * self.columns + column);
+        nearest(points, points.iter().map(pixel), self.rows * self.columns)
     }
+}
+
+/// For each of some pixels, the index of its nearest point, or [`EMPTY`]; of equally near ones the first. `pixel_of` are the
+/// pixels of the points.
+pub fn nearest(
+    points: &[[f32; 3]],
+    pixel_of: impl Iterator<Item = Option<usize>>,
+    num_pixels: usize,
+) -> Vec<u32> {
+    let mut nearest = vec![(f64::INFINITY, EMPTY); num_pixels];
+    for ((index, point), pixel) in points.iter().enumerate().zip(pixel_of) {
+        let Some(pixel) = pixel else { continue };
+        let range = to_f64(point).norm_squared();
+        if range < nearest[pixel].0 {
+            nearest[pixel] = (range, index as u32);
+        }
+    }
+    nearest.into_iter().map(|(_, index)| index).collect()
 }
 
 /// The spherical images of all frames (Alg. 2, line 1), as the labelled returns that win a pixel of the grid.
