@@ -124,7 +124,7 @@ def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case)
 
 def test_a_whole_calibration_of_intrinsics_with_two_cues(drives: dict[int, Path]) -> None:
     """From the truth: what follows the search is looked at."""
-    cues, refinement = PAIRS[0], RefinementConfig(jointly=JointlyConfig(("fx", "fy")))
+    cues, refinement = ("labels", "intensity"), RefinementConfig(jointly=JointlyConfig(("fx", "fy")))
     start = InitialPose(read_transform(drives[8]), "the truth")
     found = calibrate(drives[8], CalibrationConfig(cues=cues, refinement=refinement), initial_pose=start)
     assert found.polish is not None
