@@ -4,9 +4,12 @@ import errno
 import os
 import resource
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import sleep
 
 import pytest
 from batches import TINY, run, summary
@@ -109,3 +112,21 @@ def test_signals_of_the_machine(name: str, is_from_outside: bool, one_worker: Wo
         one_worker.ask(end_by, name)
     assert error.value.is_from_outside == is_from_outside
     assert not error.value.is_timed_out
+
+
+@NEEDS_PROC
+def test_a_process_that_is_killed_leaves_no_temporary_file(tmp_path: Path) -> None:
+    """It writes three megabytes over and over."""
+    loop = (
+        "import sys; from pathlib import Path; from semcal_cli.files.writing import write_bytes\n"
+        "print(flush=True)\n"
+        "while True: write_bytes(bytes(3_000_000), Path(sys.argv[1]))"
+    )
+    for delay_ms in range(0, 40, 4):
+        command = [sys.executable, "-c", loop, tmp_path / "a.bin"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            sleep(delay_ms / 1000.0)
+            process.kill()
+    assert not list(tmp_path.glob(".*"))

@@ -59,16 +59,27 @@ def write_bytes(content: bytes, path: Path) -> None:
 def _replace(target: Path, content: bytes, mode: int | None) -> None:
     temporary = target.with_name(f".{os.urandom(8).hex()}.tmp")
     try:
-        with temporary.open("xb") as file:
+        with _temporary_file(temporary) as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        if mode is not None:
-            temporary.chmod(stat.S_IMODE(mode))
+            if mode is not None:
+                os.fchmod(file.fileno(), stat.S_IMODE(mode))
+            if not temporary.exists():
+                # Python follows the link to the file only where it is given a folder, which then does not count.
+                os.link(f"/proc/self/fd/{file.fileno()}", temporary, src_dir_fd=file.fileno())
         temporary.replace(target)
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _temporary_file(path: Path) -> BinaryIO:
+    """Open a file that has no name yet, so that a process that is killed leaves none; with one where none can be."""
+    with suppress(OSError, AttributeError):  # Only Linux has such files, and not all of its file systems do.
+        if Path("/proc/self/fd").exists():
+            return os.fdopen(os.open(path.parent, os.O_TMPFILE | os.O_WRONLY, 0o666), "wb")
+    return path.open("xb")
 
 
 def _write_to_descriptor(content: bytes, number: int) -> None:
