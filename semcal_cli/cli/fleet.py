@@ -82,11 +82,8 @@ def fleet(settings: FleetSettings) -> None:
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.documents import document_text, output_format
     from semcal_cli.files.reading import is_folder
-    from semcal_cli.files.writing import write_bytes
     from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.course import plot_fleet
     from semcal_cli.fleet.members import read_members
-    from semcal_cli.fleet.page import page_html
     from semcal_cli.formats import read_transform
     from semcal_cli.formats.format import MAX_YAML_BYTES
 
@@ -110,24 +107,33 @@ def fleet(settings: FleetSettings) -> None:
     if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
         size = f"{len(text):,} bytes of YAML, which other commands would not read"
         raise InputError(f"{output}: found {size}, needed .json")
-    # All content is made before anything is written, and the result is written last.
-    contents: dict[Path, bytes] = {}
-    if page is not None:
-        contents[page] = page_html(found, subject).encode()
-    if plot is not None:
-        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
-    if junit is not None:
-        contents[junit] = report.junit().encode()
-    if output is not None:
-        contents[output] = text.encode()
-    for path, content in contents.items():
-        write_bytes(content, path)
+    _write(found, report, text, settings)
     if output is None or settings.as_json:
         click.echo(document_text(document, "json") if settings.as_json else text, nl=False)
     written = [path for path in (output, page, plot, junit) if path is not None]
     _print(found, written, quiet=settings.quiet)
     report.tell_github()
     sys.exit(report.exit_code)
+
+
+def _write(found: Fleet, report: CiReport, text: str, settings: FleetSettings) -> None:
+    """Write all outputs; their content is made before anything is written, and the result is written last."""
+    from semcal_cli.files.writing import write_bytes
+    from semcal_cli.fleet.course import plot_fleet
+    from semcal_cli.fleet.page import page_html
+
+    page, plot = settings.page, settings.plot
+    contents: dict[Path, bytes] = {}
+    if page is not None:
+        contents[page] = page_html(found, report.subject).encode()
+    if plot is not None:
+        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
+    if settings.junit is not None:
+        contents[settings.junit] = report.junit().encode()
+    if settings.output is not None:
+        contents[settings.output] = text.encode()
+    for path, content in contents.items():
+        write_bytes(content, path)
 
 
 def _document(

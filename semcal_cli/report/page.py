@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,22 +69,7 @@ def write_report(
     agreement, before = _core.agreement(observations.core, T), None
     if report.before is not None:
         before = View(report.seen_as(report.before.drive), report.before.T_camera_lidar).agreement()
-    parts = _parts(report)
-    # What is mostly Python takes the time in which something else is in the core or in an encoder.
-    with ThreadPoolExecutor(1) as pool:
-        pool.submit(import_module, "matplotlib.figure")
-        progress("drawing points on pictures")
-        pictures = make_pictures(report.overlays(MAX_FRAMES))
-        progress("following the mutual information along six axes")
-        curves = information_curves(observations, T, record.believed_uncertainty if record else None)
-        plots = pool.submit(curve_plots, curves)
-        registration = pool.submit(_registration, report)
-        cloud = pool.submit(frame_cloud, report)
-        progress("calibrating each frame on its own")
-        of_frames: FrameOffsets | None = None
-        if observations.num_frames > 1 and not observations.has_vectors:
-            of_frames = frame_offsets(observations, T, parts)
-        progress("drawing the registration")
+    drawn = _drawn(report, progress)
     progress("writing the page")
     made_by, options, hashes = versions(), "", {}
     if record is None:
@@ -106,23 +91,46 @@ def write_report(
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
         files=files(T, record.used_camera if record and record.camera else None),
-        pictures=pictures,
-        registration=registration.result(),
         classes=class_agreements(observations, agreement, before),
-        plots=plots.result(),
-        of_frames=of_frames,
         frame_names=frame_names([frame.points for frame in report.drive.frames]),
         frames_plots=frames_plots,
-        num_parts=len(parts),
         intrinsics=intrinsic_texts(record.camera) if record and record.camera else [],
         error_of=lambda stage: compare_poses(np.array(stage.T_camera_lidar), T),
         reach=_reach_of_hypotheses(record) if record else None,
-        cloud=asdict(cloud.result()),
         options=options,
         versions=made_by,
         hashes=hashes,
+        **drawn,
     )
     write_text(page, path)
+
+
+def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Draw what the page shows, by the names of its template."""
+    observations, T, record, parts = report.observations, report.T_camera_lidar, report.record, _parts(report)
+    # What is mostly Python takes the time in which something else is in the core or in an encoder.
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(import_module, "matplotlib.figure")
+        progress("drawing points on pictures")
+        pictures = make_pictures(report.overlays(MAX_FRAMES))
+        progress("following the mutual information along six axes")
+        curves = information_curves(observations, T, record.believed_uncertainty if record else None)
+        plots = pool.submit(curve_plots, curves)
+        registration = pool.submit(_registration, report)
+        cloud = pool.submit(frame_cloud, report)
+        progress("calibrating each frame on its own")
+        of_frames: FrameOffsets | None = None
+        if observations.num_frames > 1 and not observations.has_vectors:
+            of_frames = frame_offsets(observations, T, parts)
+        progress("drawing the registration")
+    return {
+        "pictures": pictures,
+        "plots": plots.result(),
+        "registration": registration.result(),
+        "cloud": asdict(cloud.result()),
+        "of_frames": of_frames,
+        "num_parts": len(parts),
+    }
 
 
 def _registration(report: ReportInput) -> str | None:
