@@ -47,6 +47,7 @@ RUNS = {
     "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL": 0,
     "report.py --frames 2 --width 320 --runs 1": 1,
     "rig.py --seeds 1 --cameras 2 --frames 2 --width 160": 1,
+    "same_results.py --before SEMCAL --after SEMCAL --work OUT/work --cases CASES": 0,
     "segmentation.py --rounds 1 --frames 1 --columns 100": 3,
     "segment_scores.py DATA -o OUT/scores.png --only KITTI --max-frames 1 --steps 1": 3,
     "edges_picture.py DATA -o OUT/edges.png --max-frames 1": 0,
@@ -56,6 +57,11 @@ RUNS = {
     "world_realism.py --seeds 1 --frames 1 --drive DRIVE": 13,
 }
 """The smallest run of each script, and the least number of rows that its tables have."""
+CASES = {
+    "synth": ["synth pinhole --frames 2 --width 160 --height 90 -q"],
+    "inspect": ["inspect @pinhole --json", "inspect @nothing"],
+}
+"""Cases for the comparison of two versions."""
 PICTURES = ("overlay", "terminal", "report", "verify_phone", "fleet", "view", "view_phone")
 
 
@@ -73,7 +79,8 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     semcal.chmod(0o755)
     for name in ("pool", "out"):
         (folder / name).mkdir()
-    names = {"DRIVE": "drive", "START": "start.yaml", "SEMCAL": "semcal"}
+    (folder / "cases.yaml").write_text(yaml.safe_dump(CASES, sort_keys=False))
+    names = {"DRIVE": "drive", "START": "start.yaml", "SEMCAL": "semcal", "CASES": "cases.yaml"}
     places = {word: folder / name for word, name in {**names, "POOL": "pool", "OUT": "out"}.items()}
     return {**places, "DATA": TEST_DATA}
 
