@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import re
 import struct
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -137,6 +138,25 @@ def test_packets_of_an_ouster_are_to_be_replayed(tmp_path: Path) -> None:
         lidar_packets=lambda bag, index, stamp: bag.make("ouster_ros/msg/PacketMsg", **packet),
     )
     assert "replay.launch.xml" in refused(path, tmp_path / "drive")
+
+
+@pytest.mark.parametrize(
+    ("record", "missing", "extra"),
+    [
+        (lambda folder: fill(FoxgloveWriter(folder, "protobuf")), "mcap_protobuf", "bag"),
+        (lambda folder: fill(VideoWriter(BagWriter(folder, "mcap"), "h264")), "av", "bag"),
+        (lambda folder: small(folder, points=nothing, packets=velodyne), "velodyne_decoder", "velodyne"),
+    ],
+)
+def test_a_library_that_is_missing_is_named_with_its_extra(
+    record: Any, missing: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = record(tmp_path)
+    monkeypatch.setattr(
+        "semcal_cli.errors.find_spec", lambda name: None if name == missing else find_spec(name)
+    )
+    needed = f"found no {missing}, needed the extra '{extra}': pip install 'semcal[{extra}]'"
+    assert refused(path, tmp_path / "drive").endswith(f"{needed}, in a clone: pip install '.[{extra}]'")
 
 
 def patched(path: Path, stated: int) -> Path:

@@ -195,6 +195,8 @@ def _open(path: Path, stack: ExitStack) -> Storage:
         raise InputError(f"{path}: found {found}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
     try:
         return known.reader(source, stack)
+    except InputError:  # A library is missing, or the file is gone: nothing is damaged.
+        raise
     except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
         found = f"found a recording that cannot be read: {_told(error)}"
         raise InputError(f"{path}: {found}; if it is damaged, `{known.repair}` may mend it") from None
