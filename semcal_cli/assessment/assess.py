@@ -97,9 +97,9 @@ def assess(
 
 @dataclass(frozen=True)
 class _Answer:
-    """The pose that is judged, where it comes from, and what stays as the drive says beside it.
+    """The pose that is judged, where it comes from, and the intrinsics and the clock that stay as the drive says.
 
-    What stays moves the pose where it is wrong.
+    Where these are wrong, they move the pose.
     """
 
     data: LoadedDrive

@@ -172,7 +172,7 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
     suspicion = _compare(observations, T_camera_lidar)
     if suspicion is None:
         return FrameCheck()
-    # The scatter is handed out as a multiple of what chance exceeds; whether it is a finding, parts decide as well.
+    # The scatter is given as a multiple of its limit by chance; whether it is a finding also depends on the parts.
     by, share = compared_by(observations), suspicion.scatter / suspicion.allowed
     scatter = FRAMES_DISAGREE.measured(share * FRAMES_DISAGREE.limit(by), limit=by)
     if not suspicion.is_grave:
@@ -240,7 +240,7 @@ def _compare(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | N
     limit = hotelling_quantile(alpha, 2.0 * num_squares / count)
     splits = max((scores.splits() for scores in scored), key=np.max)
     outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
-    # What chance alone exceeds of Q over its degrees of freedom.
+    # Limit of Q over its degrees of freedom, which it exceeds by chance alone in this share of the cases.
     by_chance = _core.fisher_limit(chance, 6 * (count - 1), num_squares - count)
     return _Suspicion(
         place=int(np.argmax(splits)) + 1 if splits.max() > limit else None,

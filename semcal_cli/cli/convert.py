@@ -41,6 +41,11 @@ class FormatName(click.ParamType[str]):
         return str(value)
 
 
+def format_name(help: str, *names: str) -> Any:
+    """Make the field of an option for the name of a format."""
+    return option(help, *names, type=FormatName(), metavar="FORMAT")
+
+
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
     if is_asked:
         from semcal_cli.formats import FORMATS
@@ -54,11 +59,7 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
 class WrittenSettings:
     """Options for the format that a transform is written in, and for what that leaves open."""
 
-    to: str | None = option(
-        "Write only the transform, in a format that `convert --formats` lists.",
-        type=FormatName(),
-        metavar="FORMAT",
-    )
+    to: str | None = format_name("Write only the transform, in a format that `convert --formats` lists.")
     to_direction: Direction | None = option(DIRECTION.format(WRITTEN))
     to_frame: Frame | None = option(FRAME.format(WRITTEN))
     to_camera: str | None = option(CAMERA.format(WRITTEN), metavar="NAME")
@@ -80,9 +81,8 @@ class ConvertSettings(WrittenSettings):
         given("--into").excludes("--to", "-o", because="it changes its own file"),
     ]
     source: Path = argument(type=INPUT_FILE, metavar="IN")
-    from_: str | None = option(
-        "Format of IN, if its content does not tell.", "--from", type=FormatName(), metavar="FORMAT"
-    )
+    from_: str | None = format_name("Format of IN, if its content does not tell.", "--from")
+    to: str | None = format_name("Format to write; see --formats.")
     output: Path | None = result_file("File to write. Standard output if it is - or not given.")
     into: Path | None = option(
         "Set the transform in this file instead, and leave every other byte of it as it is; intrinsics that were "

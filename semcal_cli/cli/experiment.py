@@ -216,7 +216,7 @@ def table(
     from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.loading import load
-    from semcal_cli.experiments.experiment import make_folder
+    from semcal_cli.experiments.experiment import prepare_folder
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
 
@@ -227,7 +227,7 @@ def table(
     if initial_pose is not None:
         initial_pose.check_distance(MAX_BASELINE_M)
     folder = out / f"table_{spec.root.resolve().name}"
-    make_folder(folder)
+    prepare_folder(folder)
     transforms = [drive_file(path) for path in (reference, init) if path is not None]
     check_outputs(
         [spec.path, *map(spec.resolve, spec.files()), *transforms], *(folder / name for name in FILES)
@@ -267,8 +267,8 @@ def speed(
 ) -> Experiment[Any, Any]:
     """Time whole processes, and compare the refinement with the same in plain torch.
 
-    Needs an idle machine, and takes about three minutes for each repeat. Writes the same files
-    as `accuracy`; a stopped run resumes where it was.
+    Needs an idle machine, and takes about three minutes for each repeat. Writes the same files as `accuracy`; a stopped
+    run resumes where it was.
     """
     from dataclasses import replace
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from semcal_cli.datasets.writing import Written
 
 MAX_REASONS = 10
-"""Most reasons for what was left out of a recording that are printed."""
+"""Largest number of reasons for leaving something out that are printed."""
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
 SIDES = "<<>>>><"
 """Alignment of the columns of the list of topics."""

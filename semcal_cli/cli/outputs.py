@@ -68,7 +68,7 @@ class Outputs:
 
     @classmethod
     def of_result(cls, settings: ResultSettings) -> Outputs:
-        """Name the files that every command writes which makes a calibration."""
+        """Name the files that every command writes that makes a calibration."""
         return cls(settings.output, settings.log, as_json=settings.as_json)
 
     @property

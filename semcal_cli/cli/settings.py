@@ -71,7 +71,7 @@ class Names(click.ParamType[tuple[str, ...]]):
         Args:
             known: Names that there are, in the order of the value; any if empty.
             alone: Names that stand with no other.
-            needed: What messages say that is needed, if it is not known which names there are.
+            needed: What messages say is needed, where `known` is empty.
         """
         self.known, self.alone, self.needed = known, alone, needed or f"some of {', '.join(known)}"
 

@@ -1,1 +1,1 @@
-"""Experiments on synthetic drives, each one command: a table, CSV, JSON and a plot."""
+"""Experiments on synthetic drives, each one command: a table, CSV and JSON, and a plot where methods are compared."""

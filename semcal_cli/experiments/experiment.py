@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from semcal_cli.batch.pace import Pace
 from semcal_cli.batch.processes import ProcessError, Worker, in_processes
-from semcal_cli.errors import CalibrationError, InputError, os_reason
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.measured import machine, measured_here
 from semcal_cli.experiments.plots import plot_png
 from semcal_cli.experiments.summary import Column, summarise, summary_table
 from semcal_cli.files.reading import check_own_file, read_text
-from semcal_cli.files.writing import locked, write_bytes, write_text
+from semcal_cli.files.writing import locked, make_folder, write_bytes, write_text
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class Experiment(Generic[Case, Result]):
                 cannot be written.
             CalibrationError: the process of a case crashed.
         """
-        make_folder(self.folder)
+        prepare_folder(self.folder)
         results = self.run_cases(num_jobs or 1, watcher)
         if self.scratch is not None:
             rmtree(self.scratch, ignore_errors=True)
@@ -169,16 +169,13 @@ class Experiment(Generic[Case, Result]):
         return [result for results, _ in found for result in results]
 
 
-def make_folder(folder: Path) -> None:
+def prepare_folder(folder: Path) -> None:
     """Create the folder of an experiment, and check that only files stand where files will be written at the end.
 
     Raises:
         InputError: the folder cannot be created, or a link, a pipe or a folder is in the way.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {os_reason(error)}") from None
+    make_folder(folder)
     for file in (JOURNAL, MEASURED, *FILES):
         check_own_file(folder / file)
 

@@ -21,7 +21,7 @@ from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, check_own_file, check_s
 
 STANDARD_INPUT, STANDARD_OUTPUT = Path("/dev/stdin"), Path("/dev/stdout")
 PATIENCE_S, RETRY_S = 5.0, 0.05
-"""Time that a named pipe has to find its reader, and between two looks: both may have been started together."""
+"""Time that a named pipe has to find its reader, as both may have been started together, and time between two looks."""
 _NUMBERED = re.compile(r"/(?:dev|proc/self)/fd/([0-9]{1,9})")
 _NAMED = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
 

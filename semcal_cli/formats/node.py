@@ -1,6 +1,6 @@
 """Checked values of files, and the values of a document, which know where they stand.
 
-An `InputError` names file and key, what was found and what was needed, where a value is another.
+An `InputError` about a value names file and key, what was found and what was needed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A recording: one or several files of ROS as one series of messages."""
+"""A recording: one or several files of ROS or Foxglove as one series of messages."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class Bag:
         return all(storage.is_indexed for storage in self._storages.values())
 
     def of_types(self, types: Collection[str]) -> list[Topic]:
-        """List the topics that have messages, with the content of some types of ROS's."""
+        """List the topics that have messages whose content is that of one of these ROS types."""
         return [topic for topic in self.topics if topic.is_a(types) and topic.span.num_messages]
 
     def first(self, topic: Topic) -> Message | None:

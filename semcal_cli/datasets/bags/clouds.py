@@ -83,7 +83,7 @@ class Sweep(NamedTuple):
 
 
 def read_sweep(message: Message, stamp_ns: int) -> Sweep:
-    """Read a PointCloud2 or a Livox CustomMsg.
+    """Read a PointCloud2, a Livox CustomMsg or a VelodyneScan.
 
     Args:
         message: The message.

@@ -92,7 +92,7 @@ def _compressed(message: Any) -> SimpleNamespace:
 def _camera_calibration(message: Any) -> SimpleNamespace:
     numbers = {name: [float(each) for each in getattr(message, name, ())] for name in "DKRP"}
     region = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
-    # A rotation or a projection that is left out is none.
+    # R and P that are left out stay zero.
     numbers = {"R": [0.0] * 9, "P": [0.0] * 12} | {name: each for name, each in numbers.items() if each}
     return SimpleNamespace(
         header=_header(message),
@@ -144,19 +144,19 @@ TRANSLATIONS: dict[str, tuple[str, Callable[[Any], SimpleNamespace]]] = {
     "foxglove.FrameTransforms": (TRANSFORMS[0], _transforms),
     "foxglove.PoseInFrame": (POSE, _pose_in_frame),
 }
-"""ROS's type with the same content, and what makes a message of it, by the name of Foxglove's schema."""
+"""ROS type with the same content, and the function that translates a message, by the name of Foxglove's schema."""
 
 
 def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] | None]:
-    """Find what reads the messages of a channel.
+    """Find the function that reads the messages of a channel.
 
     Args:
         encoding: `protobuf` or `json`.
         schema: The channel's schema.
 
     Returns:
-        ROS's type with the same content, and what reads a message, with the fields of that type; empty and None for a
-        schema that is not used.
+        The ROS type with the same content, and the function that reads a message into the fields of that type; empty
+        and None for a schema that is not used.
 
     Raises:
         InputError: the library for Protobuf is not installed.

@@ -29,7 +29,7 @@ DEFINITIONS = {
     VELODYNE: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets",
     **dict.fromkeys(TRANSFORMS, "geometry_msgs/TransformStamped[] transforms"),
 }
-"""Definitions of types that ROS itself has not, or not in both of its generations."""
+"""Definitions of types that ROS itself lacks, or has in only one of its generations."""
 
 HEADER_BYTES = 16
 """Bytes before the characters of `frame_id`: ROS 1's sequence or ROS 2's encapsulation, stamp and length."""
@@ -72,12 +72,12 @@ class Topic:
     is_ros1: bool = False
     """Whether its messages are serialized as in ROS 1, and not in CDR."""
     kind: str = ""
-    """ROS's type with the same content, of a type of Foxglove's; empty for the type itself."""
+    """ROS type with the same content as a Foxglove type; empty if `type` is a ROS type."""
     decode: Callable[[bytes], Any] | None = field(default=None, compare=False)
-    """What reads a message of Foxglove's, with the fields of ROS's type; None for ROS's own serializations."""
+    """Reads a Foxglove message into the fields of the ROS type; None for ROS's own serializations."""
 
     def is_a(self, types: Collection[str]) -> bool:
-        """Whether its messages have the content of one of some types of ROS's."""
+        """Whether its messages have the content of one of these ROS types."""
         return (self.kind or self.type) in types
 
     @property
@@ -99,7 +99,7 @@ class Message:
     """Its bytes."""
 
     def is_a(self, *types: str) -> bool:
-        """Whether it has the content of one of some types of ROS's."""
+        """Whether it has the content of one of these ROS types."""
         return self.topic.is_a(types)
 
     @property
@@ -146,7 +146,7 @@ class Message:
 
     @cached_property
     def _header(self) -> tuple[int, int, str]:
-        """Seconds and nanoseconds of the stamp, and the frame; of ROS's messages without reading all of them."""
+        """Seconds and nanoseconds of the stamp, and the frame; ROS messages are not read beyond their header."""
         if self.topic.decode is not None:
             header = self.content.header
             return header.stamp.sec, header.stamp.nanosec, header.frame_id

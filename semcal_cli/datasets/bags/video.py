@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
 CODECS = {"264": "h264", "265": "hevc", "hevc": "hevc", "av1": "libdav1d"}
-"""Decoder by a part of the name that a message gives its encoding or its encoder, as `libx264` or `hevc_nvenc`."""
+"""Decoders, by a part of the name of the encoding or of the encoder, such as `libx264` or `hevc_nvenc`."""
 NAL_UNIT = re.compile(rb"\x00\x00\x01(.)", re.DOTALL)
 H264_KEY, HEVC_KEYS = 5, range(16, 22)
 """Types of the NAL units of key frames (ITU-T H.264, table 7-1; H.265, table 7-1)."""
@@ -78,7 +78,7 @@ class Video:
         self._decoder: _Decoder | None = None
 
     def seek(self, start_ns: int) -> None:
-        """Go to a time from which on packets are taken: find the group that it lies in."""
+        """Move on to the time from which packets are taken next, and find the group that it lies in."""
         back_ns = NS
         while self._read_ns < start_ns:
             first_ns = max(start_ns - back_ns, self._read_ns)
@@ -142,7 +142,7 @@ class _Decoder:
         self._context = context
 
     def is_before(self, group: Group, index: int) -> bool:
-        """Whether a frame is still to come."""
+        """Whether the decoder has not yet given a frame."""
         first = min([each.pts for each in self._ready if each.pts is not None], default=self._next)
         return group is self._group and index >= first and not (self._is_flushed and index >= self._next)
 
