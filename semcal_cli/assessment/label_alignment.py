@@ -64,7 +64,7 @@ MIN_BAD_PX = 2.5
 ROWS, COLUMNS = 6, 8
 """Tiles of a label image, down and across."""
 NUM_FRAMES = 5
-"""Number of frames that are looked at."""
+"""Number of frames whose hidden points are looked at."""
 LEAST_POINTS = 200
 """Number of hidden points, or fewer, that tell nothing."""
 LEAST_CLASSES = 2.0

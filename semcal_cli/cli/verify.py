@@ -166,7 +166,6 @@ def _print(found: Verification) -> None:
 
 def _check_line(check: Check) -> str:
     half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
-    found = (
-        f"{round(check.offset, 4) + 0.0:.4f} {half:<12}" if check.has_estimate else "not determined"
-    )  # no -0.0000
+    offset = round(check.offset, 4) + 0.0  # no -0.0000
+    found = f"{offset:.4f} {half:<12}" if check.has_estimate else "not determined"
     return f"{check.name:<21}{found:>23} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"

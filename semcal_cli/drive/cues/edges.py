@@ -208,9 +208,8 @@ def gradients(
     """
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
-    padded = np.pad(
-        seen.astype(np.uint8), 1, mode="edge"
-    )  # The border of the picture is no border of the lens.
+    # The border of the picture is no border of the lens.
+    padded = np.pad(seen.astype(np.uint8), 1, mode="edge")
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
     strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside
     mean_around = surroundings(camera, config.surroundings_deg)
