@@ -74,9 +74,8 @@ def test_vectors_are_those_of_the_blocks_in_their_own_frame(scale: int, factor: 
 def test_points_behind_the_camera_or_beside_the_picture_are_left_out() -> None:
     observations = make_observations()
     points = make_points(observations, 4)
-    assert (
-        0 < len(points) < NUM_FRAMES * NUM_POINTS / 4
-    )  # the lens sees less than a quarter of all directions
+    # The lens sees less than a quarter of all directions.
+    assert 0 < len(points) < NUM_FRAMES * NUM_POINTS / 4
     away = make_pose((0.0, 0.0, 0.0), (0.0, 0.0, -100.0))
     assert len(make_points(observations, 4, away)) == 0
 

@@ -30,9 +30,8 @@ def test_the_value_is_that_of_the_core(street_observations: Observations, street
     (there,) = _core.align(
         street_observations.core, [street_truth], config, factor=1, visible_only=False, seed=0
     )
-    assert value.item() == pytest.approx(
-        there.mutual_information, abs=2e-3
-    )  # the core's has its bias taken off
+    # The core's has its bias taken off.
+    assert value.item() == pytest.approx(there.mutual_information, abs=2e-3)
     assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(there.num_points, rel=1e-3)
 
 

@@ -1,6 +1,7 @@
 //! Camera models: a ray in the camera frame to a pixel, and back.
 //!
-//! A lens turns a point into distorted coordinates, each against one interface, [`Model`]; `K` makes pixels of them. Coefficients are in OpenCV's order. Pixels are `(u, v)`; an integer pixel is a pixel centre.
+//! A lens, through the one interface [`Model`], turns a point into distorted coordinates, and `K` makes pixels of these.
+//! Coefficients are in OpenCV's order. Pixels are `(u, v)`; an integer pixel is a pixel centre.
 //!
 //! A lens holds up to the incidence angle at which its distortion stops being monotone. Beyond it a point is outside: it
 //! has no pixel, and never one that belongs to another direction.

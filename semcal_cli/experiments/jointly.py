@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -226,7 +226,10 @@ def _sizes(header: str, key: str, number: int, *fields: str) -> Column:
 
 def _beside_before(found: Sequence[Result]) -> float:
     """Divide the median error of the pose by that of the pose before, in rotation or place, whichever is larger."""
-    middle: Callable[[str], float] = lambda field: of(field, median)(found)  # noqa: E731
+
+    def middle(field: str) -> float:
+        return float(of(field, median)(found))
+
     return max(
         middle("rotation_deg") / middle("polished_deg"), middle("camera_center_cm") / middle("polished_cm")
     )

@@ -2,8 +2,8 @@
 
 KITTI's `Tr` (odometry, calib.txt), or `Tr_velo_to_cam` with `R0_rect` (object): p_camera0 = [R0_rect] T p_velo. Camera
 0 is the rectified one; the others are moved along its x axis, as `P1` to `P3` say (Geiger et al., *Vision meets
-robotics: The KITTI dataset*, 2013, eqs. 3 to 8). In KITTI-360's calib_cam_to_velo.txt, camera 0 is as it was before
-rectification.
+robotics: The KITTI dataset*, 2013, eqs. 3 to 8). In KITTI raw's calib_velo_to_cam.txt (`R` and `T`) and in KITTI-360's
+calib_cam_to_velo.txt, camera 0 is as it was before rectification.
 """
 
 from __future__ import annotations

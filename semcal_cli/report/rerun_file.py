@@ -84,9 +84,8 @@ def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: 
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
     for name, (T, camera) in cameras.items():
         _log_camera(stream, name, T, camera)
-    entity = (
-        f"{CAMERAS}/{list(cameras)[-1]}" if cameras else "camera"
-    )  # without a pose, pictures lie in no space
+    # Without a pose, pictures lie in no space.
+    entity = f"{CAMERAS}/{list(cameras)[-1]}" if cameras else "camera"
     point_colors, pixel_colors = palettes(observations)
     _log_classes(stream, f"{LIDAR}/points", observations.point_class_names, point_colors)
     if observations.image_class_names:
