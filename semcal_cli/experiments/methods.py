@@ -85,8 +85,6 @@ class Method:
     """Colour of the method in plots."""
     is_slow: bool = False
     """Whether it runs on some drives and settings only."""
-    starts_from_nothing: bool = False
-    """Whether it does not use the start."""
 
     @property
     def is_by_labels(self) -> bool:
@@ -127,10 +125,7 @@ METHODS: dict[str, Method] = {
     "semcal": Method("labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), ACCENT),
     "paper": Method("raw_labels", lambda scene, seen, T_init: _published(seen, T_init), PURPLE),
     "paper, own start": Method(
-        "raw_labels",
-        lambda scene, seen, T_init: _published_from_nothing(seen),
-        ORANGE,
-        starts_from_nothing=True,
+        "raw_labels", lambda scene, seen, T_init: _published_from_nothing(seen), ORANGE
     ),
     "SOIC": Method(
         "labels",

@@ -98,7 +98,7 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
         InputError: a file is missing or wrong, is of other cameras, or the files do not belong together.
     """
     document = read_document(path)
-    if not isinstance(document, dict) or KEY not in document:
+    if KEY not in document:
         raise InputError(
             f"{path}: found no key {KEY}, needed the {RESULT}.yaml that `semcal calibrate` wrote for {rig.path}"
         )
