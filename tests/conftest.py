@@ -145,6 +145,18 @@ def drive(street: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(street, tmp_path / "drive"))
 
 
+@pytest.fixture
+def plain(drive: Path) -> Path:
+    """A drive of three frames without labels of pictures."""
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    for frame in document["frames"]:
+        del frame["image_labels"]
+    document["classes"].pop("image")
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    shutil.rmtree(drive / "image_labels")
+    return drive
+
+
 @pytest.fixture(scope="session")
 def street_observations(street: Path) -> Observations:
     return load_observations(read_drive(street))

@@ -17,6 +17,8 @@ COLORS = np.array(
     [[40, 40, 40], [220, 60, 60], [60, 220, 60], [60, 60, 220], [220, 220, 60], [200, 200, 200]], np.uint8
 )
 """Red, green, blue of classes that differ in colour alone."""
+STREET_COLORS = np.array([[160, 190, 225], [90, 90, 92], [60, 110, 50], [150, 110, 90]], np.uint8)
+"""The same of sky, road, green and brown on synthetic streets."""
 TYPES = {"float32": TensorProto.FLOAT, "float16": TensorProto.FLOAT16, "uint8": TensorProto.UINT8}
 NAMES = ["a", "b", "c", "d", "e", "f"]
 POINT_CARD = {
@@ -112,6 +114,12 @@ def color_network(
     given = {"w": weights.reshape(number, 3, 1, 1), "b": bias}
     kind_out = TensorProto.INT64 if kind == "ids" else TensorProto.FLOAT
     return save(path, nodes, {"x": (TYPES[dtype], shape_in)}, {"y": (kind_out, shape_out)}, given)
+
+
+def street_network(folder: Path) -> Path:
+    """A network that tells sky, road and the rest by colour: enough to see that the way is right."""
+    card(folder, classes=["sky", "road", "green", "brown"])
+    return color_network(folder / "net.onnx", stride=2, colors=STREET_COLORS)
 
 
 def range_network(path: Path, channels: int, rows: int, columns: int, place: int, limit: float) -> Path:

@@ -11,7 +11,7 @@ import onnx
 import pytest
 import yaml
 from click.testing import CliRunner, Result
-from networks import POINT_CARD, card, color_network, constant_network, range_network, save
+from networks import POINT_CARD, card, color_network, constant_network, range_network, save, street_network
 from onnx import TensorProto, helper
 
 from semcal_cli import _core
@@ -23,25 +23,6 @@ from semcal_cli.labelling.card import card_names, find_card, read_card, read_cla
 from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.pictures import PictureLabeller
-
-
-@pytest.fixture
-def plain(drive: Path) -> Path:
-    """A drive of three frames without labels of pictures."""
-    document = yaml.safe_load((drive / "drive.yaml").read_text())
-    for frame in document["frames"]:
-        del frame["image_labels"]
-    document["classes"].pop("image")
-    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
-    shutil.rmtree(drive / "image_labels")
-    return drive
-
-
-def street_network(folder: Path) -> Path:
-    """A network that tells sky, road and the rest by colour: enough to see that the way is right."""
-    colors = np.array([[160, 190, 225], [90, 90, 92], [60, 110, 50], [150, 110, 90]], np.uint8)
-    card(folder, classes=["sky", "road", "green", "brown"])
-    return color_network(folder / "net.onnx", stride=2, colors=colors)
 
 
 def run(*arguments: object) -> Result:

@@ -175,7 +175,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
                     from semcal_cli.refinement.mine import check_device
 
                 check_device("cuda")
-        files = {"--init": found.init, "--image-model": found.image_model}
+        files = {"--init": found.init, "--image-model": _network(settings, found)}
         if found.image_model is not None and found.image_card is not None and Path(found.image_card).exists():
             files["--image-card"] = Path(found.image_card)
         for name, path in files.items():
@@ -193,6 +193,17 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
         max_points=found.max_points,
         timeout_s=settings.timeout_s,
     )
+
+
+def _network(settings: BatchSettings, found: CalibrateSettings) -> Path | None:
+    """Find the network, fetched once for all drives; Dask's workers, with caches of their own, fetch it themselves."""
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.labelling.hub import find_model, is_hub_name
+
+    if found.image_model is None or (settings.dask is not None and is_hub_name(found.image_model)):
+        return None
+    with Terminal(quiet=settings.quiet) as terminal:
+        return find_model(found.image_model, found.max_download_mb, terminal.on_event)
 
 
 def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:

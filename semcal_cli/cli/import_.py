@@ -226,7 +226,7 @@ def bag(settings: BagSettings) -> None:
     _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out))
     path = done.written.path
     drive = path.parent if path.name == DRIVE_FILE else path
-    click.echo(f"next: semcal label {drive} --image-model FILE.onnx -o LABELLED", err=True)
+    click.echo(f"next: semcal label {drive} --image-model cityscapes -o LABELLED", err=True)
 
 
 def _list(paths: tuple[Path, ...]) -> None:

@@ -27,11 +27,18 @@ class ImageSettings:
 
     section = "Labels of pictures"
     rules = [given("--image-card", "--rectify").requires("--image-model", "--show")]
-    image_model: Path | None = option("Network that labels the pictures, .onnx.", metavar="FILE")
+    image_model: str | None = option(
+        "Network that labels the pictures: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
+        "a short name, as cityscapes.",
+        metavar="FILE|NAME",
+    )
     image_card: str | None = option(
         "What the network wants and gives: a ready card, as segformer-cityscapes, or a file; FILE.yaml beside "
         "FILE.onnx if not given.",
         metavar="NAME|FILE",
+    )
+    max_download_mb: int = option(
+        "Fetch at most this from the hub, in megabytes.", default=500, least=1, metavar="MB"
     )
     rectify: bool = option(
         "Let the network see pictures without the lens's distortion, several of a fisheye's, and carry its labels "
@@ -47,12 +54,14 @@ class ImageSettings:
         Raises:
             InputError: the model or the card is wrong.
         """
+        from semcal_cli.labelling.hub import find_model
         from semcal_cli.labelling.model import picture_model
         from semcal_cli.labelling.network import open_network
         from semcal_cli.labelling.pictures import PictureLabeller
 
         assert self.image_model is not None  # where it is asked for
-        model = picture_model(open_network(self.image_model, device, num_threads), self.image_card)
+        path = find_model(self.image_model, self.max_download_mb, terminal.on_event)
+        model = picture_model(open_network(path, device, num_threads), self.image_card)
         terminal.print(*(f"guessed: {guess}" for guess in model.guesses))
         return PictureLabeller(model, drive.camera, is_rectified=self.rectify)
 
@@ -75,9 +84,18 @@ def label_on_the_way(
     labeller = images.picture_labeller(chosen, terminal)
     path = label_beside(chosen, picture_side(labeller), terminal.on_event)
     assert images.image_model is not None
-    did = f"{len(chosen.frames)} pictures by {images.image_model.name}, in {path}"
+    did = f"{len(chosen.frames)} pictures by {Path(images.image_model).name}, in {path}"
     terminal.print(f"labels   {perf_counter() - start:6.2f} s   {did}")
     return path
+
+
+def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> bool:
+    if is_asked and not ctx.resilient_parsing:
+        from semcal_cli.labelling.hub import recommended_lines
+
+        click.echo("\n".join(recommended_lines()))
+        ctx.exit()
+    return is_asked
 
 
 def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
@@ -116,7 +134,12 @@ class LabelSettings(ImageSettings, ThreadSettings):
     preview: Path | None = option(
         "Draw the labels of one picture, .png.", callback=_check_png, metavar="FILE"
     )
-    show: Path | None = option("Tell what was understood of a model, and try it; no drive.", metavar="FILE")
+    show: str | None = option(
+        "Tell what was understood of a model, and try it; no drive.", metavar="FILE|NAME"
+    )
+    list_models: bool = option(
+        "List the short names of networks, and exit.", default=False, is_eager=True, callback=_list_models
+    )
     max_frames: int | None = option("Label at most N evenly spaced frames; all if not given.", least=1)
     device: Device = option("Device of the networks.", default="cpu")
     force: bool = option("Make labels again that are there.", default=False)
@@ -127,10 +150,12 @@ class LabelSettings(ImageSettings, ThreadSettings):
 def label(settings: LabelSettings) -> None:
     """Label the pictures or the sweeps of DRIVE with networks, and write a drive with the labels.
 
-    A network is an ONNX file. What it wants is read from it and from its card; what neither says is guessed, and told.
+    A network is an ONNX file, or the name of one on the Hugging Face hub. What it wants is read from it, and from its
+    card or the files of transformers beside it; what these do not say is guessed, and told.
     A stopped run goes on where it was. A frame that cannot be labelled is named and left out; the exit code is then 1.
     """
     from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.labelling.hub import find_model
     from semcal_cli.labelling.network import open_network
     from semcal_cli.labelling.pictures import describe_model
     from semcal_cli.threads import set_num_threads
@@ -138,7 +163,8 @@ def label(settings: LabelSettings) -> None:
     set_num_threads(settings.threads)
     with Terminal(quiet=settings.quiet) as terminal:
         if settings.show is not None:
-            network = open_network(settings.show, settings.device, settings.threads)
+            path = find_model(settings.show, settings.max_download_mb, terminal.on_event)
+            network = open_network(path, settings.device, settings.threads)
             for name, text in describe_model(network, settings.image_card or settings.point_card):
                 click.echo(f"{name:<10}{text}")
             return

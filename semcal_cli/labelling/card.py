@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -77,6 +78,10 @@ class PictureCard(Card):
     """Columns and rows that the network wants, if it takes any; by default the picture's, up to a multiple of 32."""
     fit: Fit = "stretch"
     """How a picture comes to that size: stretched, scaled with a border around it, or cut into tiles that overlap."""
+    short_side: ImageSide | None = None
+    """Length to which the shorter side of a picture is scaled, without size or before it is cut into tiles."""
+    long_side: ImageSide | None = None
+    """Largest length of the longer side after that."""
     color: Color | None = None
     """Order of the colours; rgb if the network has three channels, gray if it has one."""
     scale: Spread | None = None
@@ -92,6 +97,14 @@ class PictureCard(Card):
     align_corners: bool = False
     """Whether the centres of the outermost cells of a coarse output lie on those of the outermost pixels."""
 
+    @model_validator(mode="after")
+    def _check_sides(self) -> PictureCard:
+        if self.long_side is not None and self.short_side is None:
+            raise ValueError(f"long_side: {mismatch('no short_side', 'both, or short_side alone')}")
+        if self.short_side is not None and self.size is not None and self.fit != "tiles":
+            raise ValueError(f"short_side: {mismatch(f'size and fit: {self.fit}', 'no size, or fit: tiles')}")
+        return self
+
 
 class CompletePictureCard(PictureCard):
     """Card of a network for pictures in which no key about its input is left open, but a size for any picture."""
@@ -106,12 +119,24 @@ class CompletePictureCard(PictureCard):
         """Columns and rows of the network's picture for one of `width` x `height` pixels."""
         if self.size is not None:
             return self.size[0], self.size[1]
-        columns, rows = (min(-(-side // MULTIPLE) * MULTIPLE, MAX_SIDE) for side in (width, height))
+        sides = self.scaled((width, height))
+        columns, rows = (min(-(-side // MULTIPLE) * MULTIPLE, MAX_SIDE) for side in sides)
+        return columns, rows
+
+    def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Columns and rows of a picture of a size whose shorter side is brought to `short_side`."""
+        if self.short_side is None:
+            return size
+        factor = min(self.short_side / min(size), (self.long_side or math.inf) / max(size))
+        columns, rows = (max(round(side * factor), 1) for side in size)
         return columns, rows
 
     def describe(self) -> list[tuple[str, str]]:
         """Describe the input, in pairs of a word and a sentence."""
         size = "any, so that of the picture" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+        if self.short_side is not None:
+            most = "" if self.long_side is None else f", the longer one to at most {self.long_side}"
+            size += f", its shorter side scaled to {self.short_side}{most}"
         numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
         return [
             ("size", f"{size}, {self.fit}"),

@@ -27,6 +27,8 @@ CACHE = ".semcal_labels"
 """Folder beside a drive.yaml for labels that `calibrate` makes on the way."""
 AT_A_TIME = 2
 """Frames at a time: while the network works on one, another is read, prepared or written."""
+ORIGIN = "from"
+"""Key of the record for where a network is from, on which labels do not depend."""
 KEY_LENGTH = 16
 """Hexadecimal digits of the name of a folder or a file of the cache."""
 
@@ -147,7 +149,10 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
     if not record.exists():
         if any(folder.iterdir()):
             raise InputError(f"{folder}: found files that `semcal label` has not written, needed another -o")
-    elif not force and read_document(record) != json.loads(_text(settings)):
+    elif not force and {**read_document(record), ORIGIN: None} != {
+        **json.loads(_text(settings)),
+        ORIGIN: None,
+    }:
         raise InputError(
             f"{folder}: found labels of another model, drive or settings, needed another -o, or --force"
         )
@@ -155,7 +160,7 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
     for file in files if force else ():
         # A forced run that is stopped leaves no labels of before.
         file.unlink(missing_ok=True)
-    write_text(_text(settings), record)
+    write_text(_text(settings | ({ORIGIN: side.origin} if side.origin else {})), record)
     return files
 
 

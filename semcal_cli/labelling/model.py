@@ -21,6 +21,7 @@ from semcal_cli.labelling.card import (
     read_classes,
 )
 from semcal_cli.labelling.network import Network, Port
+from semcal_cli.labelling.sidecars import read_sidecars
 
 SHOWN_NAMES = 6
 IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -65,6 +66,7 @@ class Model(Generic[AnyCard]):
         names = ", ".join(list(self.classes)[:SHOWN_NAMES])
         more = ", ..." if len(self.classes) > SHOWN_NAMES else ""
         return [
+            ("card", "none" if self.card_path == self.network.path else str(self.card_path)),
             ("input", str(self.network.input)),
             *(("output", str(port)) for port in self.network.outputs),
             *self.card.describe(),
@@ -118,9 +120,11 @@ def point_model(network: Network, card: str | None) -> Model[PointCard]:
 
 
 def card_of(network: Network, name: str | None) -> tuple[PictureCard | PointCard | None, Path]:
-    """Read the card of a network, and give its file, or that of a network without one."""
+    """Read the card of a network, or the files of transformers beside it, and give its file, or that of the network."""
     path = find_card(name, network.path)
-    return (None, network.path) if path is None else (read_card(path), path)
+    if path is None:
+        return read_sidecars(network) or (None, network.path)
+    return read_card(path), path
 
 
 def wrong_key(card_path: Path, key: str, found: object, needed: object) -> InputError:
@@ -208,7 +212,8 @@ class _Joining:
             return columns, rows
         if columns is not None or rows is not None or self.card.fit == "tiles":
             raise self._wrong("size", "none", f"columns and rows for {self.network.input}")
-        self.guesses.append(f"the size is the picture's, up to a multiple of {MULTIPLE}")
+        if self.card.short_side is None:
+            self.guesses.append(f"the size is the picture's, up to a multiple of {MULTIPLE}")
         return None
 
     def _normalisation(

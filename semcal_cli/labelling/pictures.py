@@ -51,7 +51,9 @@ class PictureLabeller:
         mean = [int(np.clip(round(each / card.scale), 0, 255)) for each in card.mean]
         padding = tuple(mean if card.color == "bgr" else reversed(mean)) * (3 // len(mean))
         with about(model.card_path):
-            self.views = make_views(camera, size, card.fit, padding, is_rectified=is_rectified)
+            self.views = make_views(
+                camera, size, card.fit, padding, is_rectified=is_rectified, scaled=card.scaled
+            )
         levels = np.arange(256) * card.scale
         rows = [(levels - mean) / std for mean, std in zip(card.mean, card.std, strict=True)]
         self._table = np.asarray(rows).astype(model.network.input.dtype)

@@ -20,6 +20,7 @@ from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError, about
 from semcal_cli.files.images import read_image
 from semcal_cli.files.reading import hash_file
+from semcal_cli.labelling.hub import hub_name
 from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.labelling.sweeps import KIND_IDS, SweepLabeller, segment_labels
 
@@ -51,6 +52,8 @@ class Side:
     or the network fails."""
     is_whole: Callable[[Drive, Path], bool]
     """Tells whether a label file is there and whole."""
+    origin: str | None = None
+    """Name and commit of the network on the hub, if it is from there."""
 
 
 def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) -> Side:
@@ -65,6 +68,7 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         "model": hash_model(model.network.path),
         "size": card.size,
         "fit": card.fit,
+        **({} if card.short_side is None else {"sides": (card.short_side, card.long_side)}),
         "color": card.color,
         "numbers": (card.scale, card.mean, card.std),
         "outputs": model.outputs,
@@ -108,6 +112,7 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         settings=settings,
         label=label,
         is_whole=is_whole,
+        origin=hub_name(model.network.path),
     )
 
 

@@ -81,7 +81,13 @@ class Views:
 
 
 def make_views(
-    camera: Camera, size: tuple[int, int], fit: Fit, padding: Sequence[int], *, is_rectified: bool
+    camera: Camera,
+    size: tuple[int, int],
+    fit: Fit,
+    padding: Sequence[int],
+    *,
+    is_rectified: bool,
+    scaled: Callable[[tuple[int, int]], tuple[int, int]] = lambda size: size,
 ) -> Views:
     """Plan the views of a camera's pictures.
 
@@ -91,6 +97,7 @@ def make_views(
         fit: How a picture comes to that size.
         padding: Blue, green and red of what is beyond a picture.
         is_rectified: Whether the network sees pictures without the lens's distortion.
+        scaled: Gives the columns and rows to which a picture is scaled before it is cut into tiles, of its own.
 
     Raises:
         InputError: tiles would be too many.
@@ -109,6 +116,8 @@ def make_views(
         if not is_here.any():
             continue
         merit = np.full(num_pixels, -np.inf)
+        if fit == "tiles" and (sides := scaled(source.size)) != source.size:
+            source = _part(source, (0, 0), source.size, sides, (0, 0), sides, padding)
         for view in _parts(source, size, fit, padding):
             is_better = is_here & (view.merit > merit)
             if not is_better.any():

@@ -1,0 +1,233 @@
+"""Networks of the Hugging Face hub by their names: their files come by its library, into its own cache."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
+from semcal_cli.errors import InputError, check_installed, listed
+
+PREFIX = "hf:"
+NAME = re.compile(r"hf:(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?(:(?P<file>[\w./-]+\.onnx))?")
+SYNTAX = "hf:OWNER/NAME, hf:OWNER/NAME@REVISION or hf:OWNER/NAME@REVISION:FILE.onnx"
+USUAL = ("onnx/model.onnx", "model.onnx")
+"""Files of a model that are taken if none is named, the first of them that is there."""
+SIDECARS = ("config.json", "preprocessor_config.json")
+"""Files that say what transformers does with pictures and what the scores of a model mean."""
+EXTERNAL = ("_data", ".data")
+"""Ends of the names of files with the weights of a model, after the name of the model."""
+SNAPSHOT = re.compile(r"/models--([^/]+)/snapshots/([0-9a-f]{40})/(.+)$")
+"""Path of a file in the library's cache: its repository, its commit and its name there."""
+MEGABYTE = 1e6
+TIMEOUT_S = 10.0
+"""Longest time until the hub answers."""
+
+
+class Recommended(NamedTuple):
+    """A network that has a short name."""
+
+    repository: str
+    megabytes: int
+    """Size of its weights in 32 bits."""
+    classes: str
+    licence: str
+
+
+RECOMMENDED = {
+    "cityscapes": Recommended(
+        "Xenova/segformer-b0-finetuned-cityscapes-1024-1024",
+        15,
+        "19 of Cityscapes",
+        "NVIDIA Source Code License for SegFormer: not commercial",
+    ),
+    "ade20k": Recommended(
+        "Xenova/segformer-b0-finetuned-ade-512-512",
+        15,
+        "150 of ADE20K",
+        "NVIDIA Source Code License for SegFormer: not commercial",
+    ),
+}
+"""Networks by their short names; the revision is `main` unless one is named."""
+
+
+@dataclass(frozen=True)
+class HubName:
+    """Name of a network of the hub, as a user writes it."""
+
+    text: str
+    repo: str
+    revision: str
+    file: str | None
+    """Its file in the repository; None for the usual one."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files of which the first that is there is the model."""
+        return USUAL if self.file is None else (self.file,)
+
+    def error(self, found: str, needed: str) -> InputError:
+        """Make an error about the network."""
+        return InputError(f"{self.text}: found {found}, needed {needed}")
+
+
+def is_hub_name(name: str) -> bool:
+    """Tell the name of a network of the hub from that of a file."""
+    return name.startswith(PREFIX) or (name in RECOMMENDED and not Path(name).exists())
+
+
+def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
+    """Find the file of a network; one of the hub is fetched, with its sidecars, unless the cache has it.
+
+    Args:
+        name: A file, a name of the hub, `hf:OWNER/NAME@REVISION:FILE`, or a short name of `RECOMMENDED`.
+        max_mb: Most megabytes that are fetched.
+        on_event: Called with each event.
+
+    Raises:
+        InputError: the network is missing, closed or too large, or neither the hub nor the cache has it.
+    """
+    if not is_hub_name(name):
+        if not Path(name).suffix and not Path(name).exists():
+            raise InputError(
+                f"found network {name!r}, needed a file, {SYNTAX}, or one of: {', '.join(RECOMMENDED)}"
+            )
+        return Path(name)
+    text = name if name.startswith(PREFIX) else PREFIX + RECOMMENDED[name].repository
+    parts = NAME.fullmatch(text)
+    if parts is None or ".." in text:
+        raise InputError(f"{text}: found no name of an ONNX file on the hub, needed {SYNTAX}")
+    asked = HubName(text, parts["repo"], parts["revision"] or "main", parts["file"])
+    check_installed(text, "huggingface_hub", "label")
+    with _errors_of(asked):
+        return _fetched(asked, max_mb, on_event)
+
+
+def hub_name(path: Path) -> str | None:
+    """Give the name, with its commit, of a file in the library's cache; None for another file."""
+    parts = SNAPSHOT.search(path.absolute().as_posix())
+    return None if parts is None else f"{PREFIX}{parts[1].replace('--', '/', 1)}@{parts[2]}:{parts[3]}"
+
+
+def recommended_lines() -> Iterator[str]:
+    """Write the table of the networks that have short names."""
+    rows = [("NAME", "MB", "CLASSES", "REPOSITORY", "LICENCE")]
+    rows += [
+        (name, str(it.megabytes), it.classes, it.repository, it.licence) for name, it in RECOMMENDED.items()
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(map(str.ljust, row, widths)).rstrip()
+
+
+def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
+    """Fetch what the cache lacks of a network, the model last, so that a cached model is a whole one."""
+    import huggingface_hub
+    from huggingface_hub.errors import HfHubHTTPError
+
+    start, api = perf_counter(), huggingface_hub.HfApi(library_name="semcal")
+    try:
+        found = api.model_info(asked.repo, revision=asked.revision, timeout=TIMEOUT_S)
+    except Exception as error:  # The library's errors of a network that fails differ between its versions.
+        if isinstance(error, HfHubHTTPError) and error.response.status_code < 500:
+            raise
+        return _cached(asked, api.endpoint, error)
+    names, commit = [each.rfilename for each in found.siblings or ()], found.sha
+    model = _model_among(asked, names)
+    wanted = [name for name in names if name in SIDECARS or _is_part(name, model)] + [model]
+    states = [api.hf_hub_download(asked.repo, name, revision=commit, dry_run=True) for name in wanted]
+    sizes = [state.file_size or 0 for state in states if state.will_download]
+    size_mb = sum(sizes) / MEGABYTE
+    if size_mb > max_mb:
+        raise asked.error(
+            f"{size_mb:,.1f} MB to fetch", f"at most {max_mb:g} MB; --max-download-mb allows more"
+        )
+    for name in wanted:
+        bar = _bar(f"fetching {name} of {asked.repo}", on_event)
+        api.hf_hub_download(asked.repo, name, revision=commit, tqdm_class=bar)
+    # By the revision's own name, so that the cache knows its commit where there is no network.
+    path = Path(api.hf_hub_download(asked.repo, model, revision=asked.revision))
+    if sizes:
+        note = f"{hub_name(path) or asked.text}: {len(sizes)} files, {size_mb:.1f} MB"
+        on_event(StageDone("fetched", perf_counter() - start, note))
+    return path
+
+
+def _model_among(asked: HubName, siblings: Iterable[str]) -> str:
+    names = set(siblings)
+    if model := next(filter(names.__contains__, asked.files), None):
+        return model
+    networks = sorted(name for name in names if name.endswith(".onnx"))
+    if networks:
+        file = asked.file or "no " + " or ".join(USUAL)
+        raise asked.error(f"{file} among {listed(networks)}", f"{PREFIX}{asked.repo}:FILE with one of them")
+    weights = [
+        name for name in names if name.endswith((".bin", ".pt", ".pth", ".safetensors", ".h5", ".msgpack"))
+    ]
+    raise asked.error(
+        f"no ONNX file (weights: {listed(sorted(weights))})",
+        "a repository with onnx/model.onnx, as those of Xenova and onnx-community; nothing else is fetched",
+    )
+
+
+def _is_part(name: str, model: str) -> bool:
+    """Tell by its name whether a file holds weights of a model: model.onnx_data, model.onnx_data_1, model.onnx.data."""
+    return any(re.fullmatch(re.escape(model + end) + r"(_\d+)?", name) for end in EXTERNAL)
+
+
+def _cached(asked: HubName, endpoint: str, error: Exception) -> Path:
+    """Find a network in the cache alone."""
+    import huggingface_hub
+
+    for file in asked.files:
+        path = huggingface_hub.try_to_load_from_cache(asked.repo, file, revision=asked.revision)
+        if isinstance(path, str):
+            return Path(path)
+    reason = (" ".join(str(error).split()) or type(error).__name__)[:200]
+    needed = "a network, or a cache that has it, as of a run before"
+    raise asked.error(f"no copy in the cache, and no way to {endpoint} ({reason})", needed)
+
+
+@contextmanager
+def _errors_of(asked: HubName) -> Iterator[None]:
+    """Say in one line what the hub refused."""
+    from huggingface_hub import constants, errors
+
+    try:
+        yield
+    except errors.GatedRepoError:
+        terms = (
+            f"accept its terms at {constants.ENDPOINT}/{asked.repo} and log in by `hf auth login` or HF_TOKEN"
+        )
+        raise asked.error("a gated model", f"one that is open to you: {terms}") from None
+    except errors.RepositoryNotFoundError:
+        needed = "the name of a public one, or a login by `hf auth login` or HF_TOKEN"
+        raise asked.error(f"no such model at {constants.ENDPOINT}, or a private one", needed) from None
+    except errors.RevisionNotFoundError:
+        raise asked.error(f"no revision {asked.revision!r}", "a branch, a tag or a commit") from None
+    except (errors.HfHubHTTPError, errors.EntryNotFoundError, OSError, ValueError) as error:
+        reason = (" ".join(str(error).split()) or type(error).__name__)[:300]
+        raise InputError(f"{asked.text}: could not be fetched: {reason}") from None
+
+
+def _bar(doing: str, on_event: Listener) -> type[Any]:
+    """Make the class of a progress bar, as the library takes it, that tells a listener how far a file is."""
+    from tqdm import tqdm
+
+    class Bar(tqdm):  # type: ignore[misc]
+        def __init__(self, *args: Any, **about: Any) -> None:
+            super().__init__(*args, **about | {"disable": True})
+            self.num_done = int(about.get("initial") or 0)
+            self.update(0)
+
+        def update(self, n: float | None = 1) -> None:
+            self.num_done += int(n or 0)
+            of = f" of {self.total / MEGABYTE:.1f}" if self.total else ""
+            on_event(Progress(f"{doing}: {self.num_done / MEGABYTE:.1f}{of} MB"))
+
+    return Bar

@@ -1,0 +1,205 @@
+"""The card of a network that comes with transformers' own files: config.json and preprocessor_config.json."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from semcal_cli.datasets.ontologies import ontology_names, read_ontology
+from semcal_cli.errors import InputError, mismatch
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.validation import length, validate
+from semcal_cli.labelling.card import PictureCard
+from semcal_cli.labelling.network import Network
+
+CONFIG, PREPROCESSOR = "config.json", "preprocessor_config.json"
+ONNX_FOLDER = "onnx"
+"""Folder of a repository in which its ONNX files lie; the sidecars lie one above."""
+DENSE = "ForSemanticSegmentation"
+QUERIES = ("ForUniversalSegmentation", "MaskFormerForInstanceSegmentation")
+"""Ends of the names of architectures with classes and masks of queries."""
+BY_EDGE = ("MaskFormer", "Mask2Former", "OneFormer", "MobileViT", "MobileNet")
+"""Starts of the names of architectures for which a size that is one number is that of the shorter side."""
+PLACEHOLDER = re.compile(r"LABEL_\d+")
+"""A name that transformers gives where a model has none."""
+NOTHING = {
+    "car mount",
+    "ego vehicle",
+    "out of roi",
+    "rectification border",
+    "unlabeled",
+    "unlabelled",
+    "void",
+}
+"""Names of classes that carry no information, with any table."""
+
+
+class _Lenient(BaseModel):
+    """The keys that matter of a file of transformers; there are many others."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False, defer_build=True)
+
+
+def _as_edges(size: Any) -> Any:
+    """Lay out a size given as one number, or as rows and columns, as a mapping."""
+    if isinstance(size, list) and len(size) == 2:
+        return {"height": size[0], "width": size[1]}
+    if isinstance(size, int) and not isinstance(size, bool):
+        return {"one": size}
+    return (
+        {key: value for key, value in size.items() if value is not None} if isinstance(size, dict) else size
+    )
+
+
+Size = Annotated[dict[str, Annotated[int, Field(ge=1, le=1 << 16)]], BeforeValidator(_as_edges)]
+Channels = Annotated[
+    tuple[float, ...], length(1, 3), BeforeValidator(lambda each: [each] if isinstance(each, float) else each)
+]
+
+
+class Config(_Lenient):
+    """config.json."""
+
+    architectures: Annotated[tuple[str, ...], length(0)] | None = None
+    id2label: dict[str, str] | None = None
+    image_size: Size | None = None
+
+
+class Preprocessor(_Lenient):
+    """preprocessor_config.json. What is null is as if it were absent."""
+
+    do_resize: bool | None = None
+    size: Size | None = None
+    max_size: int | None = None
+    do_center_crop: bool | None = None
+    crop_size: Size | None = None
+    do_pad: bool | None = None
+    do_split_image: bool | None = None
+    do_rescale: bool | None = None
+    rescale_factor: float | None = None
+    do_normalize: bool | None = None
+    image_mean: Channels | None = None
+    image_std: Channels | None = None
+    do_flip_channel_order: bool | None = None
+
+
+def read_sidecars(network: Network) -> tuple[PictureCard, Path] | None:
+    """Read the card of a network from the files of transformers beside it, or above its folder `onnx`.
+
+    Returns:
+        The card and the config.json; None if there is none that is transformers'.
+
+    Raises:
+        InputError: a file is wrong, or the architecture is not one for semantic segmentation.
+    """
+    folder = network.path.parent
+    folders = [folder, folder.parent] if folder.name == ONNX_FOLDER else [folder]
+    path = next((each / CONFIG for each in folders if (each / CONFIG).exists()), None)
+    if path is None:
+        return None
+    document = read_document(path)
+    if not {"architectures", "id2label"} & set(document):
+        return None
+    config = validate(Config, document, path)
+    architecture = next(iter(config.architectures or ()), "")
+    if not architecture.endswith((DENSE, *QUERIES)):
+        found = repr(architecture) if architecture else "none"
+        needed = "one for semantic segmentation, as 'SegformerForSemanticSegmentation'"
+        raise InputError(f"{path}: architectures: {mismatch(found, needed)}")
+    keys = _classes(config, path) | _output(network, architecture)
+    beside = path.with_name(PREPROCESSOR)
+    if beside.exists():
+        preprocessor = validate(Preprocessor, read_document(beside), beside)
+        keys |= _numbers(preprocessor, architecture) | _size(preprocessor, architecture, network)
+    elif not _has_size(network) and config.image_size is not None:
+        keys |= _fit(config.image_size, Preprocessor(), architecture)
+    return validate(PictureCard, {"semcal_picture_model": 1, **keys}, path), path
+
+
+def _classes(config: Config, path: Path) -> dict[str, Any]:
+    """Group the ids of each name, and ignore what a class table with these names ignores."""
+    names: dict[int, str] = {}
+    for key, name in (config.id2label or {}).items():
+        if not key.isascii() or not key.isdigit():
+            raise InputError(f"{path}: id2label: {mismatch(f'id {key!r}', 'a whole number')}")
+        names[int(key)] = name.strip()
+    if not names or all(map(PLACEHOLDER.fullmatch, names.values())):
+        return {}
+    classes: dict[str, list[int]] = {}
+    for value, name in sorted(names.items()):
+        classes.setdefault(name, []).append(value)
+    return {"classes": classes, "ignore": _ignored({value: _plain(name) for value, name in names.items()})}
+
+
+def _ignored(names: Mapping[int, str]) -> list[int]:
+    ignored = [value for value, name in names.items() if name in NOTHING]
+    for table in map(read_ontology, ontology_names()):
+        known = {value: _plain(name) for name, ids in table.ids().items() for value in ids}
+        if known.items() <= names.items():
+            return sorted({*ignored, *table.ignore})
+    return ignored
+
+
+def _plain(name: str) -> str:
+    return " ".join(re.split(r"[\s_-]+", name.strip().lower()))
+
+
+def _output(network: Network, architecture: str) -> dict[str, Any]:
+    if not architecture.endswith(DENSE):
+        return {"kind": "masks"}
+    has_logits = any(port.name == "logits" and port.dtype.startswith("float") for port in network.outputs)
+    return {"output": "logits", "kind": "logits"} if has_logits else {}
+
+
+def _numbers(found: Preprocessor, architecture: str) -> dict[str, Any]:
+    """State the scale, the mean, the standard deviation and the order of the colours."""
+    flips = found.do_flip_channel_order
+    keys: dict[str, Any] = {
+        "color": "bgr" if (flips is None and "MobileViT" in architecture) or flips else "rgb"
+    }
+    normalises = found.do_normalize is not False and "MobileViT" not in architecture
+    if normalises and (found.image_mean is None or found.image_std is None):
+        return keys  # what is left open is guessed, and the guess is told
+    factor = 1.0 / 255.0 if found.rescale_factor is None else found.rescale_factor
+    keys["scale"] = 1.0 if found.do_rescale is False else factor
+    if normalises:
+        keys |= {"mean": found.image_mean, "std": found.image_std}
+    return keys
+
+
+def _has_size(network: Network) -> bool:
+    """Tell whether a network states its own size: rows and columns stand together in each layout."""
+    return sum(size is not None and size > 4 for size in network.input.shape) >= 2
+
+
+def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str, Any]:
+    """State how a picture comes to the network's size, which is that of the network itself where it has one."""
+    if found.do_resize is False:
+        return {}
+    keys = _fit(found.size or {}, found, architecture)
+    if not _has_size(network):
+        return keys
+    if keys.get("fit") == "tiles":
+        return {key: value for key, value in keys.items() if key != "size"}
+    return {"fit": "letterbox" if "short_side" in keys else keys.get("fit", "stretch")}
+
+
+def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dict[str, Any]:
+    """Say in the keys of a card how transformers brings a picture to a size; it is never cropped."""
+    if "height" in size and "width" in size:
+        return {"size": [size["width"], size["height"]], "fit": "stretch"}
+    side, longest = size.get("one"), found.max_size
+    if side is not None and not architecture.startswith(BY_EDGE):
+        return {"size": [side, side], "fit": "stretch"}
+    side, longest = size.get("shortest_edge", side), size.get("longest_edge", longest)
+    if side is None:
+        return {}
+    if found.do_split_image:
+        return {"size": [side, side], "fit": "tiles", "short_side": side}
+    if found.do_pad and side == longest and not architecture.startswith(BY_EDGE):
+        return {"size": [side, side], "fit": "letterbox"}
+    return {"short_side": side} | ({} if longest is None else {"long_side": longest})

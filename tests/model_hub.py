@@ -1,0 +1,141 @@
+"""A hub of models on the loopback interface, as much of Hugging Face's as its library asks of one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+
+@dataclass
+class Repository:
+    """A model: its files at each revision."""
+
+    revisions: dict[str, dict[str, bytes]]
+    gate: int = 0
+    """Status with which files are refused: 401 or 403; 0 if they are not."""
+
+    def add(self, folder: Path, revision: str = "main") -> None:
+        """Add the files of a folder."""
+        files = {
+            path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
+        self.revisions[revision] = files
+
+    def files(self, revision: str) -> tuple[str, dict[str, bytes]] | None:
+        """Find a revision by its name or its commit: its commit and its files."""
+        for name, files in self.revisions.items():
+            content = json.dumps([name, {key: hashlib.sha1(each).hexdigest() for key, each in files.items()}])
+            commit = hashlib.sha1(content.encode()).hexdigest()
+            if revision in (name, commit):
+                return commit, files
+        return None
+
+
+@dataclass
+class ModelHub:
+    """The hub."""
+
+    address: str = ""
+    repositories: dict[str, Repository] = field(default_factory=dict)
+    fetched: list[str] = field(default_factory=list)
+    """Files that were sent."""
+    is_broken: bool = False
+    """Whether every answer is a failure of the server."""
+
+    def add(self, name: str, folder: Path, revision: str = "main", gate: int = 0) -> None:
+        """Add a folder as a revision of a model."""
+        self.repositories.setdefault(name, Repository({}, gate)).add(folder, revision)
+
+    def commit(self, name: str, revision: str = "main") -> str:
+        """Give the commit of a revision."""
+        found = self.repositories[name].files(revision)
+        assert found is not None
+        return found[0]
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    hub: ModelHub
+
+    def do_HEAD(self) -> None:
+        self.do_GET(is_head=True)
+
+    def do_GET(self, is_head: bool = False) -> None:
+        parts = [unquote(part) for part in urlsplit(self.path).path.strip("/").split("/")]
+        if self.hub.is_broken:
+            self._answer(503)
+        elif parts[:2] == ["api", "models"]:
+            self._tell("/".join(parts[2:4]), parts[5])
+        elif len(parts) < 5:
+            self._answer(404)  # what else the library asks
+        else:
+            self._send("/".join(parts[:2]), parts[3], "/".join(parts[4:]), is_head)
+
+    def _find(self, name: str, revision: str) -> tuple[str, dict[str, bytes]] | None:
+        if name not in self.hub.repositories:
+            self._answer(401, {"X-Error-Code": "RepoNotFound"})
+            return None
+        found = self.hub.repositories[name].files(revision)
+        if found is None:
+            self._answer(404, {"X-Error-Code": "RevisionNotFound"})
+        return found
+
+    def _tell(self, name: str, revision: str) -> None:
+        if found := self._find(name, revision):
+            commit, files = found
+            siblings = [{"rfilename": file, "size": len(each)} for file, each in files.items()]
+            self._answer(200, {}, json.dumps({"id": name, "sha": commit, "siblings": siblings}).encode())
+
+    def _send(self, name: str, revision: str, file: str, is_head: bool) -> None:
+        if not (found := self._find(name, revision)):
+            return
+        commit, files = found
+        if gate := self.hub.repositories[name].gate:
+            self._answer(gate, {"X-Error-Code": "GatedRepo"})
+        elif file not in files:
+            self._answer(404, {"X-Error-Code": "EntryNotFound", "X-Repo-Commit": commit})
+        else:
+            content = files[file]
+            etag = hashlib.sha256(content).hexdigest()
+            sizes = {"X-Linked-Size": str(len(content)), "X-Linked-Etag": f'"{etag}"', "ETag": f'"{etag}"'}
+            if not is_head:
+                self.hub.fetched.append(file)
+            self._answer(200, {"X-Repo-Commit": commit, **sizes}, content, is_head=is_head)
+
+    def _answer(
+        self, status: int, headers: dict[str, str] | None = None, body: bytes = b"", is_head: bool = False
+    ) -> None:
+        self.send_response(status)
+        for key, value in {**(headers or {}), "Content-Length": str(len(body))}.items():
+            self.send_header(key, value)
+        self.end_headers()
+        if not is_head:
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@contextmanager
+def serve() -> Iterator[ModelHub]:
+    """Serve a hub on a free port of the loopback interface."""
+    hub = ModelHub()
+    server = ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (_Handler,), {"hub": hub}))
+    hub.address = f"http://127.0.0.1:{server.server_address[1]}"
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield hub
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

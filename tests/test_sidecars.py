@@ -1,0 +1,250 @@
+"""The files of transformers beside a network are its card."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from networks import COLORS, NAMES, color_network
+
+from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.drive.camera import Camera
+from semcal_cli.errors import InputError
+from semcal_cli.labelling.card import PictureCard
+from semcal_cli.labelling.model import picture_model
+from semcal_cli.labelling.network import Network, Port, open_network
+from semcal_cli.labelling.pictures import PictureLabeller
+from semcal_cli.labelling.sidecars import read_sidecars
+
+MEAN, STD = [0.485, 0.456, 0.406], [0.229, 0.224, 0.225]
+HALF = [0.5, 0.5, 0.5]
+BYTE = 1 / 255
+CITYSCAPES = list(read_ontology("cityscapes-train").ids())
+MAPILLARY = [*read_ontology("mapillary").ids(), "Car Mount", "Ego Vehicle"]
+VOC = list(read_ontology("voc").ids())
+NORMALISED = {"scale": BYTE, "mean": tuple(MEAN), "std": tuple(STD), "color": "rgb"}
+ANY, SQUARE = (None, 3, None, None), (1, 3, 640, 640)
+LOGITS, MASKS = ("logits",), ("class_queries_logits", "masks_queries_logits")
+
+
+def preprocessor(**values: object) -> dict[str, Any]:
+    """What all processors of transformers write."""
+    usual = {"do_normalize": True, "do_rescale": True, "do_resize": True, "resample": 2}
+    return usual | {"image_mean": MEAN, "image_std": STD, "rescale_factor": BYTE} | values
+
+
+def write(folder: Path, architecture: str, names: list[str], processor: dict[str, Any] | None) -> None:
+    config = {
+        "architectures": [architecture],
+        "id2label": {str(index): name for index, name in enumerate(names)},
+        "model_type": architecture.split("For")[0].lower(),
+        "image_size": 384,
+    }
+    (folder / "config.json").write_text(json.dumps(config))
+    if processor is not None:
+        (folder / "preprocessor_config.json").write_text(json.dumps(processor))
+
+
+def read(path: Path, shape: tuple[int | None, ...], outputs: tuple[str, ...]) -> PictureCard:
+    """Read the sidecars of a network of this shape; nothing of it is run."""
+    ports = tuple(Port(name, (None,) * 4, "float32") for name in outputs)
+    found = read_sidecars(Network(path, None, Port("pixel_values", shape, "float32"), ports))  # type: ignore[arg-type]
+    assert found is not None
+    return found[0]
+
+
+OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str, ...], dict[str, Any]]] = {
+    "SegFormer": (
+        "SegformerForSemanticSegmentation",
+        CITYSCAPES,
+        preprocessor(
+            size={"height": 1024, "width": 2048}, do_reduce_labels=False, feature_extractor_type="x"
+        ),
+        ANY,
+        LOGITS,
+        NORMALISED
+        | {"size": (2048, 1024), "fit": "stretch", "kind": "logits", "output": "logits", "ignore": (255,)},
+    ),
+    "SegFormer of an old transformers": (
+        "SegformerForSemanticSegmentation",
+        CITYSCAPES,
+        {"do_normalize": True, "do_resize": True, "image_mean": MEAN, "image_std": STD, "size": 512},
+        ANY,
+        LOGITS,
+        NORMALISED | {"size": (512, 512)},
+    ),
+    "SegFormer of a size": (
+        "SegformerForSemanticSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"height": 512, "width": 512}),
+        SQUARE,
+        LOGITS,
+        NORMALISED | {"size": None, "fit": "stretch"},
+    ),
+    "UperNet": (
+        "UperNetForSemanticSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"height": 512, "width": 512}, do_reduce_labels=True),
+        ANY,
+        LOGITS,
+        NORMALISED | {"size": (512, 512), "kind": "logits"},
+    ),
+    "DPT": (
+        "DPTForSemanticSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"height": 480, "width": 480}, image_mean=HALF, image_std=HALF, do_pad=False),
+        ANY,
+        LOGITS,
+        {"size": (480, 480), "mean": tuple(HALF), "std": tuple(HALF)},
+    ),
+    "MobileViT": (
+        "MobileViTForSemanticSegmentation",
+        VOC,
+        {
+            "crop_size": {"height": 512, "width": 512},
+            "do_center_crop": True,
+            "do_flip_channel_order": True,
+            "do_resize": True,
+            "size": {"shortest_edge": 544},
+        },
+        ANY,
+        LOGITS,
+        {"color": "bgr", "scale": BYTE, "mean": None, "std": None, "short_side": 544, "long_side": None},
+    ),
+    "Mask2Former": (
+        "Mask2FormerForUniversalSegmentation",
+        MAPILLARY,
+        preprocessor(size={"shortest_edge": 800, "longest_edge": 1333}, size_divisor=32, ignore_index=255),
+        ANY,
+        MASKS,
+        NORMALISED | {"kind": "masks", "short_side": 800, "long_side": 1333, "ignore": (63, 64, 65, 255)},
+    ),
+    "MaskFormer of an old transformers": (
+        "MaskFormerForInstanceSegmentation",
+        CITYSCAPES,
+        {"do_normalize": True, "image_mean": MEAN, "image_std": STD, "size": 640, "max_size": 2560},
+        ANY,
+        MASKS,
+        NORMALISED | {"kind": "masks", "short_side": 640, "long_side": 2560, "size": None},
+    ),
+    "OneFormer of a size": (
+        "OneFormerForUniversalSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"shortest_edge": 640, "longest_edge": 2560}),
+        SQUARE,
+        MASKS,
+        NORMALISED | {"kind": "masks", "fit": "letterbox", "short_side": None, "size": None},
+    ),
+    "EoMT with windows": (
+        "EomtForUniversalSegmentation",
+        CITYSCAPES,
+        preprocessor(
+            size={"shortest_edge": 1024, "longest_edge": None},
+            do_split_image=True,
+            do_pad=False,
+            crop_size=None,
+        ),
+        (1, 3, 1024, 1024),
+        MASKS,
+        NORMALISED | {"kind": "masks", "fit": "tiles", "short_side": 1024, "size": None},
+    ),
+    "EoMT with a border": (
+        "EomtForUniversalSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"shortest_edge": 640, "longest_edge": 640}, do_split_image=False, do_pad=True),
+        ANY,
+        MASKS,
+        NORMALISED | {"fit": "letterbox", "size": (640, 640), "short_side": None},
+    ),
+}
+"""Architecture, names, preprocessor_config.json, shape of the input and outputs, and what a card then says."""
+
+
+@pytest.mark.parametrize("name", OF_ARCHITECTURES)
+def test_sidecars_are_a_card(tmp_path: Path, name: str) -> None:
+    architecture, names, processor, shape, outputs, expected = OF_ARCHITECTURES[name]
+    write(tmp_path, architecture, names, processor)
+    found = read(tmp_path / "net.onnx", shape, outputs)
+    assert {key: getattr(found, key) for key in expected} == expected
+    assert isinstance(found.classes, dict)
+    assert list(found.classes) == names
+
+
+def test_without_a_preprocessor_the_size_is_that_of_the_config(tmp_path: Path) -> None:
+    write(tmp_path, "DPTForSemanticSegmentation", CITYSCAPES, None)
+    found = read(tmp_path / "net.onnx", ANY, LOGITS)
+    assert (found.size, found.scale, found.mean) == ((384, 384), None, None)
+
+
+def test_names_that_mean_nothing_are_ignored_and_equal_names_are_one_class(tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        "SegformerForSemanticSegmentation",
+        ["road", "ego vehicle", "road", "Unlabeled", "sky"],
+        None,
+    )
+    found = read(tmp_path / "net.onnx", ANY, LOGITS)
+    assert found.classes == {"road": (0, 2), "ego vehicle": (1,), "Unlabeled": (3,), "sky": (4,)}
+    assert found.ignore == (1, 3)
+    write(tmp_path, "SegformerForSemanticSegmentation", ["LABEL_0", "LABEL_1"], None)
+    assert read(tmp_path / "net.onnx", ANY, LOGITS).classes is None
+
+
+@pytest.mark.parametrize(
+    ("config", "processor", "message"),
+    [
+        (
+            {"architectures": ["ResNetForImageClassification"]},
+            {},
+            r"config\.json: architectures: found 'ResNetForImageClassification', needed one for semantic segmentation",
+        ),
+        (
+            {"architectures": "SegformerForSemanticSegmentation"},
+            {},
+            r"config\.json: architectures: found .*, needed a list",
+        ),
+        ({"id2label": {"x": "road"}}, {}, r"config\.json: id2label: found id 'x', needed a whole number"),
+        ({"id2label": {"0": 3}}, {}, r"config\.json: id2label\['0'\]: found 3, needed text"),
+        ({}, {"image_mean": ["a"]}, r"preprocessor_config\.json: image_mean"),
+        ({}, {"size": {"height": 0, "width": 3}}, r"preprocessor_config\.json: size\.height"),
+        ({}, {"image_std": [0.0, 1.0, 1.0]}, r"config\.json: std\[0\]"),
+    ],
+)
+def test_wrong_sidecars_are_one_line(
+    tmp_path: Path, config: dict[str, Any], processor: dict[str, Any], message: str
+) -> None:
+    right = {"architectures": ["SegformerForSemanticSegmentation"], "id2label": {"0": "road", "1": "sky"}}
+    (tmp_path / "config.json").write_text(json.dumps(right | config))
+    (tmp_path / "preprocessor_config.json").write_text(json.dumps(preprocessor(**processor)))
+    with pytest.raises(InputError, match=message):
+        read(tmp_path / "net.onnx", ANY, LOGITS)
+
+
+def test_a_config_of_another_program_is_none_of_transformers(tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text(json.dumps({"epochs": 3}))
+    network = Network(tmp_path / "net.onnx", None, Port("x", ANY, "float32"), ())  # type: ignore[arg-type]
+    assert read_sidecars(network) is None
+
+
+def test_a_local_network_is_labelled_by_its_sidecars(tmp_path: Path) -> None:
+    """A picture of twice the shorter side, in blue first and not normalised, as MobileViT's, in a folder `onnx`."""
+    (tmp_path / "onnx").mkdir()
+    color_network(tmp_path / "onnx/net.onnx", colors=COLORS[:, ::-1])
+    processor = preprocessor(do_normalize=False, do_flip_channel_order=True, size={"shortest_edge": 64})
+    write(tmp_path, "MobileViTForSemanticSegmentation", NAMES, processor)
+    model = picture_model(open_network(tmp_path / "onnx/net.onnx"), None)
+    assert model.card_path == tmp_path / "config.json"
+    assert not model.guesses
+    K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
+    labeller = PictureLabeller(model, Camera(model="plumb_bob", width=192, height=128, K=K))
+    assert labeller.views.size == (96, 64)
+    classes = np.kron(np.random.default_rng(0).integers(0, len(COLORS), (4, 6)), np.ones((32, 32), int))
+    found = labeller.ids(np.ascontiguousarray(COLORS[classes][..., ::-1]))
+    # Scores of half the size are interpolated, so that a border may move by a pixel.
+    inner = (
+        cv2.erode(np.uint8(cv2.dilate(np.float32(classes), np.ones((3, 3))) == classes), np.ones((3, 3))) > 0
+    )
+    assert inner.mean() > 0.5
+    assert np.array_equal(found[inner], classes[inner])
