@@ -168,6 +168,7 @@ def test_sidecars_are_a_card(tmp_path: Path, name: str) -> None:
     write(tmp_path, architecture, names, processor)
     found = read(tmp_path / "net.onnx", shape, outputs)
     assert {key: getattr(found, key) for key in expected} == expected
+    assert found.layout == "channels_first"
     assert isinstance(found.classes, dict)
     assert list(found.classes) == names
 

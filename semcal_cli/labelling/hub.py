@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -25,6 +26,8 @@ EXTERNAL = ("_data", ".data")
 SNAPSHOT = re.compile(r"/models--([^/]+)/snapshots/([0-9a-f]{40})/(.+)$")
 """Path of a file in the library's cache: its repository, its commit and its name there."""
 MEGABYTE = 1e6
+REFUSALS = (401, 403, 404)
+"""Statuses by which the hub says that a network is closed or not there."""
 TIMEOUT_S = 10.0
 """Longest time until the hub answers."""
 
@@ -131,16 +134,19 @@ def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
     from huggingface_hub.errors import HfHubHTTPError
 
     start, api = perf_counter(), huggingface_hub.HfApi(library_name="semcal")
+    fetch = partial(
+        huggingface_hub.hf_hub_download, asked.repo, endpoint=api.endpoint, library_name=api.library_name
+    )
     try:
         found = api.model_info(asked.repo, revision=asked.revision, timeout=TIMEOUT_S)
     except Exception as error:  # The library's errors of a network that fails differ between its versions.
-        if isinstance(error, HfHubHTTPError) and error.response.status_code < 500:
+        if isinstance(error, HfHubHTTPError) and error.response.status_code in REFUSALS:
             raise
         return _cached(asked, api.endpoint, error)
     names, commit = [each.rfilename for each in found.siblings or ()], found.sha
     model = _model_among(asked, names)
     wanted = [name for name in names if name in SIDECARS or _is_part(name, model)] + [model]
-    states = [api.hf_hub_download(asked.repo, name, revision=commit, dry_run=True) for name in wanted]
+    states: list[Any] = [fetch(name, revision=commit, dry_run=True) for name in wanted]
     sizes = [state.file_size or 0 for state in states if state.will_download]
     size_mb = sum(sizes) / MEGABYTE
     if size_mb > max_mb:
@@ -148,10 +154,9 @@ def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
             f"{size_mb:,.1f} MB to fetch", f"at most {max_mb:g} MB; --max-download-mb allows more"
         )
     for name in wanted:
-        bar = _bar(f"fetching {name} of {asked.repo}", on_event)
-        api.hf_hub_download(asked.repo, name, revision=commit, tqdm_class=bar)
+        fetch(name, revision=commit, tqdm_class=_bar(f"fetching {name} of {asked.repo}", on_event))
     # By the revision's own name, so that the cache knows its commit where there is no network.
-    path = Path(api.hf_hub_download(asked.repo, model, revision=asked.revision))
+    path = Path(fetch(model, revision=asked.revision))
     if sizes:
         note = f"{hub_name(path) or asked.text}: {len(sizes)} files, {size_mb:.1f} MB"
         on_event(StageDone("fetched", perf_counter() - start, note))
@@ -210,7 +215,11 @@ def _errors_of(asked: HubName) -> Iterator[None]:
         raise asked.error(f"no such model at {constants.ENDPOINT}, or a private one", needed) from None
     except errors.RevisionNotFoundError:
         raise asked.error(f"no revision {asked.revision!r}", "a branch, a tag or a commit") from None
-    except (errors.HfHubHTTPError, errors.EntryNotFoundError, OSError, ValueError) as error:
+    except InputError:
+        raise
+    except (
+        Exception
+    ) as error:  # What else may fail is the network, the disk or one of the library's libraries.
         reason = (" ".join(str(error).split()) or type(error).__name__)[:300]
         raise InputError(f"{asked.text}: could not be fetched: {reason}") from None
 
@@ -229,5 +238,11 @@ def _bar(doing: str, on_event: Listener) -> type[Any]:
             self.num_done += int(n or 0)
             of = f" of {self.total / MEGABYTE:.1f}" if self.total else ""
             on_event(Progress(f"{doing}: {self.num_done / MEGABYTE:.1f}{of} MB"))
+
+        def update_transfer(self, n: float | None = 1) -> None:
+            """Do not count what is sent in compressed chunks once more: the library asks for it by this name."""
+
+        def set_transfer_postfix_str(self, *args: Any, **about: Any) -> None:
+            """Show no speed."""
 
     return Bar

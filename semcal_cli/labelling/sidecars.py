@@ -17,6 +17,7 @@ from semcal_cli.labelling.card import PictureCard
 from semcal_cli.labelling.network import Network
 
 CONFIG, PREPROCESSOR = "config.json", "preprocessor_config.json"
+CHANNELS = (1, 3)
 ONNX_FOLDER = "onnx"
 """Folder of a repository in which its ONNX files lie; the sidecars lie one above."""
 DENSE = "ForSemanticSegmentation"
@@ -110,7 +111,7 @@ def read_sidecars(network: Network) -> tuple[PictureCard, Path] | None:
         found = repr(architecture) if architecture else "none"
         needed = "one for semantic segmentation, as 'SegformerForSemanticSegmentation'"
         raise InputError(f"{path}: architectures: {mismatch(found, needed)}")
-    keys = _classes(config, path) | _output(network, architecture)
+    keys = {"layout": _layout(network)} | _classes(config, path) | _output(network, architecture)
     beside = path.with_name(PREPROCESSOR)
     if beside.exists():
         preprocessor = validate(Preprocessor, read_document(beside), beside)
@@ -146,6 +147,12 @@ def _ignored(names: Mapping[int, str]) -> list[int]:
 
 def _plain(name: str) -> str:
     return " ".join(re.split(r"[\s_-]+", name.strip().lower()))
+
+
+def _layout(network: Network) -> str:
+    """Channels stand first in transformers' networks, even where these leave all sizes open."""
+    is_last = len(network.input.shape) == 4 and network.input.shape[1] not in (None, *CHANNELS)
+    return "channels_last" if is_last else "channels_first"
 
 
 def _output(network: Network, architecture: str) -> dict[str, Any]:
