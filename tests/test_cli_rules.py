@@ -47,7 +47,7 @@ REFUSED = {
     "calibrate d --refine-intrinsics fx --intrinsics-sigma 0 10": "--intrinsics-sigma: found 0 10, "
     "--refine-intrinsics requires 1e-09 or more of both.",
     f"calibrate d {PRIOR[:-1]}0 --prior-rotation-deg 0 0 0 0": "--prior-translation-m 0 0 0 0, "
-    "--prior-rotation-deg 0 0 0 0: leave nothing to be calibrated",
+    "--prior-rotation-deg 0 0 0 0: found all six axes known exactly, needed one that is not",
     # methods
     **{
         f"calibrate d --method soic {option}": f"{option.split()[0]} {OF_MI}."

@@ -296,7 +296,8 @@ class RefinementSettings(StartSettings):
         if found and all(
             min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in found), strict=True)
         ):
-            raise click.UsageError(f"{', '.join(p.name for p in found)}: leave nothing to be calibrated")
+            names = ", ".join(prior.name for prior in found)
+            raise click.UsageError(f"{names}: found all six axes known exactly, needed one that is not")
         return tuple(sorted(found, key=lambda prior: min(prior.sigmas) <= EXACT))
 
 
