@@ -44,6 +44,7 @@ RUNS = {
     "labels_from_pictures.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128": 4,
     "point_clouds.py --rounds 1 --columns 32": 2,
     "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges": 12,
+    "odometry.py --seeds 1 --points 10000 --width 160": 3,
     "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL": 0,
     "report.py --frames 2 --width 320 --runs 1": 1,
     "rig.py --seeds 1 --cameras 2 --frames 2 --width 160": 1,

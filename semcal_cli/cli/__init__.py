@@ -34,6 +34,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "import": "Make a drive of a recording, a data set or your own files.",
         "label": "Label pictures or sweeps with a network.",
         "inspect": "Show what a drive holds, and what looks wrong with it.",
+        "odometry": "Estimate how the LiDAR moves from the sweeps of a drive.",
         "synth": "Write a synthetic drive whose transform is known.",
         "completion": "Print what completes commands in bash, zsh or fish.",
     },

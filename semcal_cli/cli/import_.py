@@ -188,6 +188,10 @@ class BagSettings(QuietSettings):
     motion_frame: str | None = option(
         "Frame whose poses it holds, if its messages do not say so.", metavar="FRAME"
     )
+    odometry: bool = option(
+        "Estimate the motion from the sweeps by KISS-ICP if no topic tells it; with --motion none, in any case.",
+        default=False,
+    )
 
 
 @import_.command(
@@ -206,6 +210,8 @@ def bag(settings: BagSettings) -> None:
 
     for package in ("rosbags", "mcap"):
         check_installed("semcal import bag", package, "bag")
+    if settings.odometry:
+        check_installed("--odometry", "kiss_icp", "odometry")
     if settings.is_list:
         _list(settings.paths)
         return

@@ -1,6 +1,7 @@
 """Sweeps of recordings as binary PCD, with all their fields.
 
-Numbers stay as they are, but for times whose unit no reader could know: these become seconds (see `_readable_times`).
+Numbers stay as they are, but for times whose unit no reader could know: these become seconds, see
+`_with_readable_times`.
 """
 
 from __future__ import annotations
@@ -59,6 +60,13 @@ class Sweep(NamedTuple):
     """(height, width) records of all fields, little endian and without gaps."""
     times: PointTimes
     """Times of its points."""
+    seconds: npt.NDArray[np.float64] | None = None
+    """(height, width) times of its points after the stamp; None without times on the clock of the header."""
+
+    @property
+    def points(self) -> npt.NDArray[np.float32]:
+        """Points (N, 3), metres."""
+        return np.stack([self.records[axis].astype(np.float32).ravel() for axis in "xyz"], axis=1)
 
     def pcd(self) -> bytes:
         """Make the content of a binary PCD 0.7."""
@@ -104,7 +112,7 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
     has_range = _has_range(records)
     if not has_range.any():
         raise MessageError(f"found no point of {records.size:,} with a range")
-    return Sweep(*_readable_times(records, has_range, stamp_ns))
+    return _with_readable_times(records, has_range, stamp_ns)
 
 
 def _count(field: np.dtype[Any]) -> int:
@@ -210,9 +218,9 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
     return packed.reshape(1, -1)
 
 
-def _readable_times(
+def _with_readable_times(
     records: npt.NDArray[np.void], has_range: npt.NDArray[np.bool_], stamp_ns: int
-) -> tuple[npt.NDArray[np.void], PointTimes]:
+) -> Sweep:
     """Tell what the times of points refer to, and make those readable that are not.
 
     Whole numbers are read as nanoseconds and others as seconds. Times in another unit, or under a name that no reader
@@ -222,7 +230,7 @@ def _readable_times(
     lowered = {name.lower(): name for name in reversed(records.dtype.names or ())}
     name = next((lowered[each] for each in TIMES if each in lowered), None)
     if name is None or _count(records.dtype[name]) > 1:
-        return records, PointTimes()
+        return Sweep(records, PointTimes())
     alike = [each for each in records.dtype.names or () if each.lower() in (name.lower(), "t")]
     if len(alike) > 1:
         raise MessageError(
@@ -236,20 +244,20 @@ def _readable_times(
     told = f"the times of points, {name!r},"
     if not spans:
         remark = f"{told} span a sweep in no usual unit: written as they are, no motion"
-        return records, PointTimes(remark=remark)
+        return Sweep(records, PointTimes(remark=remark))
     tick_s = TICKS_S[spans[0]]
     shift = _shift(first, tick_s, stamp_ns)
     if shift is None:
         remark = f"{told} are on another clock than the header: written as they are, no motion"
-        return records, PointTimes(remark=remark)
+        return Sweep(records, PointTimes(remark=remark))
     # Whole numbers are subtracted as such: as float64, nanoseconds since 1970 would lose their last 8 bits.
     exact = values.astype(np.int64) if values.dtype.kind in "iu" else values
     seconds = (exact - shift).astype(np.float64) * tick_s
     ends_s = _ends(seconds[has_range])
     if name.lower() in READ_AS_TIME and tick_s == (1.0 if values.dtype.kind == "f" else 1e-9):
-        return records, PointTimes("absolute" if shift else "relative", ends_s)
+        return Sweep(records, PointTimes("absolute" if shift else "relative", ends_s), seconds)
     remark = f"{told} {spans[0]}, are written as seconds after the sweep's stamp, 't'"
-    return _with_times(records, name, seconds), PointTimes("relative", ends_s, remark)
+    return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
 
 
 def _ends(values: npt.NDArray[Any]) -> tuple[float, float]:

@@ -16,9 +16,10 @@ from urllib.parse import quote
 from semcal_cli.datasets.bags.candidates import Candidate, Spool
 from semcal_cli.datasets.bags.clouds import PointTimes, read_sweep
 from semcal_cli.datasets.bags.messages import NS, MessageError
-from semcal_cli.datasets.bags.motion import Trajectory, seconds_text
+from semcal_cli.datasets.bags.motion import Trajectory
 from semcal_cli.datasets.bags.pictures import read_picture
 from semcal_cli.datasets.bags.topics import Topics
+from semcal_cli.datasets.odometry import seconds_text
 from semcal_cli.datasets.recording import SourceFrame
 from semcal_cli.drive.events import Listener, Progress
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
@@ -97,7 +98,7 @@ def write_motion(
     Raises:
         InputError: the file cannot be written.
     """
-    told = f"{trajectory.source.topic.name} tells of the motion of {trajectory.source.frame!r}"
+    told = trajectory.told
     timed = Counter(each.times.reference for each in written if each.times.reference)
     ((reference, num_timed),) = timed.most_common(1) or [("relative", 0)]
     covered = [

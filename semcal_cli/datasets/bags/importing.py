@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -14,6 +15,7 @@ import numpy as np
 from semcal_cli.datasets.bags.bag import Bag
 from semcal_cli.datasets.bags.cameras import CameraInfo, camera_block, difference, read_camera_info
 from semcal_cli.datasets.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
+from semcal_cli.datasets.bags.clouds import read_sweep
 from semcal_cli.datasets.bags.frames import write_frames, write_motion
 from semcal_cli.datasets.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.datasets.bags.motion import Trajectory, find_motion, read_frames
@@ -22,6 +24,7 @@ from semcal_cli.datasets.bags.topics import Request, choose_topics
 from semcal_cli.datasets.bags.transforms import reference
 from semcal_cli.datasets.bags.video import Video
 from semcal_cli.datasets.choice import Options
+from semcal_cli.datasets.odometry import DOUBTFUL_NS, Odometry
 from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Written, write_drive
 from semcal_cli.drive.document import output_drive_file
@@ -31,6 +34,8 @@ from semcal_cli.files.reading import is_folder, is_same_file
 from semcal_cli.files.writing import make_folder
 from semcal_cli.formats.intrinsics import read_intrinsics
 
+AROUND_NS = NS
+"""Time before the first and after the last wanted time whose sweeps tell the motion, too."""
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
 MAX_TOLD = 3
@@ -99,12 +104,17 @@ class _Import:
             self.bag, tree, moving, lidar, request.motion, request.motion_frame
         )
         self.remarks += [why] if why else []
+        wanted = wanted_times(self.bag, self.topics, request)
+        if request.odometry and self.trajectory is None:
+            self.trajectory = self._estimated_motion(wanted)
+        elif request.odometry:
+            self.remarks.append("--odometry is not needed; with --motion none, it is taken all the same")
         make_folder(self.path.parent)
         refused: Counter[str] = Counter()
         try:
             with tempfile.TemporaryFile(dir=self.path.parent) as file:
                 spool = Spool(file, self.video)
-                chosen = choose(self._candidates(spool), request, self.trajectory, self.left_out)
+                chosen = choose(self._candidates(spool, wanted), request, self.trajectory, self.left_out)
                 found = write_frames(
                     chosen, spool, camera, self.topics, self.path.parent, self.on_event, refused
                 )
@@ -176,9 +186,29 @@ class _Import:
         first = self.bag.first(topic)
         return "" if first is None else _frame_of(first)
 
-    def _candidates(self, spool: Spool) -> list[Candidate]:
-        """Read pairs near evenly spaced times, and check on the way that the camera stays the same."""
-        wanted = wanted_times(self.bag, self.topics, self.request)
+    def _estimated_motion(self, wanted: Sequence[int]) -> Trajectory:
+        """Estimate the motion from all sweeps between the first and the last wanted time, and around them."""
+        odometry, request, jumps = Odometry(), self.request, ""
+        start_ns, stop_ns = min(wanted) - AROUND_NS, max(wanted) + AROUND_NS
+        for message in self.bag.messages([self.topics.points], start_ns, stop_ns):
+            share = (message.received_ns - start_ns) / (stop_ns - start_ns)
+            self.on_event(Progress(f"estimating the motion from the sweeps: {share:.0%}"))
+            if _frame_of(message) != self.frame_ids[self.topics.points]:
+                continue
+            with suppress(MessageError):
+                stamp_ns = message.received_ns if request.by_receipt else message.header_ns
+                sweep = read_sweep(message, stamp_ns)
+                odometry.add(sweep.points, None if sweep.seconds is None else sweep.seconds.ravel(), stamp_ns)
+        if odometry.jumps_ns:
+            first_s = (odometry.jumps_ns[0] - self.bag.start_ns) / NS
+            jumps = f"the motion by the sweeps jumps {len(odometry.jumps_ns):,} times, first {first_s:.1f} s after"
+            self.remarks.append(
+                f"{jumps} the start: frames within {DOUBTFUL_NS / NS:g} s of that are left out"
+            )
+        return Trajectory.estimated(odometry.poses())
+
+    def _candidates(self, spool: Spool, wanted: Sequence[int]) -> list[Candidate]:
+        """Read pairs near wanted times, and check on the way that the camera stays the same."""
         rate_hz = self.topics.points.rate_hz
         pairing = Pairing(
             wanted,
@@ -193,7 +223,8 @@ class _Import:
             left = f", {(perf_counter() - began) / done * (count - done):.0f} s left" if done else ""
             self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {count} places{left}"))
 
-        pairs = read_pairs(self.bag, wanted, pairing, self._watched, self.trajectory, on_place)
+        told = None if self._poses_topic is None else self.trajectory
+        pairs = read_pairs(self.bag, wanted, pairing, self._watched, told, on_place)
         found = spooled(pairs, spool, self.left_out)
         self.left_out += pairing.left_out
         self._check_clocks(pairing, len(found))
@@ -203,10 +234,16 @@ class _Import:
             self.left_out["sweeps: lie between the times that were looked at"] += not_read
         return found
 
+    @property
+    def _poses_topic(self) -> Topic | None:
+        """The topic whose messages tell the motion, if one does."""
+        source = None if self.trajectory is None else self.trajectory.source
+        return None if source is None else source.topic
+
     def _watched(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield sweeps and pictures; poses and cameras are looked at here."""
         info = None if self.info is None else self.topics.camera_info
-        poses = None if self.trajectory is None else self.trajectory.source.topic
+        poses = self._poses_topic
         topics = [topic for topic in (*self.frame_ids, info, poses) if topic is not None]
         if self.video is not None:
             self.video.seek(start_ns)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -21,8 +21,9 @@ from semcal_cli.datasets.bags.messages import (
     plain_frame,
 )
 from semcal_cli.datasets.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, stated_transforms
+from semcal_cli.datasets.odometry import estimator, tum_text
 from semcal_cli.errors import InputError, listed
-from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose, inverse
 
 NONE = "none"
 """Value of --motion that asks for no motion."""
@@ -48,13 +49,28 @@ class MotionSource(NamedTuple):
 class Trajectory:
     """Poses of the LiDAR in a fixed frame, by their stamps."""
 
-    def __init__(self, source: MotionSource, T_frame_lidar: Pose) -> None:
+    def __init__(self, source: MotionSource | None, T_frame_lidar: Pose) -> None:
         """Without poses as yet; the LiDAR has a fixed transform (4, 4), metres, in the frame that moves."""
         self.source = source
+        """The topic that tells the poses; None if they are estimated from the sweeps."""
         self._T_frame_lidar = T_frame_lidar
         self._poses: dict[int, Pose] = {}
         self._stamps: list[int] = []
         self._latency_ns = 0
+
+    @classmethod
+    def estimated(cls, poses: Mapping[int, Pose]) -> Trajectory:
+        """Take poses (4, 4) of the LiDAR by their stamps in nanoseconds, ascending, as estimated from the sweeps."""
+        trajectory = cls(None, np.eye(4))
+        trajectory._poses, trajectory._stamps = dict(poses), list(poses)
+        return trajectory
+
+    @property
+    def told(self) -> str:
+        """Sentence that says what the motion comes from."""
+        if self.source is None:
+            return f"{estimator()} estimates the motion of the LiDAR from the sweeps"
+        return f"{self.source.topic.name} tells of the motion of {self.source.frame!r}"
 
     @property
     def before_ns(self) -> int:
@@ -68,6 +84,7 @@ class Trajectory:
 
     def take(self, message: Message, received: bool) -> None:
         """Add the poses of a message, with the stamps of headers, or with the time at which it was received."""
+        assert self.source is not None
         try:
             found = _poses(message, self.source)
         except MessageError:
@@ -100,13 +117,9 @@ class Trajectory:
         return position
 
     def tum(self) -> str:
-        """Write the poses, one line each: seconds x y z qx qy qz qw (TUM)."""
-        lines = []
-        for stamp in self._stamps:
-            T = self._poses[stamp]
-            numbers = [*T[:3, 3], *quaternion_xyzw(T)]
-            lines.append(" ".join([seconds_text(stamp), *(f"{each:.12g}" for each in numbers)]))
-        return "\n".join(lines) + "\n"
+        """Write the poses, one line each (see `tum_text`); the first one says if they are estimated."""
+        note = "" if self.source is not None else f"# {self.told}\n"
+        return note + tum_text({stamp: self._poses[stamp] for stamp in self._stamps})
 
 
 def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
@@ -251,9 +264,3 @@ def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:
     pose = content.pose.pose if message.is_a(ODOMETRY) else content.pose
     T = pose_of(pose.orientation, pose.position)
     return [] if T is None else [(message.header_ns, T)]
-
-
-def seconds_text(stamp_ns: int) -> str:
-    """Write a time in seconds, with all nine digits of its nanoseconds."""
-    sign, stamp = ("-" if stamp_ns < 0 else ""), abs(stamp_ns)
-    return f"{sign}{stamp // NS}.{stamp % NS:09d}"

@@ -56,6 +56,8 @@ class Request:
     """Topic of the motion; `none` for none, None for the only one."""
     motion_frame: str | None = None
     """Frame whose poses that topic holds; None for the one that its messages name."""
+    odometry: bool = False
+    """Whether the motion is estimated from the sweeps if no topic tells it."""
 
 
 @dataclass(frozen=True)

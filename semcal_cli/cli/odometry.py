@@ -1,0 +1,51 @@
+"""`semcal odometry`: the motion of the LiDAR from the sweeps of a drive."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from semcal_cli.cli.options import DriveSettings
+from semcal_cli.cli.settings import command, option
+from semcal_cli.errors import check_installed
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometrySettings(DriveSettings):
+    """What the options of `odometry` say."""
+
+    output: Path = option(
+        "File of the poses to write, .txt.", "-o", "--output", required=True, metavar="FILE"
+    )
+
+
+@command(OdometrySettings)
+def odometry(settings: OdometrySettings) -> None:
+    """Estimate how the LiDAR moves in DRIVE, whose sweeps follow one another, by KISS-ICP.
+
+    Poses are written in the TUM format, a line each: seconds x y z qx qy qz qw. What is printed goes into drive.yaml,
+    which stays as it is.
+    """
+    from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import read_drive
+
+    check_installed("semcal odometry", "kiss_icp", "odometry")
+    from semcal_cli.datasets.odometry import NS, drive_motion, estimator, tum_text
+    from semcal_cli.files.writing import write_text
+
+    drive = read_drive(settings.drive, settings.max_points)
+    check_outputs(files_read(drive), settings.output)
+    with Terminal(quiet=settings.quiet) as terminal:
+        motion = drive_motion(drive, terminal.on_event)
+    note = f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n"
+    write_text(note + tum_text(motion.poses), settings.output)
+    terminal.print(f"wrote {settings.output}: {len(motion.poses):,} poses")
+    if motion.jumps_ns:
+        count, first_s = len(motion.jumps_ns), motion.jumps_ns[0] / NS
+        terminal.print(
+            f"note: the motion jumps {count:,} times, first at {first_s:.3f} s; no poses around that"
+        )
+    name = Path(os.path.relpath(settings.output, drive.root)).as_posix()
+    terminal.print(f"put into {drive.path}: motion: {{poses: {name}, point_times: {motion.point_times}}}")

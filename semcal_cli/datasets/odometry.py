@@ -1,0 +1,246 @@
+"""LiDAR odometry: the motion of a LiDAR from its own consecutive sweeps, by KISS-ICP.
+
+Source: Vizzo et al., *KISS-ICP* (RA-L 2023), from the extra `odometry`. A sweep is untwisted at the motion up to the
+sweep before, as there, but at the times of its points: these need not fill the time from one sweep to the next, and
+recordings lose sweeps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.events import Listener, Progress, ignore
+from semcal_cli.drive.motion import MAX_SWEEP_S
+from semcal_cli.errors import InputError
+from semcal_cli.files.point_clouds import read_point_clouds
+from semcal_cli.geometry.poses import Pose, orthonormal, quaternion_xyzw
+
+NS = 1_000_000_000
+RANGES_M = 1.5, 100.0
+"""Ranges of the points that count. Nearer ones may lie on the vehicle itself, and would say that it stands still."""
+VOXEL_M = 1.0
+MAX_GAP_NS = NS // 2
+"""Longest time from one sweep to the next; after a longer one, the odometry begins anew."""
+WARM_UPS = 4
+"""Times that the first two sweeps are registered, each time untwisted at the motion that was found before."""
+MAX_CHANGE_M_S, MAX_CHANGE_RAD_S = 3.0, 1.0
+"""Largest change of the motion from one sweep to the next; a car that brakes hard loses 1 m/s in 0.1 s."""
+DOUBTFUL_NS = NS // 2
+"""Time before and after a jump in which no pose is trusted."""
+
+
+class _Sweep(NamedTuple):
+    points: npt.NDArray[np.float32]
+    times_s: npt.NDArray[np.float64]
+    """(N,) seconds after the moment."""
+    moment_ns: int
+    """Middle of the times of its points, at which its pose is estimated."""
+
+
+def estimator() -> str:
+    """Name what estimates the poses."""
+    return f"KISS-ICP {version('kiss-icp')}"
+
+
+def tum_text(poses: Mapping[int, Pose]) -> str:
+    """Write poses (4, 4) by their times in nanoseconds, a line each: seconds x y z qx qy qz qw (TUM)."""
+    lines = []
+    for stamp_ns, T in poses.items():
+        numbers = [*T[:3, 3], *quaternion_xyzw(T)]
+        lines.append(" ".join([seconds_text(stamp_ns), *(f"{each:.12g}" for each in numbers)]))
+    return "\n".join(lines) + "\n"
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Write a time in seconds, with all nine digits of its nanoseconds."""
+    sign, stamp = ("-" if stamp_ns < 0 else ""), abs(stamp_ns)
+    return f"{sign}{stamp // NS}.{stamp % NS:09d}"
+
+
+class Odometry:
+    """Poses of a LiDAR, estimated sweep by sweep. Memory grows by a pose with each.
+
+    The same sweeps give the same poses, to the last bit: KISS-ICP works on one thread here.
+    """
+
+    def __init__(self) -> None:
+        """Begin without sweeps."""
+        self.jumps_ns: list[int] = []
+        """Times at which the motion jumped."""
+        self._poses: dict[int, Pose] = {}
+        self._first: _Sweep | None = None
+        self._kiss: Any = None
+        self._last_ns = 0
+        self._twist_per_s = [0.0] * 6
+
+    def add(
+        self, points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int
+    ) -> None:
+        """Estimate the pose of the next sweep. One that is not later than the one before is left out.
+
+        Args:
+            points: (N, 3) metres, each in the LiDAR frame of its own time. Those without a range do not count.
+            times_s: (N,) seconds after the stamp; None for a sweep that was untwisted to it.
+            stamp_ns: Time of the sweep.
+        """
+        sweep = _sweep(points, times_s, stamp_ns)
+        gap_ns = sweep.moment_ns - self._last_ns
+        if self._poses and gap_ns <= 0:
+            return
+        if not self._poses or gap_ns > MAX_GAP_NS:
+            self._begin(sweep)
+        elif self._first is not None:
+            self._begin_motion(self._first, sweep)
+        else:
+            self._go_on(sweep)
+
+    def poses(self) -> dict[int, Pose]:
+        """Give the poses (4, 4) of the LiDAR in a fixed frame, by their times in nanoseconds; none near a jump.
+
+        One more stands before the first and after the last, where the motion is taken to go on: their points reach
+        beyond the moments of their poses.
+        """
+        stamps = list(self._poses)
+        if len(stamps) < 2:
+            return {}
+        ahead = self._continued(stamps[:3][::-1])
+        behind = self._continued(stamps[-3:])
+        return {
+            stamp: T
+            for stamp, T in (ahead | self._poses | behind).items()
+            if all(abs(stamp - jump) > DOUBTFUL_NS for jump in self.jumps_ns)
+        }
+
+    def _continued(self, stamps: list[int]) -> dict[int, Pose]:
+        """Go on by one step at the motion through two or three poses, given by their times, to either side."""
+        start, end = self._poses[stamps[0]], self._poses[stamps[-1]]
+        all_s, step_s = (abs(stamps[-1] - each) / NS for each in (stamps[0], stamps[-2]))
+        motion = _core.Trajectory.constant(_twist(start, end, all_s), 0.0)
+        return {2 * stamps[-1] - stamps[-2]: end @ _displacement(motion, step_s)}
+
+    def _begin(self, sweep: _Sweep) -> None:
+        """Take a sweep for the first one, at the last pose that is known."""
+        self._first = sweep
+        self._keep(sweep, self._poses[self._last_ns] if self._poses else np.eye(4))
+
+    def _begin_motion(self, first: _Sweep, second: _Sweep) -> None:
+        """Register the first two sweeps again and again: the motion between them untwists both."""
+        self._first, self._twist_per_s = None, [0.0] * 6
+        for _ in range(WARM_UPS):
+            self._kiss = _kiss_icp()
+            self._kiss.last_pose = self._poses[first.moment_ns]
+            self._register(first, 0)
+            self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
+        self._keep(second, self._kiss.last_pose)
+
+    def _go_on(self, sweep: _Sweep) -> None:
+        before, self._twist_per_s = self._twist_per_s, self._register(sweep, sweep.moment_ns - self._last_ns)
+        change = np.subtract(self._twist_per_s, before)
+        if np.linalg.norm(change[:3]) > MAX_CHANGE_M_S or np.linalg.norm(change[3:]) > MAX_CHANGE_RAD_S:
+            self.jumps_ns.append(sweep.moment_ns)
+            self._begin(sweep)
+        else:
+            self._keep(sweep, self._kiss.last_pose)
+
+    def _keep(self, sweep: _Sweep, T: Pose) -> None:
+        self._poses[sweep.moment_ns], self._last_ns = orthonormal(T), sweep.moment_ns
+
+    def _register(self, sweep: _Sweep, step_ns: int) -> list[float]:
+        """Register a sweep so long after the one before, and return the twist (6,) a second on the way there."""
+        motion, before = _core.Trajectory.constant(self._twist_per_s, 0.0), self._kiss.last_pose
+        self._kiss.last_delta = _displacement(motion, step_ns / NS)
+        points = motion.compensate(sweep.points, sweep.times_s, 0.0).astype(np.float64)
+        self._kiss.register_frame(points, np.empty(0))
+        if step_ns == 0:
+            return self._twist_per_s
+        return _twist(before, self._kiss.last_pose, step_ns / NS)
+
+
+class DriveMotion(NamedTuple):
+    """The motion of a drive, estimated from its sweeps."""
+
+    poses: dict[int, Pose]
+    """Poses (4, 4) of the LiDAR, by their times in nanoseconds."""
+    jumps_ns: list[int]
+    """Times at which the motion jumped; poses near them are left out."""
+    point_times: str
+    """`relative` or `absolute`: what the times of its points are, as the `motion:` block says it."""
+
+
+def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
+    """Estimate the motion of the LiDAR in a drive whose sweeps follow one another. One is in memory at a time.
+
+    Sweeps whose points have no times are taken to be untwisted to their stamp.
+
+    Raises:
+        InputError: a frame has no stamp, a file cannot be read, or sweeps do not follow one another.
+    """
+    odometry, is_absolute, stamps_s = Odometry(), False, dict[str, float]()
+    for frame in drive.frames:
+        if frame.points_stamp is None:
+            found = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
+            raise InputError(f"{found}, needed the time of the sweep for odometry")
+        stamps_s.setdefault(frame.points, frame.points_stamp)
+    ordered = sorted(stamps_s.items(), key=lambda each: each[1])
+    for number, (name, stamp_s) in enumerate(ordered, start=1):
+        on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
+        (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
+        times_s = cloud.time
+        if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
+            is_absolute, times_s = True, times_s - stamp_s
+        odometry.add(cloud.points, times_s, round(stamp_s * NS))
+    poses = odometry.poses()
+    gaps_s = np.diff([stamp_s for _, stamp_s in ordered])
+    if not poses or np.median(gaps_s) > MAX_GAP_NS / NS:
+        found = f"found {len(ordered):,} sweeps" + (
+            f", {np.median(gaps_s):.3g} s apart" if len(gaps_s) else ""
+        )
+        needed = f"needed some that follow one another, at most {MAX_GAP_NS / NS:g} s apart, without jumps"
+        raise InputError(
+            f"{drive.path}: {found}, {needed}; of a recording, `import bag --odometry` reads them all"
+        )
+    return DriveMotion(poses, odometry.jumps_ns, "absolute" if is_absolute else "relative")
+
+
+def _sweep(points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int) -> _Sweep:
+    times_s = np.zeros(len(points)) if times_s is None else times_s
+    ranges_m = np.linalg.norm(points, axis=1)
+    counts = (ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1]) & np.isfinite(times_s)
+    points, times_s = np.ascontiguousarray(points[counts], np.float32), times_s[counts].astype(np.float64)
+    middle_s = 0.5 * (times_s.min() + times_s.max()) if len(times_s) else 0.0
+    return _Sweep(points, times_s - middle_s, stamp_ns + round(middle_s * NS))
+
+
+def _twist(start: Pose, end: Pose, seconds: float) -> list[float]:
+    """Twist (6,) a second that leads from one pose (4, 4) to another."""
+    return _core.Trajectory.through([0.0, seconds], [orthonormal(start), orthonormal(end)]).twist_at(0.0)
+
+
+def _displacement(motion: _core.Trajectory, seconds: float) -> Pose:
+    """Pose (4, 4) after some time, in the frame before: where the motion takes the origin and the axes."""
+    corners = np.eye(4, 3, -1, np.float32)
+    moved = motion.compensate(corners, np.full(4, seconds), 0.0).astype(np.float64)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = (moved[1:] - moved[0]).T, moved[0]
+    return orthonormal(T)
+
+
+def _kiss_icp() -> Any:
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
+    from kiss_icp.kiss_icp import KissICP
+
+    return KissICP(
+        KISSConfig(
+            data=DataConfig(min_range=RANGES_M[0], max_range=RANGES_M[1], deskew=False),
+            mapping=MappingConfig(voxel_size=VOXEL_M),
+            registration=RegistrationConfig(max_num_threads=1),
+        )
+    )

@@ -1,0 +1,157 @@
+"""Consecutive sweeps and pictures of one synthetic street, along which a rig drives at a constant speed and turn.
+
+The core renders one long sweep of a rosette, whose parts are sweeps that follow one another, and pictures at any time
+of it: where only its shutter is late, the street is the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.config.synthetic import SynthConfig
+from semcal_cli.datasets.bags.clouds import PointTimes, Sweep
+from semcal_cli.datasets.odometry import NS, tum_text
+from semcal_cli.files.documents import document_text
+from semcal_cli.files.images import write_image
+from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.synthetic.motion import VehicleMotion
+from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting
+
+NUM_SWEEPS, SWEEP_S = 30, 0.1
+RAYS = 32
+"""Rays that are fired together: a sweep has so many times the columns."""
+FIRST_S = 100.0
+"""Stamp of the first sweep."""
+RECORD = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("time", "<f4")]
+
+
+@dataclass(frozen=True)
+class StreetConfig(SynthConfig):
+    """A sweep that lasts as long as the drive."""
+
+    sweep_s: ClassVar[float] = NUM_SWEEPS * SWEEP_S
+
+
+class Timed(NamedTuple):
+    """A twisted sweep."""
+
+    points: npt.NDArray[np.float32]
+    """(N, 3) metres, each in the LiDAR frame of its own time."""
+    times_s: npt.NDArray[np.float64]
+    """(N,) seconds after its start."""
+    labels: npt.NDArray[np.uint32]
+    """(N,)."""
+
+    def records(self) -> npt.NDArray[np.void]:
+        """Records (1, N) of coordinates and times."""
+        found = np.zeros((1, len(self.points)), RECORD)
+        for axis, name in enumerate("xyz"):
+            found[name] = self.points[:, axis]
+        found["time"] = self.times_s
+        return found
+
+
+class MovingStreet:
+    """A drive of three seconds."""
+
+    def __init__(
+        self, speed_m_s: float, yaw_rate_rad_s: float, seed: int, points: int = 40_000, width: int = 640
+    ) -> None:
+        self.config = StreetConfig(
+            seed=seed,
+            pattern="rosette",
+            channels=RAYS,
+            columns=NUM_SWEEPS * points // RAYS,
+            camera_azimuth_deg=0.0,
+            width=width,
+            height=width * 9 // 16,
+        )
+        self.T_camera_lidar = mounting(self.config)
+        self.camera = make_camera(self.config)
+        self._motion = VehicleMotion(speed_m_s, yaw_rate_rad_s)
+        self._twist_per_s = [speed_m_s, 0.0, 0.0, 0.0, 0.0, yaw_rate_rad_s]
+
+    @cached_property
+    def _whole(self) -> _core.RenderedFrame:
+        return self._rendered(self.config)
+
+    def _rendered(self, config: StreetConfig) -> _core.RenderedFrame:
+        return make_renderer(config, self.T_camera_lidar).frame(config.seed, 0, self._twist_per_s)
+
+    def sweep(self, index: int) -> Timed:
+        """Cut out the sweep of a number, which starts at `stamp_s` of it."""
+        times_s = self._whole.point_times.astype(np.float64) - index * SWEEP_S
+        is_in = (times_s >= 0.0) & (times_s < SWEEP_S)
+        return Timed(self._whole.points[is_in, :3], times_s[is_in], self._whole.point_labels[is_in])
+
+    def picture(self, stamp_s: float) -> _core.RenderedFrame:
+        """Render the picture of a time, with its labels."""
+        late_s = stamp_s - FIRST_S - 0.5 * self.config.sweep_s
+        return self._rendered(replace(self.config, columns=1, delay_ms=1e3 * late_s))
+
+    def pose(self, stamp_s: float) -> Pose:
+        """Pose (4, 4) of the LiDAR at a time, in a fixed frame."""
+        return self._motion.displacement(stamp_s - FIRST_S)
+
+    def errors(self, poses: dict[int, Pose]) -> tuple[float, float]:
+        """Measure how far the last pose is from the truth, seen from the first, metres, and turned from it, degrees."""
+        ends_ns = min(poses), max(poses)
+        true, found = (
+            inverse(first) @ last
+            for first, last in (
+                [self.pose(end / NS) for end in ends_ns],
+                [poses[end] for end in ends_ns],
+            )
+        )
+        error = inverse(true) @ found
+        angle = np.arccos(np.clip(0.5 * (np.trace(error[:3, :3]) - 1.0), -1.0, 1.0))
+        return float(np.linalg.norm(error[:3, 3])), float(np.degrees(angle))
+
+    def write(self, folder: Path, count: int = NUM_SWEEPS, every: int = 1) -> Path:
+        """Write a drive of the first sweeps, or of every so many, with pictures of their middles, and no motion.
+
+        The true poses lie beside it.
+        """
+        folder.mkdir(parents=True)
+        frames = []
+        for index in range(0, count, every):
+            sweep, start_s = self.sweep(index), stamp_s(index)
+            middle_s = start_s + 0.5 * SWEEP_S
+            picture, names = self.picture(middle_s), f"{index:06d}"
+            (folder / f"{names}.pcd").write_bytes(Sweep(sweep.records(), PointTimes()).pcd())
+            sweep.labels.astype("<u4").tofile(folder / f"{names}.label")
+            write_image(picture.image_labels, folder / f"{names}_labels.png")
+            write_image(picture.image_rgb[..., ::-1], folder / f"{names}.png")
+            frames.append(
+                {
+                    "points": f"{names}.pcd",
+                    "point_labels": f"{names}.label",
+                    "image_labels": f"{names}_labels.png",
+                    "image": f"{names}.png",
+                    "points_stamp": start_s,
+                    "image_stamp": middle_s,
+                }
+            )
+        stamps_ns = range(round((FIRST_S - 1.0) * NS), round((FIRST_S + 5.0) * NS), NS // 50)
+        (folder / "true.txt").write_text(tum_text({each: self.pose(each / NS) for each in stamps_ns}))
+        document = {
+            "semcal_drive": 1,
+            "camera": self.camera.model_dump(mode="json", exclude_unset=True),
+            "frames": frames,
+            "ignore": {"points": [0], "image": [0]},
+            "T_camera_lidar": self.T_camera_lidar.tolist(),
+        }
+        (folder / "drive.yaml").write_text(document_text(document, "yaml"))
+        return folder / "drive.yaml"
+
+
+def stamp_s(index: int) -> float:
+    """Time at which the sweep of a number starts."""
+    return FIRST_S + index * SWEEP_S

@@ -1,0 +1,161 @@
+"""The motion of the LiDAR from its own sweeps: poses, what is left out, recordings, and drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from bag_imports import done, run_cli, small
+from bags import NS, BagWriter
+from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
+
+from semcal_cli import errors
+from semcal_cli.datasets.odometry import DOUBTFUL_NS, Odometry, tum_text
+from semcal_cli.drive.document import Motion, read_drive
+from semcal_cli.drive.reading import load_observations
+from semcal_cli.geometry.poses import Pose
+
+POINTS = 15_000
+"""Points of a sweep, of which a 16-beam LiDAR has twice as many."""
+LEAST_ERROR_OF_WAY, LEAST_ERROR_DEG = 0.01, 0.3
+"""A hundredth of the way; and 0.2 degrees of sweeps with 40,000 points, with fewer a little more."""
+UNTWISTED_M = 0.05
+"""Median distance of points untwisted by odometry from those by the truth: a sixth of what 10 m/s cost."""
+
+
+@pytest.fixture(scope="module")
+def street() -> MovingStreet:
+    return MovingStreet(10.0, -0.2, seed=110, points=POINTS, width=160)
+
+
+def estimated(street: MovingStreet, indices: Iterable[int] = range(NUM_SWEEPS)) -> Odometry:
+    odometry = Odometry()
+    for index in indices:
+        sweep = street.sweep(index)
+        odometry.add(sweep.points, sweep.times_s, round(stamp_s(index) * NS))
+    return odometry
+
+
+def inner(poses: dict[int, Pose]) -> dict[int, Pose]:
+    """The poses of sweeps, without those before and after."""
+    return dict(list(poses.items())[1:-1])
+
+
+@pytest.mark.parametrize("speed_m_s", [5.0, 15.0])
+def test_twisted_sweeps_tell_the_way_and_the_turn(speed_m_s: float) -> None:
+    street = MovingStreet(speed_m_s, 0.2, seed=100, points=POINTS, width=16)
+    odometry = estimated(street)
+    error_m, error_deg = street.errors(inner(odometry.poses()))
+    assert error_m <= LEAST_ERROR_OF_WAY * speed_m_s * SWEEP_S * NUM_SWEEPS
+    assert error_deg <= LEAST_ERROR_DEG
+    assert not odometry.jumps_ns
+
+
+def test_lost_sweeps_and_sweeps_that_come_twice_do_no_harm(street: MovingStreet) -> None:
+    indices = [0, 1, 2, 3, 3, 4, 7, 8, 9, 11, 10, 12, 13]
+    poses = inner(estimated(street, indices).poses())
+    assert len(poses) == len(set(indices)) - 1  # the one that is late is left out as well
+    assert street.errors(poses)[0] <= LEAST_ERROR_OF_WAY * 10.0 * 1.4
+
+
+def test_the_same_sweeps_give_the_same_bytes(street: MovingStreet) -> None:
+    first, second = (tum_text(estimated(street, range(8)).poses()) for _ in range(2))
+    assert first == second
+
+
+def test_a_motion_that_jumps_is_left_out() -> None:
+    """After half the way the rig is in another street, as after a tunnel."""
+    streets = [MovingStreet(10.0, 0.0, seed, points=POINTS, width=16) for seed in (1, 2)]
+    odometry = Odometry()
+    for index in range(NUM_SWEEPS):
+        sweep = streets[index // (NUM_SWEEPS // 2)].sweep(index)
+        odometry.add(sweep.points, sweep.times_s, round(stamp_s(index) * NS))
+    jump_ns = round((stamp_s(NUM_SWEEPS // 2) + 0.5 * SWEEP_S) * NS)
+    assert min(abs(each - jump_ns) for each in odometry.jumps_ns) <= 2 * SWEEP_S * NS
+    poses = odometry.poses()
+    assert all(abs(stamp - jump) > DOUBTFUL_NS for stamp in poses for jump in odometry.jumps_ns)
+    assert min(poses) < jump_ns < max(poses)
+
+
+def written(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) -> Path:
+    """Record the first sweeps of the street, with small pictures."""
+
+    def sweep(bag: BagWriter, index: int, stamp: int) -> Any:
+        return bag.cloud(street.sweep(index).records(), stamp)
+
+    return small(folder, "mcap library", count, points=sweep, **makers)
+
+
+def test_a_recording_without_poses_gets_them_from_its_sweeps(street: MovingStreet, tmp_path: Path) -> None:
+    path = written(tmp_path, street)
+    result = run_cli("import", "bag", path, "-o", tmp_path / "drive", "--odometry")
+    assert "estimates the motion of the LiDAR from the sweeps: the drive's motion" in result.stderr
+    drive = read_drive(tmp_path / "drive")
+    assert len(drive.frames) == 12
+    assert drive.motion is not None
+    lines = (tmp_path / "drive" / str(drive.motion.poses)).read_text().splitlines()
+    assert lines[0].startswith("# KISS-ICP ")
+    run_cli("import", "bag", path, "-o", tmp_path / "again", "--odometry")
+    assert (tmp_path / "again/poses/drive.txt").read_text().splitlines() == lines
+
+
+def test_a_recordings_own_odometry_is_preferred(street: MovingStreet, tmp_path: Path) -> None:
+    def pose(bag: BagWriter, index: int, stamp: int) -> Any:
+        return bag.odometry(np.eye(4), stamp, "lidar")
+
+    path = written(tmp_path, street, odom=pose)
+    found = {
+        motion: "\n".join(done(path, tmp_path / str(motion), odometry=True, motion=motion).written.remarks)
+        for motion in (None, "none")
+    }
+    assert "/odom tells of the motion of 'lidar'" in found[None]
+    assert "--odometry is not needed; with --motion none, it is taken all the same" in found[None]
+    assert "KISS-ICP" in found["none"]
+    assert "/odom" not in found["none"]
+
+
+def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet, tmp_path: Path) -> None:
+    path = street.write(tmp_path / "drive", count=8)
+    result = run_cli("odometry", path, "-o", tmp_path / "drive/estimated.txt")
+    block = result.stderr.partition("motion: ")[2].strip()
+    assert block == "{poses: estimated.txt, point_times: relative}"
+    drive, true = read_drive(path), Motion(poses="true.txt")
+    untwisted = {
+        name: load_observations(drive.model_copy(update={"motion": motion}))
+        for name, motion in {"by": Motion(**yaml.safe_load(block)), "true": true, "not": None}.items()
+    }
+
+    def off_m(name: str) -> float:
+        pairs = zip(untwisted[name].clouds, untwisted["true"].clouds, strict=True)
+        return float(np.median([np.linalg.norm(a.points - b.points, axis=1).mean() for a, b in pairs]))
+
+    assert off_m("by") <= UNTWISTED_M < 0.2 < off_m("not")
+
+
+@pytest.mark.parametrize(("every", "reason"), [(10, "1 s apart"), (40, "found 1 sweeps")])
+def test_sweeps_that_do_not_follow_one_another_are_refused(
+    every: int, reason: str, street: MovingStreet, tmp_path: Path
+) -> None:
+    path = street.write(tmp_path / "drive", every=every)
+    result = run_cli("odometry", path, "-o", tmp_path / "poses.txt", code=1)
+    assert reason in str(result.exception)
+    assert "needed some that follow one another" in str(result.exception)
+    assert not (tmp_path / "poses.txt").exists()
+
+
+@pytest.mark.parametrize("command", ["odometry d -o p.txt", "import bag d -o p --odometry"])
+def test_without_the_extra_one_line_says_what_to_install(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_installed = errors.is_installed
+    monkeypatch.setattr(errors, "is_installed", lambda name: name != "kiss_icp" and is_installed(name))
+    result = run_cli(*command.split(), code=1)
+    asked = "semcal odometry" if command.startswith("odometry") else "--odometry"
+    needed = (
+        "needed the extra 'odometry': pip install 'semcal[odometry]', in a clone: pip install '.[odometry]'"
+    )
+    assert str(result.exception) == f"{asked}: found no kiss_icp, {needed}"
