@@ -52,7 +52,7 @@ def test_twisted_sweeps_tell_the_way_and_the_turn(speed_m_s: float) -> None:
     error_m, error_deg = street.errors(inner(odometry.poses()))
     assert error_m <= LEAST_ERROR_OF_WAY * speed_m_s * SWEEP_S * NUM_SWEEPS
     assert error_deg <= LEAST_ERROR_DEG
-    assert not odometry.jumps_ns
+    assert not odometry.doubtful_ns
 
 
 def test_lost_sweeps_and_sweeps_that_come_twice_do_no_harm(street: MovingStreet) -> None:
@@ -75,10 +75,25 @@ def test_a_motion_that_jumps_is_left_out() -> None:
         sweep = streets[index // (NUM_SWEEPS // 2)].sweep(index)
         odometry.add(sweep.points, sweep.times_s, round(stamp_s(index) * NS))
     jump_ns = round((stamp_s(NUM_SWEEPS // 2) + 0.5 * SWEEP_S) * NS)
-    assert min(abs(each - jump_ns) for each in odometry.jumps_ns) <= 2 * SWEEP_S * NS
+    assert min(abs(each - jump_ns) for each in odometry.doubtful_ns) <= 2 * SWEEP_S * NS
     poses = odometry.poses()
-    assert all(abs(stamp - jump) > DOUBTFUL_NS for stamp in poses for jump in odometry.jumps_ns)
+    assert all(abs(stamp - jump) > DOUBTFUL_NS for stamp in poses for jump in odometry.doubtful_ns)
     assert min(poses) < jump_ns < max(poses)
+
+
+def test_a_tunnel_tells_nothing_along_the_way() -> None:
+    rng = np.random.default_rng(1)
+    azimuth, elevation = rng.uniform(-np.pi, np.pi, POINTS), np.radians(rng.uniform(-25.0, 15.0, POINTS))
+    rays = np.stack(
+        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+    )
+    ranges = np.minimum(4.5 / np.abs(rays[1]), np.where(rays[2] > 0.0, 3.5, 1.8) / np.abs(rays[2]))
+    sweep = (rays * (ranges + rng.normal(0.0, 0.03, POINTS))).T.astype(np.float32)
+    odometry = Odometry()
+    for index in range(3):
+        odometry.add(sweep, None, (index + 1) * NS // 10)
+    assert odometry.doubtful_ns
+    assert not odometry.poses()
 
 
 def written(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) -> Path:

@@ -42,8 +42,8 @@ def odometry(settings: OdometrySettings) -> None:
     note = f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n"
     write_text(note + tum_text(motion.poses), settings.output)
     terminal.print(f"wrote {settings.output}: {len(motion.poses):,} poses")
-    if motion.jumps_ns:
-        count, first_s = len(motion.jumps_ns), motion.jumps_ns[0] / NS
+    if motion.doubtful_ns:
+        count, first_s = len(motion.doubtful_ns), motion.doubtful_ns[0] / NS
         terminal.print(
             f"note: the motion jumps {count:,} times, first at {first_s:.3f} s; no poses around that"
         )

@@ -188,7 +188,7 @@ class _Import:
 
     def _estimated_motion(self, wanted: Sequence[int]) -> Trajectory:
         """Estimate the motion from all sweeps between the first and the last wanted time, and around them."""
-        odometry, request, jumps = Odometry(), self.request, ""
+        odometry, request = Odometry(), self.request
         start_ns, stop_ns = min(wanted) - AROUND_NS, max(wanted) + AROUND_NS
         for message in self.bag.messages([self.topics.points], start_ns, stop_ns):
             share = (message.received_ns - start_ns) / (stop_ns - start_ns)
@@ -199,12 +199,10 @@ class _Import:
                 stamp_ns = message.received_ns if request.by_receipt else message.header_ns
                 sweep = read_sweep(message, stamp_ns)
                 odometry.add(sweep.points, None if sweep.seconds is None else sweep.seconds.ravel(), stamp_ns)
-        if odometry.jumps_ns:
-            first_s = (odometry.jumps_ns[0] - self.bag.start_ns) / NS
-            jumps = f"the motion by the sweeps jumps {len(odometry.jumps_ns):,} times, first {first_s:.1f} s after"
-            self.remarks.append(
-                f"{jumps} the start: frames within {DOUBTFUL_NS / NS:g} s of that are left out"
-            )
+        if odometry.doubtful_ns:
+            count, first_s = len(odometry.doubtful_ns), (odometry.doubtful_ns[0] - self.bag.start_ns) / NS
+            told = f"the motion by the sweeps is doubtful at {count:,} of them, first {first_s:.1f} s after the start"
+            self.remarks.append(f"{told}: frames within {DOUBTFUL_NS / NS:g} s are left out")
         return Trajectory.estimated(odometry.poses())
 
     def _candidates(self, spool: Spool, wanted: Sequence[int]) -> list[Candidate]:
