@@ -14,7 +14,7 @@ from bags import NS, BagWriter
 from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
 from semcal_cli import errors
-from semcal_cli.datasets.odometry import DOUBTFUL_NS, Odometry, tum_text
+from semcal_cli.datasets.odometry import DOUBTFUL_NS, Odometry, drive_motion, tum_text
 from semcal_cli.drive.document import Motion, read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.geometry.poses import Pose
@@ -148,7 +148,21 @@ def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet
         pairs = zip(untwisted[name].clouds, untwisted["true"].clouds, strict=True)
         return float(np.median([np.linalg.norm(a.points - b.points, axis=1).mean() for a, b in pairs]))
 
+    assert "no poses around" not in result.stderr
     assert off_m("by") <= UNTWISTED_M < 0.2 < off_m("not")
+
+
+def test_frames_beside_a_gap_have_poses_and_lone_ones_have_none(street: MovingStreet, tmp_path: Path) -> None:
+    path = street.write(tmp_path / "drive", count=12)
+    document = yaml.safe_load(path.read_text())
+    document["frames"] = [*document["frames"][:4], *document["frames"][-2:]]
+    lone = dict(document["frames"][0], points_stamp=90.0, image_stamp=90.05, points="lone.pcd")
+    (tmp_path / "drive/lone.pcd").write_bytes((tmp_path / "drive/000000.pcd").read_bytes())
+    path.write_text(yaml.safe_dump(document | {"frames": [lone, *document["frames"]]}))
+    motion = drive_motion(read_drive(path))
+    assert motion.uncovered == ["lone.pcd"]
+    assert not motion.doubtful_ns
+    assert len(motion.poses) == 4 + 2 + 2 * 2
 
 
 @pytest.mark.parametrize(("every", "reason"), [(10, "1 s apart"), (40, "found 1 sweeps")])

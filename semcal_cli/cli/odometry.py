@@ -47,5 +47,10 @@ def odometry(settings: OdometrySettings) -> None:
         terminal.print(
             f"note: the motion jumps {count:,} times, first at {first_s:.3f} s; no poses around that"
         )
+    if motion.uncovered:
+        count, first = len(motion.uncovered), motion.uncovered[0]
+        terminal.print(
+            f"note: {count:,} sweeps have no poses around them, first {first}: leave their frames out"
+        )
     name = Path(os.path.relpath(settings.output, drive.root)).as_posix()
     terminal.print(f"put into {drive.path}: motion: {{poses: {name}, point_times: {motion.point_times}}}")

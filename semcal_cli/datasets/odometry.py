@@ -7,7 +7,8 @@ recordings lose sweeps.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from bisect import bisect_left
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ RANGES_M = 1.5, 100.0
 """Ranges of the points that count. Nearer ones may lie on the vehicle itself, and would say that it stands still."""
 VOXEL_M = 1.0
 MAX_GAP_NS = NS // 2
-"""Longest time from one sweep to the next; after a longer one, the odometry begins anew."""
+"""Longest time from one sweep or pose to the next; after a longer one between sweeps, the odometry begins anew."""
 WARM_UPS = 4
 """Times that the first two sweeps are registered, each time untwisted at the motion that was found before."""
 MAX_CHANGE_M_S, MAX_CHANGE_RAD_S = 3.0, 1.0
@@ -52,6 +53,15 @@ class _Sweep(NamedTuple):
 def estimator() -> str:
     """Name what estimates the poses."""
     return f"KISS-ICP {version('kiss-icp')}"
+
+
+def covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
+    """Whether poses with these stamps, ascending, stand closely before and after each of the moments."""
+    places = [bisect_left(stamps_ns, moment) for moment in moments_ns]
+    return all(
+        0 < place < len(stamps_ns) and stamps_ns[place] - stamps_ns[place - 1] <= MAX_GAP_NS
+        for place in places
+    )
 
 
 def tum_text(poses: Mapping[int, Pose]) -> str:
@@ -79,10 +89,11 @@ class Odometry:
         """Begin without sweeps."""
         self.doubtful_ns: list[int] = []
         """Times at which the motion jumped, or could not be seen in one direction, as between a tunnel's walls."""
-        self._poses: dict[int, Pose] = {}
+        self._stretches: list[dict[int, Pose]] = []
         self._first: _Sweep | None = None
         self._kiss: Any = None
         self._last_ns = 0
+        self._last_pose: Pose = np.eye(4)
         self._twist_per_s = [0.0] * 6
 
     def add(
@@ -97,9 +108,9 @@ class Odometry:
         """
         sweep = _sweep(points, times_s, stamp_ns)
         gap_ns = sweep.moment_ns - self._last_ns
-        if self._poses and gap_ns <= 0:
+        if self._stretches and gap_ns <= 0:
             return
-        if not self._poses or gap_ns > MAX_GAP_NS:
+        if not self._stretches or gap_ns > MAX_GAP_NS:
             self._begin(sweep)
         elif self._first is not None:
             self._begin_motion(self._first, sweep)
@@ -109,38 +120,32 @@ class Odometry:
     def poses(self) -> dict[int, Pose]:
         """Give the poses (4, 4) of the LiDAR in a fixed frame, by their times in nanoseconds; none near doubtful ones.
 
-        One more stands before the first and after the last, where the motion is taken to go on: their points reach
-        beyond the moments of their poses.
+        One more stands before the first sweep of a stretch without gaps and after the last, where the motion is taken
+        to go on: their points reach beyond the moments of their poses.
         """
-        stamps = list(self._poses)
-        if len(stamps) < 2:
-            return {}
-        ahead = self._continued(stamps[:3][::-1])
-        behind = self._continued(stamps[-3:])
+        whole: dict[int, Pose] = {}
+        for stretch in self._stretches:
+            if len(stretch) > 1:
+                poses = list(stretch.items())
+                whole |= dict([_continued(poses[2::-1]), *poses, _continued(poses[-3:])])
         return {
             stamp: T
-            for stamp, T in (ahead | self._poses | behind).items()
+            for stamp, T in whole.items()
             if all(abs(stamp - doubtful) > DOUBTFUL_NS for doubtful in self.doubtful_ns)
         }
-
-    def _continued(self, stamps: list[int]) -> dict[int, Pose]:
-        """Go on by one step at the motion through two or three poses, given by their times, to either side."""
-        start, end = self._poses[stamps[0]], self._poses[stamps[-1]]
-        all_s, step_s = (abs(stamps[-1] - each) / NS for each in (stamps[0], stamps[-2]))
-        motion = _core.Trajectory.constant(_twist(start, end, all_s), 0.0)
-        return {2 * stamps[-1] - stamps[-2]: end @ _displacement(motion, step_s)}
 
     def _begin(self, sweep: _Sweep) -> None:
         """Take a sweep for the first one, at the last pose that is known."""
         self._first = sweep
-        self._keep(sweep, self._poses[self._last_ns] if self._poses else np.eye(4))
+        self._stretches.append({})
+        self._keep(sweep, self._last_pose)
 
     def _begin_motion(self, first: _Sweep, second: _Sweep) -> None:
         """Register the first two sweeps again and again: the motion between them untwists both."""
         self._first, self._twist_per_s = None, [0.0] * 6
         for _ in range(WARM_UPS):
             self._kiss = _kiss_icp()
-            self._kiss.last_pose = self._poses[first.moment_ns]
+            self._kiss.last_pose = self._last_pose
             self._register(first, 0)
             self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
         self._keep(second, self._kiss.last_pose)
@@ -155,7 +160,8 @@ class Odometry:
             self._keep(sweep, self._kiss.last_pose)
 
     def _keep(self, sweep: _Sweep, T: Pose) -> None:
-        self._poses[sweep.moment_ns], self._last_ns = orthonormal(T), sweep.moment_ns
+        self._last_ns, self._last_pose = sweep.moment_ns, orthonormal(T)
+        self._stretches[-1][self._last_ns] = self._last_pose
 
     def _register(self, sweep: _Sweep, step_ns: int) -> list[float]:
         """Register a sweep so long after the one before, and return the twist (6,) a second on the way there."""
@@ -210,6 +216,8 @@ class DriveMotion(NamedTuple):
     """Poses (4, 4) of the LiDAR, by their times in nanoseconds."""
     doubtful_ns: list[int]
     """Times at which it is doubtful; poses near them are left out."""
+    uncovered: list[str]
+    """Sweeps of frames that poses do not stand closely around."""
     point_times: str
     """`relative` or `absolute`: what the times of its points are, as the `motion:` block says it."""
 
@@ -222,12 +230,18 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     Raises:
         InputError: a frame has no stamp, a file cannot be read, or sweeps do not follow one another.
     """
-    odometry, is_absolute, stamps_s = Odometry(), False, dict[str, float]()
+    odometry, is_absolute, stamps_s, moments_s = (
+        Odometry(),
+        False,
+        dict[str, float](),
+        dict[str, list[float]](),
+    )
     for frame in drive.frames:
         if frame.points_stamp is None:
             found = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
             raise InputError(f"{found}, needed the time of the sweep for odometry")
         stamps_s.setdefault(frame.points, frame.points_stamp)
+        moments_s.setdefault(frame.points, []).append(frame.image_stamp or frame.points_stamp)
     ordered = sorted(stamps_s.items(), key=lambda each: each[1])
     for number, (name, stamp_s) in enumerate(ordered, start=1):
         on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
@@ -236,6 +250,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
             is_absolute, times_s = True, times_s - stamp_s
         odometry.add(cloud.points, times_s, round(stamp_s * NS))
+        moments_s[name] += [stamp_s + end for end in (0.0, *_ends(times_s))]
     poses = odometry.poses()
     gaps_s = np.diff([stamp_s for _, stamp_s in ordered])
     if not poses or np.median(gaps_s) > MAX_GAP_NS / NS:
@@ -246,7 +261,15 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         raise InputError(
             f"{drive.path}: {found}, {needed}; of a recording, `import bag --odometry` reads them all"
         )
-    return DriveMotion(poses, odometry.doubtful_ns, "absolute" if is_absolute else "relative")
+    stamps = list(poses)
+    uncovered = [
+        name for name, _ in ordered if not covered(stamps, [round(each * NS) for each in moments_s[name]])
+    ]
+    return DriveMotion(poses, odometry.doubtful_ns, uncovered, "absolute" if is_absolute else "relative")
+
+
+def _ends(times_s: npt.NDArray[np.float64] | None) -> list[float]:
+    return [] if times_s is None else [float(np.nanmin(times_s)), float(np.nanmax(times_s))]
 
 
 def _sweep(points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int) -> _Sweep:
@@ -256,6 +279,14 @@ def _sweep(points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | N
     points, times_s = np.ascontiguousarray(points[counts], np.float32), times_s[counts].astype(np.float64)
     middle_s = 0.5 * (times_s.min() + times_s.max()) if len(times_s) else 0.0
     return _Sweep(points, times_s - middle_s, stamp_ns + round(middle_s * NS))
+
+
+def _continued(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
+    """Go on by a step, to either side, at the motion through two or three poses with their times."""
+    (start_ns, start), (before_ns, _), (end_ns, end) = poses[0], poses[-2], poses[-1]
+    step_ns = max(-MAX_GAP_NS // 2, min(end_ns - before_ns, MAX_GAP_NS // 2))
+    motion = _core.Trajectory.constant(_twist(start, end, abs(end_ns - start_ns) / NS), 0.0)
+    return end_ns + step_ns, end @ _displacement(motion, abs(step_ns) / NS)
 
 
 def _twist(start: Pose, end: Pose, seconds: float) -> list[float]:

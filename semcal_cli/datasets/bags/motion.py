@@ -21,7 +21,7 @@ from semcal_cli.datasets.bags.messages import (
     plain_frame,
 )
 from semcal_cli.datasets.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, stated_transforms
-from semcal_cli.datasets.odometry import estimator, tum_text
+from semcal_cli.datasets.odometry import MAX_GAP_NS, covered, estimator, tum_text
 from semcal_cli.errors import InputError, listed
 from semcal_cli.geometry.poses import Pose, inverse
 
@@ -29,8 +29,6 @@ NONE = "none"
 """Value of --motion that asks for no motion."""
 SCOUTED_PLACES, SCOUTED_NS = 8, NS
 """Places of the recording, and time from each, at which `/tf` is read to learn which of its frames move."""
-LONGEST_GAP_NS = NS // 2
-"""Longest time between two poses that a frame may lie between."""
 LONGEST_SWEEP_NS, LONGEST_LATENCY_NS = NS // 5, NS
 """Time before the stamp that the points of a sweep may begin, and time that poses may take to be received."""
 
@@ -75,12 +73,12 @@ class Trajectory:
     @property
     def before_ns(self) -> int:
         """What has to be read before the stamp of a sweep, so that there is a pose before its first point."""
-        return LONGEST_GAP_NS + LONGEST_SWEEP_NS
+        return MAX_GAP_NS + LONGEST_SWEEP_NS
 
     @property
     def after_ns(self) -> int:
         """What has to be read after the receipt of a sweep, so that there is a pose after its last point."""
-        return LONGEST_GAP_NS + self._latency_ns
+        return MAX_GAP_NS + self._latency_ns
 
     def take(self, message: Message, received: bool) -> None:
         """Add the poses of a message, with the stamps of headers, or with the time at which it was received."""
@@ -99,12 +97,7 @@ class Trajectory:
 
     def covers(self, *stamps_ns: int) -> bool:
         """Whether poses stand closely before and after each of the stamps."""
-        stamps = self._stamps
-        places = [bisect_left(stamps, stamp) for stamp in stamps_ns]
-        return all(
-            0 < place < len(stamps) and stamps[place] - stamps[place - 1] <= LONGEST_GAP_NS
-            for place in places
-        )
+        return covered(self._stamps, stamps_ns)
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
         """Position (3,) of the pose that is nearest in time, metres; None without poses."""
