@@ -13,10 +13,13 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from bag_imports import T_MOUNT, done, fill, nothing, refused, run_cli, small
+from bag_imports import CAMERA, T_MOUNT, cloud, done, fill, image, info, nothing, refused, run_cli, small
 from bags import NS, ROS1_MCAP, BagWriter, header, write_drive
-from foxglove_recordings import FoxgloveWriter, VideoWriter
+from foxglove_recordings import FoxgloveWriter, VideoWriter, encoded
+from mcap.records import Chunk
+from mcap.writer import Writer as McapWriter
 
+from semcal_cli.datasets.bags.mcap_file import _opened
 from semcal_cli.datasets.bags.unpacking import unpack
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
@@ -157,6 +160,75 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     )
     needed = f"found no {missing}, needed the extra '{extra}': pip install 'semcal[{extra}]'"
     assert refused(path, tmp_path / "drive").endswith(f"{needed}, in a clone: pip install '.[{extra}]'")
+
+
+def in_json(**changes: Any) -> Any:
+    """Change fields of the message that another maker makes."""
+    return lambda maker: lambda bag, *of: (lambda name, fields: (name, fields | changes))(*maker(bag, *of))
+
+
+X = {"name": "x", "offset": 0, "type": 7}
+HOSTILE_JSON: dict[str, tuple[str, Any, str]] = {
+    "negative offset": ("points", {"fields": [X | {"offset": -4}]}, "found offset -4, needed a whole number"),
+    "negative size": ("image", {"width": -2, "height": -2, "step": -1}, "found height -2, needed a whole"),
+    "wide step": ("image", {"step": 10**30}, "found step 1000000000"),
+    "number for bytes": ("image", {"data": 10**9}, "found data 1000000000, needed bytes"),
+    "stamp": ("points", {"timestamp": {"sec": 10**320, "nsec": 0}}, "found a stamp of 100000"),
+    "surrogate": ("points", {"fields": [X | {"name": "\ud800"}]}, "found the fields ?, needed x, y and z"),
+    "no text": ("points", {"frame_id": None}, "found frame_id nothing, needed a text"),
+    "many fields": ("points", {"fields": [X] * 200}, "found 200 fields, needed at most 128"),
+    "P": ("info", {"P": [1.0, 2.0]}, "/cam/camera_info: found 2 numbers in P, needed 12"),
+    "many values": ("info", {"D": [0] * (1 << 20)}, "of JSON with 1,0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HOSTILE_JSON)
+def test_json_that_lies_gets_one_line(case: str, tmp_path: Path) -> None:
+    topic, changes, expected = HOSTILE_JSON[case]
+    maker = {"points": cloud(), "image": image(), "info": info()}[topic]
+    path = fill(FoxgloveWriter(tmp_path, "json"), 3, **{topic: in_json(**changes)(maker)})
+    assert expected in refused(path, tmp_path / "drive")
+
+
+def test_the_frame_is_that_of_the_first_message_that_is_whole(tmp_path: Path) -> None:
+    def points(bag: Any, index: int, stamp: int) -> Any:
+        return in_json(**({} if index else {"fields": 5}))(cloud())(bag, index, stamp)
+
+    found = done(fill(FoxgloveWriter(tmp_path, "json"), 6, points=points), tmp_path / "drive")
+    assert found.written.num_frames == 5
+    assert [why for why in found.left_out if "are no foxglove.PointCloud" in why]
+
+
+def test_a_schema_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        for topic, name in (("points", "PointCloud"), ("image", "RawImage"), ("info", "CameraCalibration")):
+            schema = writer.register_schema(f"foxglove.{name}", "protobuf", b"\xff")
+            writer.add_message(writer.register_channel(topic, "protobuf", schema), NS, b"", NS)
+        writer.finish()
+    assert "found a schema foxglove.CameraCalibration that cannot be read" in refused(
+        path, tmp_path / "drive"
+    )
+
+
+def test_a_chunk_of_millions_of_empty_messages_is_left_out() -> None:
+    data = struct.pack("<BQHIQQ", 5, 22, 0, 0, 0, 0) * ((1 << 20) + 1)
+    with pytest.raises(ValueError, match="more than 1,048,576 records"):
+        _opened(Chunk("", data, 0, 0, 0, len(data)))
+
+
+def test_frames_of_av1_that_are_cut_off_do_not_stop_an_import(tmp_path: Path) -> None:
+    pictures = [np.full((64, 64, 3), 5 * index + 20, np.uint8) for index in range(20)]
+    cut = [each[: -3 if index % 3 == 0 else None] for index, each in enumerate(encoded(pictures, "av1", 5))]
+    camera = CAMERA.model_copy(update={"width": 64, "height": 64})
+    makers: dict[str, Any] = {
+        "info": lambda bag, index, stamp: bag.camera_info(camera, stamp),
+        "cam/video": lambda bag, index, stamp: bag.packet(cut[index], "av1", stamp),
+    }
+    found = done(small(tmp_path, count=20, image=nothing, **makers), tmp_path / "drive")
+    assert sum(n for why, n in found.left_out.items() if "video" in why) == 20 - found.written.num_frames > 0
 
 
 def patched(path: Path, stated: int) -> Path:

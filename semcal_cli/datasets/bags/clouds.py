@@ -27,6 +27,8 @@ from semcal_cli.errors import listed
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
 MAX_POINT_BYTES, MAX_FIELDS = 1024, 128
+PACKET_POINTS = 384
+"""Most points of a packet of a Velodyne: 12 blocks of 32."""
 LIVOX_POINT = [
     ("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"), ("line", "u1"),
 ]  # fmt: skip
@@ -203,6 +205,9 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
     scan = message.content
     if not scan.packets:
         raise MessageError("found a cloud without points")
+    if len(scan.packets) * PACKET_POINTS > MAX_POINTS:
+        found = f"found {len(scan.packets):,} packets"
+        raise MessageError(f"{found}, needed at most {MAX_POINTS // PACKET_POINTS:,}")
     stamps_s = [(each.stamp.sec * NS + each.stamp.nanosec - stamp_ns) / NS for each in scan.packets]
     packets = velodyne_decoder.PacketVector()
     for stamp_s, packet in zip(stamps_s, scan.packets, strict=True):

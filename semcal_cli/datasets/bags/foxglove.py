@@ -12,34 +12,61 @@ from typing import Any
 import numpy as np
 from mcap.records import Schema
 
+from semcal_cli.datasets.bags.clouds import MAX_FIELDS
 from semcal_cli.datasets.bags.messages import (
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
+    MAX_FRAME_ID,
     PICTURE,
     POSE,
     TRANSFORMS,
     VIDEO,
     MessageError,
 )
-from semcal_cli.errors import check_installed
+from semcal_cli.errors import check_installed, describe
 
 POINT_FIELD_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
 """Datatype of a sensor_msgs/PointField by that of a PackedElementField."""
+CAMERA_NUMBERS = {"D": range(33), "K": (0, 9), "R": (0, 9), "P": (0, 12)}
+"""How many numbers the arrays of a camera may have."""
+MAX_WHOLE, MAX_SECONDS = (1 << 32) - 1, 1 << 33
+"""Largest whole number of ROS's messages, and largest time from 1970 on or before it."""
+MAX_JSON_BYTES, MAX_JSON_VALUES = 1 << 28, 1 << 20
+"""Largest message in JSON, and most values in it: each takes a hundred times the bytes that it is written in."""
 
 
 def _header(message: Any, frame: str = "frame_id") -> SimpleNamespace:
     time = message.timestamp
     is_json = hasattr(time, "nsec")
-    stamp = SimpleNamespace(
-        sec=int(time.sec if is_json else time.seconds),
-        nanosec=int(time.nsec if is_json else time.nanos),
-    )
-    return SimpleNamespace(stamp=stamp, frame_id=str(getattr(message, frame)))
+    seconds = int(time.sec if is_json else time.seconds)
+    if abs(seconds) > MAX_SECONDS:
+        raise MessageError(f"found a stamp of {describe(seconds)} s, needed one within {MAX_SECONDS:,} s")
+    stamp = SimpleNamespace(sec=seconds, nanosec=_whole(time, "nsec" if is_json else "nanos"))
+    return SimpleNamespace(stamp=stamp, frame_id=_text(message, frame))
+
+
+def _whole(message: Any, name: str) -> int:
+    """Read a number that ROS's message has no sign for; JSON can hold any."""
+    number = int(getattr(message, name))
+    if not 0 <= number <= MAX_WHOLE:
+        raise MessageError(f"found {name} {describe(number)}, needed a whole number from 0 to {MAX_WHOLE:,}")
+    return number
+
+
+def _text(message: Any, name: str) -> str:
+    text = getattr(message, name)
+    if not isinstance(text, str) or len(text) > MAX_FRAME_ID:
+        raise MessageError(
+            f"found {name} {describe(text)}, needed a text of up to {MAX_FRAME_ID:,} characters"
+        )
+    return text.encode("utf-8", "replace").decode()
 
 
 def _data(message: Any) -> np.ndarray:
     data = message.data
+    if not isinstance(data, (str, bytes, list)):
+        raise MessageError(f"found data {describe(data)}, needed bytes")
     content = b64decode(data, validate=True) if isinstance(data, str) else bytes(data)
     return np.frombuffer(content, np.uint8)
 
@@ -50,11 +77,13 @@ def _point_cloud(message: Any) -> SimpleNamespace:
         place, turn = pose.position, pose.orientation
         if any(map(float, (place.x, place.y, place.z, turn.x, turn.y, turn.z))):
             raise MessageError("found points with a pose of their own, needed points in their frame")
-    data, step = _data(message), int(message.point_stride)
+    if len(message.fields) > MAX_FIELDS:
+        raise MessageError(f"found {len(message.fields):,} fields, needed at most {MAX_FIELDS}")
+    data, step = _data(message), _whole(message, "point_stride")
     fields = [
         SimpleNamespace(
-            name=str(each.name),
-            offset=int(each.offset),
+            name=_text(each, "name"),
+            offset=_whole(each, "offset"),
             datatype=POINT_FIELD_TYPES.get(int(each.type), 0),
             count=1,
         )
@@ -76,29 +105,34 @@ def _point_cloud(message: Any) -> SimpleNamespace:
 def _raw_image(message: Any) -> SimpleNamespace:
     return SimpleNamespace(
         header=_header(message),
-        height=int(message.height),
-        width=int(message.width),
-        encoding=str(message.encoding),
+        height=_whole(message, "height"),
+        width=_whole(message, "width"),
+        encoding=_text(message, "encoding"),
         is_bigendian=0,
-        step=int(message.step),
+        step=_whole(message, "step"),
         data=_data(message),
     )
 
 
 def _compressed(message: Any) -> SimpleNamespace:
-    return SimpleNamespace(header=_header(message), format=str(message.format), data=_data(message))
+    return SimpleNamespace(header=_header(message), format=_text(message, "format"), data=_data(message))
 
 
 def _camera_calibration(message: Any) -> SimpleNamespace:
-    numbers = {name: [float(each) for each in getattr(message, name, ())] for name in "DKRP"}
+    numbers = {}
+    for name, counts in CAMERA_NUMBERS.items():
+        values = getattr(message, name, ())
+        if len(values) not in counts:
+            raise MessageError(f"found {len(values):,} numbers in {name}, needed {max(counts)}")
+        numbers[name] = [float(each) for each in values]
     region = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
     # R and P that are left out stay zero.
     numbers = {"R": [0.0] * 9, "P": [0.0] * 12} | {name: each for name, each in numbers.items() if each}
     return SimpleNamespace(
         header=_header(message),
-        width=int(message.width),
-        height=int(message.height),
-        distortion_model=str(message.distortion_model),
+        width=_whole(message, "width"),
+        height=_whole(message, "height"),
+        distortion_model=_text(message, "distortion_model"),
         binning_x=0,
         binning_y=0,
         roi=region,
@@ -112,7 +146,7 @@ def _transforms(message: Any) -> SimpleNamespace:
         transforms=[
             SimpleNamespace(
                 header=_header(each, "parent_frame_id"),
-                child_frame_id=str(each.child_frame_id),
+                child_frame_id=_text(each, "child_frame_id"),
                 transform=SimpleNamespace(
                     rotation=_numbers(each.rotation, "xyzw"), translation=_numbers(each.translation, "xyz")
                 ),
@@ -165,15 +199,31 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
     if translate is None:
         return "", None
     if encoding == "json":
-        return kind, lambda raw: translate(json.loads(raw, object_hook=lambda each: SimpleNamespace(**each)))
+        return kind, lambda raw: translate(_parsed_json(raw))
     check_installed(schema.name, "mcap_protobuf", "bag")
 
     @cache
-    def parser() -> Callable[[bytes], Any]:
+    def parser() -> Callable[[bytes], Any] | MessageError:
         from mcap_protobuf.decoder import DecoderFactory
 
-        found = DecoderFactory().decoder_for(encoding, schema)
-        assert found is not None
-        return found
+        try:
+            found = DecoderFactory().decoder_for(encoding, schema)
+        except Exception as error:  # Hostile descriptors raise errors of any kind in the libraries.
+            why = " ".join(str(error).split()) or type(error).__name__
+            return MessageError(f"found a schema {schema.name} that cannot be read: {why[:120]}")
+        return found or MessageError(f"found a schema in {describe(schema.encoding)}, needed 'protobuf'")
 
-    return kind, lambda raw: translate(parser()(raw))
+    def read(raw: bytes) -> Any:
+        if isinstance(parse := parser(), MessageError):
+            raise MessageError(*parse.args)
+        return translate(parse(raw))
+
+    return kind, read
+
+
+def _parsed_json(raw: bytes) -> Any:
+    num_values = sum(map(raw.count, (b",", b"[", b"{")))
+    if len(raw) > MAX_JSON_BYTES or num_values > MAX_JSON_VALUES:
+        found = f"{len(raw):,} bytes of JSON with {num_values:,} values or more"
+        raise MessageError(f"found {found}, needed at most {MAX_JSON_BYTES:,} and {MAX_JSON_VALUES:,}")
+    return json.loads(raw, object_hook=lambda each: SimpleNamespace(**each))

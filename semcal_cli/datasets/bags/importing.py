@@ -6,6 +6,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -183,8 +184,9 @@ class _Import:
         return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
 
     def _first_frame(self, topic: Topic) -> str:
-        first = self.bag.first(topic)
-        return "" if first is None else _frame_of(first)
+        """Read the frame of the first message that has one, among the first few."""
+        frames = map(_frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
+        return next((frame for frame in frames if frame is not None), "")
 
     def _estimated_motion(self, wanted: Sequence[int]) -> Trajectory:
         """Estimate the motion from all sweeps between the first and the last wanted time, and around them."""
@@ -253,7 +255,7 @@ class _Import:
                 self._check_same(message)
             elif self.trajectory is not None and message.topic == poses:
                 self.trajectory.take(message, self.request.by_receipt)
-            elif (frame := _frame_of(message)) != needed:
+            elif (frame := _frame_of(message)) is not None and frame != needed:
                 what = "sweeps" if message.topic == self.topics.points else "pictures"
                 self.left_out[f"{what}: found frame {frame!r}, needed {needed!r}"] += 1
             else:
@@ -284,8 +286,8 @@ class _Import:
             self.remarks.append(f"{apart}, judged by when their messages were received")
 
 
-def _frame_of(message: Message) -> str:
+def _frame_of(message: Message) -> str | None:
     try:
         return message.frame_id
     except MessageError:
-        return ""
+        return None

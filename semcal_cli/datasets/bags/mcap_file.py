@@ -27,6 +27,8 @@ from semcal_cli.files.reading import open_file, size_of
 MAGIC_BYTES = 8
 MAX_INDEX_BYTES = 1 << 26
 """Largest size of the indexes of a chunk that are read."""
+MAX_RECORDS, RECORD_HEAD = 1 << 20, struct.Struct("<BQ")
+"""Most records of a chunk, each of which takes more memory than its bytes, and what stands in front of one."""
 
 
 class McapFile:
@@ -201,11 +203,22 @@ def _is_index(summary: Summary) -> bool:
 
 
 def _opened(chunk: Chunk) -> list[McapRecord]:
-    """List the records of a chunk, which is unpacked up to the size that it states."""
+    """List the records of a chunk, which is unpacked up to the size that it states.
+
+    Raises:
+        ValueError: it states more than is read, or holds more, or more records than are read.
+    """
     if chunk.uncompressed_size > MAX_UNPACKED_BYTES:
         found = f"found a chunk that states {chunk.uncompressed_size:,} bytes"
         raise ValueError(f"{found}, needed at most {MAX_UNPACKED_BYTES:,}")
     data = unpack(chunk.compression, chunk.data, chunk.uncompressed_size)
+    place = 0
+    for _ in range(MAX_RECORDS):
+        if place + RECORD_HEAD.size > len(data):
+            break
+        place += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, place)[1]
+    else:
+        raise ValueError(f"found a chunk of more than {MAX_RECORDS:,} records")
     return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 

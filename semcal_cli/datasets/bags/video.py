@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config import MAX_PIXELS
 from semcal_cli.datasets.bags.bag import Bag
 from semcal_cli.datasets.bags.messages import COMPRESSED, FFMPEG, NS, Message, MessageError, Topic
 from semcal_cli.datasets.bags.pictures import PNG_SPEED
@@ -82,10 +83,10 @@ class Video:
         back_ns = NS
         while self._read_ns < start_ns:
             first_ns = max(start_ns - back_ns, self._read_ns)
-            packets = list(self._bag.messages([self._topic], first_ns, start_ns))
-            keys = [index for index, each in enumerate(packets) if _is_key(each)]
-            if keys or first_ns == self._read_ns:
-                for each in packets[keys[-1] if keys else 0 :]:
+            packets = self._bag.messages([self._topic], first_ns, start_ns)
+            last = packets if first_ns == self._read_ns else _last_group(packets)
+            if last is not None:
+                for each in last:
                     self.take(each)
                 self._read_ns = start_ns
             back_ns *= 2
@@ -137,8 +138,10 @@ class _Decoder:
         self._is_flushed = False
         context = av.CodecContext.create(group.codec, "r")
         assert isinstance(context, av.VideoCodecContext)
-        # Threads that decode a frame each would hold frames back.
-        context.thread_type = "SLICE"
+        # Threads that decode a frame each would hold frames back, and a decoder of AV1 with several threads never
+        # ends where a frame is cut off.
+        context.thread_count = 1
+        context.options = {"max_pixels": str(MAX_PIXELS)}
         self._context = context
 
     def is_before(self, group: Group, index: int) -> bool:
@@ -174,6 +177,22 @@ class _Decoder:
         raise MessageError("found a frame of a video that its decoder does not give")
 
 
+def _last_group(packets: Iterable[Message]) -> list[Message] | None:
+    """Find the last key frame with what follows; nothing of a group that is too large, None without a key frame."""
+    group: list[Message] | None = None
+    num_bytes = 0
+    for each in packets:
+        if _is_key(each):
+            group, num_bytes = [], 0
+        if group is not None:
+            num_bytes += len(each.raw)
+            if num_bytes <= MAX_GROUP_BYTES:
+                group.append(each)
+            else:
+                group.clear()
+    return group
+
+
 def _payload(message: Message) -> tuple[str, bytes]:
     """Tell the decoder of a packet, and its bytes.
 
@@ -202,20 +221,20 @@ def _is_key(message: Message) -> bool:
         case "h264":
             return H264_KEY in _nal_units(data, 0, 0x1F)
         case "hevc":
-            return not set(HEVC_KEYS).isdisjoint(_nal_units(data, 1, 0x3F))
+            return any(kind in HEVC_KEYS for kind in _nal_units(data, 1, 0x3F))
     return AV1_SEQUENCE in _av1_units(data)
 
 
-def _nal_units(data: bytes, shift: int, mask: int) -> list[int]:
-    return [each[1][0] >> shift & mask for each in NAL_UNIT.finditer(data)]
+def _nal_units(data: bytes, shift: int, mask: int) -> Iterator[int]:
+    return (each[1][0] >> shift & mask for each in NAL_UNIT.finditer(data))
 
 
-def _av1_units(data: bytes) -> Sequence[int]:
+def _av1_units(data: bytes) -> Iterator[int]:
     """Types of the open bitstream units of a packet, whose sizes are stated (AV1 specification, 5.3)."""
-    found, place = [], 0
+    place = 0
     while place < len(data):
         header, size, shift = data[place], 0, 0
-        found.append(header >> 3 & 0xF)
+        yield header >> 3 & 0xF
         place += 2 if header & 4 else 1
         if not header & 2:
             break
@@ -226,4 +245,3 @@ def _av1_units(data: bytes) -> Sequence[int]:
             if not byte & 0x80 or shift > 28:
                 break
         place += size
-    return found
