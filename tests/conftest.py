@@ -8,6 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+os.environ.setdefault(
+    "OMP_NUM_THREADS", "1"
+)  # torch's threads wait for one another where several workers run
+
 import numpy as np
 import pytest
 import yaml
@@ -119,7 +123,9 @@ documents = st.recursive(
 """Anything that YAML can hold, with a bias to our own keys."""
 
 
-STREET = SynthConfig(num_frames=4, seed=11, width=640, height=360)
+STREET = SynthConfig(num_frames=4, seed=11, width=640, height=360, columns=400)
+FINE_STREET = replace(STREET, columns=800)
+"""The same with twice the points, for what few of them do not tell."""
 SMALL_DRIVE = SynthConfig(num_frames=6, seed=93001, width=320, height=180, channels=32, columns=400)
 
 
@@ -128,6 +134,14 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small synthetic drive with a known answer; tests do not write to it."""
     folder = tmp_path_factory.mktemp("street") / "drive"
     synthesize(STREET, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def fine_street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The drive of `street` with twice the points, and the same truth; tests do not write to it."""
+    folder = tmp_path_factory.mktemp("fine_street") / "drive"
+    synthesize(FINE_STREET, folder)
     return folder
 
 
@@ -182,7 +196,7 @@ def rng() -> np.random.Generator:
 def long_street(tmp_path_factory: pytest.TempPathFactory) -> RawDrive:
     """A drive of eight frames, to be spoiled."""
     folder = tmp_path_factory.mktemp("long_street") / "drive"
-    synthesize(replace(STREET, num_frames=8), folder)
+    synthesize(replace(FINE_STREET, num_frames=8), folder)
     return read_raw_drive(read_drive(folder), read_transform(folder))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import invoke
-from conftest import make_pose
+from conftest import FINE_STREET, make_pose
 
 from semcal_cli import _core
 from semcal_cli.assessment.rivals import check_guide
@@ -34,6 +34,12 @@ FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 """2 degrees and 0.2 m."""
 UNMOVED = 0.95
 """Share of the levels that another exposure leaves where they were: rounded grey values move some."""
+
+
+@pytest.fixture(scope="module")
+def street(fine_street: Path) -> Path:
+    """Few points have too few edges."""
+    return fine_street
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +83,7 @@ def test_points_with_and_without_edges(street: Path) -> None:
         ranges = np.linalg.norm(cloud.points, axis=1)
         # Half-way to a neighbour that is at most `REACH` of the core, 0.02 radians, away, and a little higher or lower.
         assert (np.linalg.norm(to_steps, axis=1) <= 0.011 * ranges + 1e-6).all()
-    assert found.spacing == pytest.approx(np.radians(360.0 / 800), rel=0.05)
+    assert found.spacing == pytest.approx(np.radians(360.0 / FINE_STREET.columns), rel=0.05)
 
 
 def test_without_intensities_only_ranges_step(street: Path, tmp_path: Path) -> None:

@@ -20,6 +20,12 @@ OPEN = OTHER_MOUNTING.measured(0.0, "a mounting explains the labels as well").fi
 
 
 @pytest.fixture(scope="module")
+def street(fine_street: Path) -> Path:
+    """Few points have too few edges."""
+    return fine_street
+
+
+@pytest.fixture(scope="module")
 def data(street: Path) -> LoadedDrive:
     return load(street, CalibrationConfig(cues=("segments", "edges")))
 

@@ -1,10 +1,14 @@
+from pathlib import Path
+
 import pytest
 import torch
 from conftest import make_pose
 
 from semcal_cli import _core
 from semcal_cli.config import ExactConfig
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.objective import MutualInformation
@@ -22,14 +26,13 @@ class Bilinear(torch.nn.Module):
         return (x @ self.weight * y).sum(1)
 
 
-def test_the_value_is_that_of_the_core(street_observations: Observations, street_truth: Pose) -> None:
+def test_the_value_is_that_of_the_core(fine_street: Path, street_truth: Pose) -> None:
     """All points count here, hidden ones, too."""
-    objective = MutualInformation.from_observations(street_observations)
+    observations = load_observations(read_drive(fine_street))
+    objective = MutualInformation.from_observations(observations)
     value = objective(torch.from_numpy(street_truth))
     config = ExactConfig(steps=0, max_points=10**9, edge_band_px=0)
-    (there,) = _core.align(
-        street_observations.core, [street_truth], config, factor=1, visible_only=False, seed=0
-    )
+    (there,) = _core.align(observations.core, [street_truth], config, factor=1, visible_only=False, seed=0)
     # The core's has its bias taken off.
     assert value.item() == pytest.approx(there.mutual_information, abs=2e-3)
     assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(there.num_points, rel=1e-3)
