@@ -99,6 +99,19 @@ def edited(drive: Path) -> Iterator[dict[str, Any]]:
     write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
 
 
+def without(drive: Path, *keys: str) -> Path:
+    """Take files out of all frames of a drive, and the classes that nothing of it has any more."""
+    with edited(drive) as document:
+        for frame in document["frames"]:
+            for key in keys:
+                frame.pop(key, None)
+        if "point_labels" in keys:
+            document.get("classes", {}).pop("points", None)
+        if "image_labels" in keys:
+            document.pop("classes", None)
+    return drive
+
+
 def triples(limit: float) -> st.SearchStrategy[tuple[float, float, float]]:
     number = st.floats(-limit, limit)
     return st.tuples(number, number, number)

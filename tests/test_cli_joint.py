@@ -48,7 +48,7 @@ def test_a_clock_that_is_not_determined(tmp_path: Path, cli: Cli, motion: str, n
     [
         ("--split",),
         ("--repeat", "2"),
-        ("--cue", "segments"),
+        ("--cue", "segments", "--max-frames", "2"),
         ("--estimator", "mine"),
         ("--intrinsics-sigma", "1e3", "1e3"),
         ("--intrinsics-sigma", "1e-9", "1e-9"),

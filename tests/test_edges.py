@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import invoke
-from conftest import FINE_STREET, make_pose
+from conftest import FINE_STREET, make_pose, without
 
 from semcal_cli import _core
 from semcal_cli.assessment.rivals import check_guide
@@ -36,7 +36,7 @@ UNMOVED = 0.95
 """Share of the levels that another exposure leaves where they were: rounded grey values move some."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def street(fine_street: Path) -> Path:
     """Few points have too few edges."""
     return fine_street
@@ -51,21 +51,6 @@ def seen(street: Path) -> Observations:
 def bare(drive: Path) -> Path:
     """The drive without labels of points."""
     return without(drive, "point_labels")
-
-
-def without(drive: Path, *keys: str) -> Path:
-    """Take files out of a drive."""
-    file = drive / "drive.yaml"
-    document = yaml.safe_load(file.read_text())
-    for frame in document["frames"]:
-        for key in keys:
-            frame.pop(key, None)
-    if "point_labels" in keys:
-        document.get("classes", {}).pop("points", None)
-    if "image_labels" in keys:
-        document.pop("classes", None)
-    file.write_text(yaml.safe_dump(document))
-    return drive
 
 
 def test_points_with_and_without_edges(street: Path) -> None:

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 from format_files import T_ANY
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_any
 from semcal_cli.formats import put_transform, read_transform, write_transform
@@ -229,14 +228,14 @@ def test_convert_says_how_far_what_it_sets_is_from_what_was_there(street: Path, 
     for name, pose in (("before", T), ("after", turned)):
         write_transform(pose, tmp_path / f"{name}.yaml", "semcal")
     before, after = (str(tmp_path / f"{name}.yaml") for name in ("before", "after"))
-    found = CliRunner().invoke(semcal, ["convert", after, "--into", before])
+    found = invoke("convert", after, "--into", before)
     assert (found.exit_code, found.stdout) == (0, "")
     assert found.stderr == f"set the transform in {before}: moved 0.000 degrees, 3.00 cm\n"
     drive = tmp_path / "drive.yaml"
     document = yaml.safe_load((street / "drive.yaml").read_text())
     del document["T_camera_lidar"]
     drive.write_text(yaml.safe_dump(document))
-    found = CliRunner().invoke(semcal, ["convert", after, "--into", str(drive)])
+    found = invoke("convert", after, "--into", drive)
     assert found.stderr == f"set the transform in {drive}, which had none\n"
 
 

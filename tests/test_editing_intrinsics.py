@@ -5,20 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from format_files import T_ANY
 from refined import LATER_S, clock, spoiled
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.result.calibration import Calibration, write_calibration
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, [*map(str, arguments)])
-
 
 CHAIN = """# our rig
 cam0:
@@ -71,7 +66,7 @@ def put(folder: Path, name: str, record: Calibration, text: str = "") -> tuple[P
     path, source = folder / name, folder / "c.yaml"
     write_calibration(record, source)
     path.write_text(filled(TEXTS[name], record.input.camera) + text)
-    return path, run("convert", source, "--into", path)
+    return path, invoke("convert", source, "--into", path)
 
 
 def filled(text: str, lens: Camera) -> str:
@@ -86,7 +81,7 @@ def test_intrinsics_that_were_kept_are_set_where_a_file_has_some(
     """And no other byte changes but those of the transform."""
     path, right = tmp_path / name, refined.used_camera
     path.write_text(filled(TEXTS[name], refined.input.camera))
-    found = run("convert", refined_file, "--into", path)
+    found = invoke("convert", refined_file, "--into", path)
     assert found.exit_code == 0, found.output
     wanted, after = filled(TEXTS[name], right).splitlines(), path.read_text().splitlines()
     apart = [line for line in after if line not in wanted]
@@ -109,7 +104,7 @@ def test_intrinsics_stay_unless_they_were_estimated_and_kept(
     path = tmp_path / name
     for source in (rejected_file, made / "c.yaml", street):
         path.write_text(filled(TEXTS[name], spoiled(refined.input.camera)))
-        found = run("convert", source, "--into", path)
+        found = invoke("convert", source, "--into", path)
         assert found.exit_code == 0, found.output
         assert "set the intrinsics" not in found.stderr
         assert f"{spoiled(refined.input.camera).K[0][0]}" in path.read_text()
@@ -155,7 +150,7 @@ def test_a_clock_that_no_drive_may_have_is_refused(refined: Calibration, tmp_pat
 def test_a_chain_without_intrinsics_gets_none(refined_file: Path, tmp_path: Path) -> None:
     path = tmp_path / "chain.yaml"
     write_transform(T_ANY, path, "kalibr")
-    found = run("convert", refined_file, "--into", path)
+    found = invoke("convert", refined_file, "--into", path)
     assert found.exit_code == 0, found.output
     assert yaml.safe_load(path.read_text())["cam0"].keys() == {"T_cam_lidar"}
 
@@ -197,7 +192,7 @@ def test_a_file_of_another_camera_is_left_alone(
     assert old in text
     path.write_text(text.replace(old, new))
     before = path.read_bytes()
-    found = run("convert", refined_file, "--into", path)
+    found = invoke("convert", refined_file, "--into", path)
     why = "as the camera that was estimated with the transform has it; --to semcal writes the transform alone"
     assert str(found.exception) in (f"{path}: {said}", f"{path}: {said}, {why}")
     assert path.read_bytes() == before
@@ -233,7 +228,7 @@ def test_what_is_no_drive_is_left_alone(
         refined.model_copy(update={"camera": None}),
     ):
         write_calibration(record, source)
-        found = run("convert", source, "--into", path)
+        found = invoke("convert", source, "--into", path)
         assert (str(found.exception), found.output) == (f"{path}: {said}", "")
         assert path.read_bytes() == before
 
@@ -241,13 +236,13 @@ def test_what_is_no_drive_is_left_alone(
 def test_a_drive_of_another_camera_is_told(rejected_file: Path, refined: Calibration, tmp_path: Path) -> None:
     path, given = tmp_path / "drive.yaml", refined.input.camera
     path.write_text(filled(DRIVE_OF_THE_USER, spoiled(given)))
-    found = run("convert", rejected_file, "--into", path)
+    found = invoke("convert", rejected_file, "--into", path)
     pairs = zip(("fx", "fy"), (given.K[0][0], given.K[1][1]), strict=True)
     figures = ", ".join(f"{name} {1.03 * value:.6g} ({rejected_file}: {value:.6g})" for name, value in pairs)
     *_, last = found.stderr.splitlines()
     assert last == f"the transform belongs to another camera than the drive has, that of {path}: {figures}"
     path.write_text(filled(DRIVE_OF_THE_USER, given))
-    assert "belongs" not in run("convert", rejected_file, "--into", path).stderr
+    assert "belongs" not in invoke("convert", rejected_file, "--into", path).stderr
 
 
 def test_a_camera_info_needs_a_camera_that_was_found(
@@ -255,7 +250,7 @@ def test_a_camera_info_needs_a_camera_that_was_found(
 ) -> None:
     path = tmp_path / "ost.yaml"
     path.write_text(filled(INFO, refined.input.camera))
-    found = run("convert", made / "c.yaml", "--into", path)
+    found = invoke("convert", made / "c.yaml", "--into", path)
     assert str(found.exception) == (
         f"{path}: found a camera-info, which holds intrinsics alone, needed IN to be a calibration that estimated and "
         "kept its camera's"
@@ -269,7 +264,7 @@ def test_coefficients_of_a_camera_info_may_become_more(
     path = tmp_path / "ost.yaml"
     four = filled(INFO, refined.input.camera).replace("cols: 5, data: [0.0, ", "cols: 4, data: [")
     path.write_text(four)
-    assert run("convert", refined_file, "--into", path).exit_code == 0
+    assert invoke("convert", refined_file, "--into", path).exit_code == 0
     document = yaml.safe_load(path.read_text())
     assert document["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.0] * 5}
     assert document["projection_matrix"]["data"][0] == 40

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import STREET, make_pose
+from conftest import FINE_STREET, make_pose
 
 from semcal_cli.batch.pace import Pace
 from semcal_cli.cli import semcal
@@ -39,7 +39,7 @@ from semcal_cli.synthetic.synthesis import synthesize
 
 pytestmark = pytest.mark.slow
 
-SMALL = {key: value for key, value in vars(STREET).items() if key not in ("seed", "num_frames")}
+SMALL = {key: value for key, value in vars(FINE_STREET).items() if key not in ("seed", "num_frames")}
 
 
 @dataclass(frozen=True)
@@ -216,10 +216,10 @@ def test_a_start_is_as_far_off_as_it_says() -> None:
 
 
 def test_accuracy_of_a_small_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drives, "NUM_FRAMES", STREET.num_frames)
-    monkeypatch.setitem(accuracy.RIGS, "default", {"width": STREET.width, "height": STREET.height})
+    monkeypatch.setattr(drives, "NUM_FRAMES", FINE_STREET.num_frames)
+    monkeypatch.setitem(accuracy.RIGS, "default", {"width": FINE_STREET.width, "height": FINE_STREET.height})
     row = "20 % wrong labels on both sides"
-    found = accuracy.run(Pool(tmp_path), ("exact", "mine"), EDGE_BAND_PX, RowCase(row, STREET.seed))
+    found = accuracy.run(Pool(tmp_path), ("exact", "mine"), EDGE_BAND_PX, RowCase(row, FINE_STREET.seed))
     assert [(r.row, r.estimator) for r in found] == [(row, "exact"), (row, "mine")]
     assert max(r.rotation_deg for r in found) < 0.2
 
@@ -281,7 +281,7 @@ def test_rates_of_trust() -> None:
 
 def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: Path) -> None:
     seed = 6 * 7 + list(drives.RIGS).index("default")
-    synthesize(replace(STREET, seed=seed), tmp_path / f"pool/default_{seed:06d}")
+    synthesize(replace(FINE_STREET, seed=seed), tmp_path / f"pool/default_{seed:06d}")
     pool = Pool(tmp_path / "pool")
     kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
     found = {kind: trust.run(pool, TrustCase(kind, seed, 2, 0.0)) for kind in kinds}

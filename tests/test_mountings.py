@@ -19,7 +19,7 @@ from semcal_cli.result.checks import OTHER_MOUNTING
 OPEN = OTHER_MOUNTING.measured(0.0, "a mounting explains the labels as well").findings
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def street(fine_street: Path) -> Path:
     """Few points have too few edges."""
     return fine_street

@@ -8,10 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import yaml
-from click.testing import CliRunner, Result
+from commands import invoke
+from conftest import without
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive, Frame, read_drive
@@ -90,22 +89,9 @@ def draw_edges(folder: Path, points: Sequence[tuple[int, int, float]], classes: 
     return pictures["it"]
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, [*map(str, arguments)])
-
-
 def color_of(index: int) -> list[int]:
     """Blue, green and red of a class of the cue edges."""
     return list(STEP_COLORS[EDGE_NAMES[index]][::-1])
-
-
-def without(drive: Path, *keys: str) -> None:
-    """Take files of a kind out of all frames of a drive."""
-    document = yaml.safe_load((drive / "drive.yaml").read_text())
-    for frame in document["frames"]:
-        for key in keys:
-            del frame[key]
-    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
 
 
 def test_a_point_paints_its_pixel_in_the_color_of_its_class() -> None:
@@ -181,7 +167,7 @@ def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Pa
     off[0, 3] += 0.3
     write_transform(off, tmp_path / "off.yaml", "semcal")
     options = ["--against", tmp_path / "off.yaml", "--by", by, "--max-frames", "2"]
-    found = run("overlay", street, street, *options, "-o", tmp_path / "out")
+    found = invoke("overlay", street, street, *options, "-o", tmp_path / "out")
     assert found.exit_code == 0, found.output
     first, second = sorted((tmp_path / "out").iterdir())
     assert (first.name, second.name) == ("000000.png", "000001.png")
@@ -204,11 +190,11 @@ def test_labels_agree_best_at_the_truth(street_observations: Observations, stree
 def test_a_drive_without_labels_is_shown_by_what_needs_none(drive: Path, tmp_path: Path) -> None:
     without(drive, "point_labels", "image_labels")
     for by, is_enough in (("depth", True), ("segment", True), ("edge", True), ("class", False)):
-        found = run("overlay", drive, drive, "--by", by, "-o", tmp_path / by, "-q")
+        found = invoke("overlay", drive, drive, "--by", by, "-o", tmp_path / by, "-q")
         assert (found.exit_code == 0) == is_enough
         assert (tmp_path / by).exists() == is_enough
     without(drive, "image")
-    found = run("overlay", drive, drive, "--by", "edge", "-o", tmp_path / "out")
+    found = invoke("overlay", drive, drive, "--by", "edge", "-o", tmp_path / "out")
     assert str(found.exception).endswith(".image: found nothing, needed a picture")
 
 
@@ -219,7 +205,7 @@ def test_pictures_replace_nothing_that_is_read(command: str, street: Path, tmp_p
     labels = drive / "image_labels"
     before = (labels / "000000.png").read_bytes()
     options = {"overlay": [drive, "-o", labels], "calibrate": ["--overlay", labels]}
-    found = run(command, drive, *options[command])
+    found = invoke(command, drive, *options[command])
     assert isinstance(found.exception, InputError)
     assert "000000.png: found a file that this run reads, needed another folder" in str(found.exception)
     assert (labels / "000000.png").read_bytes() == before
@@ -249,10 +235,10 @@ def test_what_colours_say_where_it_is_not_asked(drive: Path, tmp_path: Path) -> 
     }
     common = ["overlay", drive, drive, "--max-frames", "1", "-q"]
     for name, options in asked.items():
-        assert run(*common, *options, "-o", tmp_path / name).exit_code == 0
+        assert invoke(*common, *options, "-o", tmp_path / name).exit_code == 0
     without(drive, "point_labels")
     for name, options in (("unlabelled", []), ("unlabelled beside", against)):
-        assert run(*common, *options, "-o", tmp_path / name).exit_code == 0
+        assert invoke(*common, *options, "-o", tmp_path / name).exit_code == 0
     pictures = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
     assert pictures["beside"] == pictures["agreement"] != pictures["class beside"]
     assert pictures["edge"] == pictures["edges"] == pictures["both"] == pictures["unlabelled"]

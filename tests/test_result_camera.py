@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from conftest import NAMES
 from refined import GIVEN_S, LATER_S, clock, of_another_drive, refined_camera, spoiled, with_camera
 
 import semcal_cli
-from semcal_cli.cli import semcal
 from semcal_cli.cli.tables import summary_lines
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Motion, read_drive
@@ -30,10 +30,6 @@ from semcal_cli.result.camera import camera_differences
 from semcal_cli.result.provenance import camera_hash
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, [*map(str, arguments)])
 
 
 def with_K(folder: Path, K: Any, **changes: Any) -> None:
@@ -78,12 +74,12 @@ def test_verify_uses_the_camera_of_the_result(
 ) -> None:
     """The same transform does not pass where only the wrong camera is known."""
     page = tmp_path / "v.html"
-    found = run("verify", wrong_drive, file, "--report", page)
+    found = invoke("verify", wrong_drive, file, "--report", page)
     assert found.exit_code == PASS, found.output
     assert said(right, file) in found.stderr
     assert f"The camera is that of {file}, estimated together with the transform." in page.read_text()
-    assert run("verify", wrong_drive, file, "-q").stderr == ""
-    assert run("verify", wrong_drive, made / "c.yaml", "-q").exit_code in (FAIL, INCONCLUSIVE)
+    assert invoke("verify", wrong_drive, file, "-q").stderr == ""
+    assert invoke("verify", wrong_drive, made / "c.yaml", "-q").exit_code in (FAIL, INCONCLUSIVE)
 
 
 def test_verify_in_python_uses_it_also_on_a_drive_that_is_loaded(wrong_drive: Path, file: Path) -> None:
@@ -93,7 +89,7 @@ def test_verify_in_python_uses_it_also_on_a_drive_that_is_loaded(wrong_drive: Pa
 
 def test_a_batch_of_verifications_uses_it(wrong_drive: Path, file: Path, tmp_path: Path) -> None:
     command = ["batch", wrong_drive, "--command", "verify", "--calibration", file, "-o", tmp_path / "out"]
-    assert run(*command).exit_code == PASS
+    assert invoke(*command).exit_code == PASS
     (log,) = (tmp_path / "out").rglob("log.txt")
     assert "camera           that of " in log.read_text()
 
@@ -101,13 +97,13 @@ def test_a_batch_of_verifications_uses_it(wrong_drive: Path, file: Path, tmp_pat
 def test_overlays_are_those_of_the_right_camera(
     wrong_drive: Path, file: Path, made: Path, right: Camera, tmp_path: Path
 ) -> None:
-    found = run("overlay", wrong_drive, file, "-o", tmp_path / "with", "--max-frames", 1)
+    found = invoke("overlay", wrong_drive, file, "-o", tmp_path / "with", "--max-frames", 1)
     assert found.exit_code == 0, found.output
     assert found.stderr.startswith(said(right, file))
     shutil.copy(made / "c.yaml", file)  # its name stands on the pictures
-    run("overlay", wrong_drive, file, "-o", tmp_path / "wrong", "--max-frames", 1)
+    invoke("overlay", wrong_drive, file, "-o", tmp_path / "wrong", "--max-frames", 1)
     with_K(wrong_drive, right.K)
-    run("overlay", wrong_drive, file, "-o", tmp_path / "right", "--max-frames", 1)
+    invoke("overlay", wrong_drive, file, "-o", tmp_path / "right", "--max-frames", 1)
     pictures = {name: (tmp_path / name / "000000.png").read_bytes() for name in ("with", "right", "wrong")}
     assert pictures["with"] == pictures["right"] != pictures["wrong"]
 
@@ -120,7 +116,7 @@ def test_the_page_shows_the_found_camera(
     assert report.is_of_record
     assert not any("camera" in notice for notice in report.notices)
     page = tmp_path / "r.html"
-    found = run("report", wrong_drive, file, "-o", page)
+    found = invoke("report", wrong_drive, file, "-o", page)
     assert said(right, file) in found.stderr
     text = page.read_text()
     assert "kept: on data that was held out they gain 0.0123 \u00b1 0.0010 nats." in text
@@ -155,7 +151,7 @@ def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
     pictures = []
     for source in (made / "c.yaml", file):
         shutil.copy(source, beside)  # its name stands on the pictures
-        found = run(
+        found = invoke(
             "overlay", wrong_drive, file, "--against", beside, "-o", tmp_path / "o", "--max-frames", 1
         )
         assert found.exit_code == 0, found.output
@@ -211,7 +207,7 @@ def test_a_transform_of_another_camera_is_said_to_be_one(
     figures = ", ".join(f"{name} {1.03 * value:.6g} ({plain}: {value:.6g})" for name, value in pairs)
     line, page = f"camera           that of {file}: {figures}\n", tmp_path / "page.html"
     for command in (("overlay", "-o", tmp_path / "o"), ("verify", "--report", page), ("report", "-o", page)):
-        found = run(command[0], wrong_drive, plain, *command[1:])
+        found = invoke(command[0], wrong_drive, plain, *command[1:])
         assert line in found.stderr
         if page in command:
             assert f"The camera is that of {file}: {figures}." in page.read_text()
@@ -222,7 +218,7 @@ def test_a_page_says_whose_camera_is_that_of_the_other_transform(
 ) -> None:
     other = tmp_path / "b.yaml"
     shutil.copy(made / "c.yaml", other)
-    found = run("report", wrong_drive, other, "--against", file, "-o", tmp_path / "r.html")
+    found = invoke("report", wrong_drive, other, "--against", file, "-o", tmp_path / "r.html")
     assert said(right, file) in found.stderr
     notice = said(right, file).removeprefix("camera").strip()
     assert f"In pictures of {file}, the camera is {notice}." in (tmp_path / "r.html").read_text()
@@ -280,7 +276,7 @@ def test_export_uses_it_for_the_poses_that_belong_to_it(
 
     drawn: dict[str, Camera] = {}
     monkeypatch.setattr(rerun_file, "_log_camera", lambda _, name, __, camera: drawn.update({name: camera}))
-    found = run("export", "rerun", wrong_drive, file, "-o", tmp_path / "a.rrd", "--max-frames", 1)
+    found = invoke("export", "rerun", wrong_drive, file, "-o", tmp_path / "a.rrd", "--max-frames", 1)
     assert found.exit_code == 0, found.output
     assert found.stderr.startswith(said(right, file))
     assert {"reference", "hypothesis_0", "stage_initial", "stage_polished"} < {*drawn}
@@ -289,12 +285,12 @@ def test_export_uses_it_for_the_poses_that_belong_to_it(
 
 
 def test_compare_says_that_cameras_differ(file: Path, made: Path, right: Camera) -> None:
-    same = run("compare", file, made / "c.yaml")
+    same = invoke("compare", file, made / "c.yaml")
     assert "camera  " not in same.stderr
     other = read_calibration(made / "c.yaml")
     given = other.input.model_copy(update={"camera": spoiled(right)})
     write_calibration(other.model_copy(update={"input": given}), file.with_name("b.yaml"))
-    found = run("compare", file, file.with_name("b.yaml"), "--json")
+    found = invoke("compare", file, file.with_name("b.yaml"), "--json")
     assert said(right, file).replace(f"of {file}:", "of A has").replace("drive", "B").replace(
         "has  ", "has "
     ) in (found.stderr)
@@ -343,12 +339,12 @@ def test_view_uses_it(wrong_drive: Path, file: Path, right: Camera, monkeypatch:
         raise KeyError
 
     seen: list[tuple[Camera, Pose | None]] = []
-    run("view", "--help")  # imports it
+    invoke("view", "--help")  # imports it
     monkeypatch.setattr(sys.modules["semcal_cli.cli.view"], "_session", stop)
-    found = run("view", wrong_drive, file)
+    found = invoke("view", wrong_drive, file)
     assert isinstance(found.exception, KeyError)
     assert found.stderr.startswith(said(right, file))
-    run("view", wrong_drive)
+    invoke("view", wrong_drive)
     (camera, T_start), (own, nothing) = seen
     np.testing.assert_array_equal(T_start, read_calibration(file).pose)
     assert (camera, own, nothing) == (right, spoiled(right), None)
@@ -363,9 +359,9 @@ def test_a_rig_is_shown_with_the_cameras_that_were_found(
     known = read_calibration(results / f"{name}.yaml")
     given = known.input.camera
     command = ("overlay", rig, results, "--max-frames", 1, "-o")
-    assert run(*command, tmp_path / "before").exit_code == 0
+    assert invoke(*command, tmp_path / "before").exit_code == 0
     write_calibration(with_camera(known, given, spoiled(given)), results / f"{name}.yaml")
-    assert run(*command, tmp_path / "after").exit_code == 0
+    assert invoke(*command, tmp_path / "after").exit_code == 0
     before, after = (
         {camera: (tmp_path / when / camera / "000000.png").read_bytes() for camera in NAMES}
         for when in ("before", "after")

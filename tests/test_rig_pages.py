@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from conftest import NAMES, make_pose
 
-from semcal_cli.cli import semcal
 from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import read_image
@@ -27,10 +27,6 @@ Results = tuple[Result, Path]
 CAPTION_PX = 20
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, list(map(str, arguments)))
-
-
 def copied(results: Results, out: Path) -> Path:
     """Copy the results of a rig, to be broken."""
     return Path(shutil.copytree(results[1], out))
@@ -41,7 +37,7 @@ def test_the_page_of_a_rig(rig: Path, rig_results: Results, tmp_path: Path) -> N
     pages = []
     for given, result in ((rig, rig_results[1]), (rig.parent, rig_results[1] / "rig_calibration.yaml")):
         pages.append(tmp_path / f"{len(pages)}.html")
-        found = run("report", given, result, "-o", pages[-1])
+        found = invoke("report", given, result, "-o", pages[-1])
         assert found.exit_code == 0, found.output
     first, second = (page.read_bytes() for page in pages)
     assert first == second == (rig.parents[1] / "rig.html").read_bytes()
@@ -96,14 +92,16 @@ def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
 
 
 def test_each_camera_has_a_folder_of_pictures(rig: Path, rig_results: Results, tmp_path: Path) -> None:
-    found = run("overlay", rig, rig_results[1], "-o", tmp_path / "out", "--by", "depth", "--max-frames", "2")
+    found = invoke(
+        "overlay", rig, rig_results[1], "-o", tmp_path / "out", "--by", "depth", "--max-frames", "2"
+    )
     assert found.exit_code == 0, found.output
     written = sorted(path.relative_to(tmp_path / "out").as_posix() for path in tmp_path.rglob("*.png"))
     assert written == [f"{name}/00000{frame}.png" for name in NAMES for frame in range(2)]
     # The picture is that of the camera alone, below its caption.
     alone = tmp_path / "alone"
     result = rig_results[1] / "camera_1.yaml"
-    run("overlay", rig.parent / "camera_1", result, "-o", alone, "--by", "depth", "--max-frames", "2")
+    invoke("overlay", rig.parent / "camera_1", result, "-o", alone, "--by", "depth", "--max-frames", "2")
     pictures = [read_image(folder / "000001.png") for folder in (tmp_path / "out/camera_1", alone)]
     assert np.array_equal(pictures[0][CAPTION_PX:], pictures[1][CAPTION_PX:])
     assert found.stderr.splitlines()[-1] == str(tmp_path / "out/camera_1/000001.png")
@@ -114,15 +112,15 @@ def test_what_is_suspicious_with_any_camera_stands_first(rig: Path, tmp_path: Pa
     drive = yaml.safe_load((out / "camera_1/drive.yaml").read_text())
     drive["camera"]["K"][0][2] += 400.0
     (out / "camera_1/drive.yaml").write_text(yaml.safe_dump(drive))
-    lines = run("inspect", out).stdout.splitlines()
+    lines = invoke("inspect", out).stdout.splitlines()
     assert lines[0].startswith("suspicious  camera_1: ")
     assert [line for line in lines if line.startswith("[")] == [f"[{name}]" for name in NAMES]
     first = lines.index("[camera_0]")
     assert not any(line.startswith("suspicious") for line in lines[first:])
-    document = json.loads(run("inspect", out, "--json").stdout)
+    document = json.loads(invoke("inspect", out, "--json").stdout)
     assert list(document) == list(NAMES)
     assert document["camera_1"]["suspicions"]
-    assert document["camera_0"] == json.loads(run("inspect", out / "camera_0", "--json").stdout)
+    assert document["camera_0"] == json.loads(invoke("inspect", out / "camera_0", "--json").stdout)
 
 
 def test_results_that_do_not_belong_to_the_rig(rig: Path, rig_results: Results, tmp_path: Path) -> None:
@@ -131,7 +129,7 @@ def test_results_that_do_not_belong_to_the_rig(rig: Path, rig_results: Results, 
     document = yaml.safe_load(file.read_text())
 
     def complaint(result: Path) -> str:
-        found = run("report", rig, result, "-o", page)
+        found = invoke("report", rig, result, "-o", page)
         assert isinstance(found.exception, InputError), found.output
         return str(found.exception)
 
@@ -156,12 +154,14 @@ def test_results_that_do_not_belong_to_the_rig(rig: Path, rig_results: Results, 
 def test_usage(rig: Path, rig_results: Results, tmp_path: Path) -> None:
     page = tmp_path / "p.html"
     for command in (("report", page), ("overlay", tmp_path / "out")):
-        found = run(command[0], rig, rig_results[1], "-o", command[1], "--against", rig.parent / "camera_0")
+        found = invoke(
+            command[0], rig, rig_results[1], "-o", command[1], "--against", rig.parent / "camera_0"
+        )
         assert found.exit_code == 2
         assert f"--against is of one camera, and {rig} is a rig." in found.output
     assert "found suffix '.txt'" in str(
-        run("report", rig, rig_results[1], "-o", tmp_path / "p.txt").exception
+        invoke("report", rig, rig_results[1], "-o", tmp_path / "p.txt").exception
     )
-    found = run("calibrate", rig, "-o", tmp_path / "out", "--report", tmp_path / "p.txt")
+    found = invoke("calibrate", rig, "-o", tmp_path / "out", "--report", tmp_path / "p.txt")
     assert "found suffix '.txt'" in str(found.exception)
     assert not (tmp_path / "out").exists()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from conftest import STREET
+from conftest import FINE_STREET
 
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
@@ -116,7 +116,7 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """Wrong labels harm what looks at labels; what does not has one run for both settings."""
     monkeypatch.setattr(rivals, "SLOW_SETTINGS", ("right",))
     settings = Setting("right", 3), Setting("wrong", 3, 0.5)
-    changes = {key: value for key, value in vars(STREET).items() if key != "seed"}
+    changes = {key: value for key, value in vars(FINE_STREET).items() if key != "seed"}
     pool = Pool(tmp_path / "drives", has_pictures=True)
     runs = cases(settings, range(15, 16))
     assert {case.setting for case in runs if not METHODS[case.method].is_by_labels} == {"right"}

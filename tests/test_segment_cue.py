@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import invoke
-from conftest import make_pose
+from conftest import edited, make_pose, without
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
@@ -41,13 +41,8 @@ def seen(street: Path) -> Observations:
 @pytest.fixture
 def bare(drive: Path) -> Path:
     """The drive without labels of points."""
-    file = drive / "drive.yaml"
-    document = yaml.safe_load(file.read_text())
-    for frame in document["frames"]:
-        del frame["point_labels"]
-    document.get("classes", {}).pop("points", None)
-    file.write_text(yaml.safe_dump(document))
-    shutil.rmtree(drive / "point_labels", ignore_errors=True)
+    without(drive, "point_labels")
+    shutil.rmtree(drive / "point_labels")
     return drive
 
 
@@ -93,10 +88,6 @@ def test_the_mounting_of_the_lidar_changes_little(seen: Observations, street_tru
     assert found == pytest.approx(information_by_squares(seen, street_truth).mean, rel=0.1)
 
 
-def write_stored(T: Pose, path: Path) -> None:
-    write_transform(T, path, "lidar2cam")
-
-
 def with_points(seen: Observations, points: list[np.ndarray]) -> Observations:
     """The same pictures with other sweeps, segmented anew."""
     segmented = _core.segment_sweeps(points, SEGMENTS.segmentation)
@@ -134,7 +125,7 @@ def test_a_drive_without_labels_of_points_needs_no_start(bare: Path, street_trut
 
 
 def test_the_same_bytes_with_any_number_of_threads(bare: Path, street_truth: Pose) -> None:
-    write_stored(FAR @ street_truth, bare.parent / "start.json")
+    write_transform(FAR @ street_truth, bare.parent / "start.json", "lidar2cam")
     outputs = []
     for threads in ("1", "2"):
         output = bare.parent / f"threads_{threads}.yaml"
@@ -184,9 +175,8 @@ def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:
 def test_what_cannot_be_done_is_said(bare: Path) -> None:
     with pytest.raises(InputError, match=r"drive.yaml: frames.*point_labels: found nothing"):
         load(read_drive(bare), CalibrationConfig(cues=("labels",)))
-    document = yaml.safe_load((bare / "drive.yaml").read_text())
-    del document["frames"][0]["image_labels"]
-    (bare / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(bare) as document:
+        del document["frames"][0]["image_labels"]
     with pytest.raises(InputError, match=r"drive.yaml: frames.*image_labels: found nothing"):
         load(read_drive(bare), CalibrationConfig(cues=("segments",)))
 
@@ -195,7 +185,7 @@ def test_verify_tells_a_knocked_camera(bare: Path, street_truth: Pose) -> None:
     knocked = make_pose((0.0, 0.026, 0.0), (0.0, 0.0, 0.0)) @ street_truth
     verdicts = []
     for T in (street_truth, knocked):
-        write_stored(T, bare.parent / "stored.json")
+        write_transform(T, bare.parent / "stored.json", "lidar2cam")
         answer = invoke("verify", bare, bare.parent / "stored.json", "--cue", "segments")
         verdicts.append(answer.exit_code)
     assert verdicts[0] in (0, 4)
@@ -205,7 +195,7 @@ def test_verify_tells_a_knocked_camera(bare: Path, street_truth: Pose) -> None:
 
 @pytest.mark.parametrize("by", ["class", "segment"])
 def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: str) -> None:
-    write_stored(street_truth, bare.parent / "stored.json")
+    write_transform(street_truth, bare.parent / "stored.json", "lidar2cam")
     folder = bare.parent / by
     arguments = ["overlay", bare, bare.parent / "stored.json", "--cue", "segments", "--by", by]
     answer = invoke(*arguments, "-o", folder, "--max-frames", "1")

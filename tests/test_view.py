@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from pages import serious_findings
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
@@ -19,7 +19,6 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import WebDriverWait
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
@@ -229,8 +228,8 @@ def test_refining_ends_where_calibrate_does(
     page.find_element(By.ID, "refine").click()
     wait(page, lambda: "\u00b1" in message.text, 60)
     assert "trusted" in (message.get_attribute("class") or "")
-    arguments = ["calibrate", str(street), "--init", str(session.output), "-o", str(tmp_path / "c.yaml")]
-    result = CliRunner().invoke(semcal, arguments)
+    arguments = ["calibrate", street, "--init", session.output, "-o", tmp_path / "c.yaml"]
+    result = invoke(*arguments)
     assert result.exit_code in (0, 3)
     found = read_transform(tmp_path / "c.yaml")
     wait(page, lambda: not np.allclose(pose(page), before, atol=1e-4))
@@ -311,7 +310,7 @@ def test_the_command_refuses_before_it_serves(
     options: tuple[str, ...], exit_code: int, complaint: str, street: Path, tmp_path: Path
 ) -> None:
     given = [option.format(tmp=tmp_path, drive=street) for option in options]
-    result = CliRunner().invoke(semcal, ["view", str(street), *given])
+    result = invoke("view", street, *given)
     assert result.exit_code == exit_code
     assert complaint in f"{result.output}{result.exception}"
 
@@ -319,4 +318,4 @@ def test_the_command_refuses_before_it_serves(
 def test_a_missing_picture_is_told_before_a_drive_is_served(drive: Path) -> None:
     picture = next((drive / "images").iterdir())
     picture.unlink()
-    assert picture.name in str(CliRunner().invoke(semcal, ["view", str(drive)]).exception)
+    assert picture.name in str(invoke("view", drive).exception)
