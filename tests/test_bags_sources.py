@@ -251,6 +251,18 @@ def test_a_chunk_is_unpacked_up_to_what_it_states(stated: int, told: str, tmp_pa
     assert told in refused(lying, tmp_path / "drive")
 
 
+def test_topics_of_a_bag_are_listed_without_unpacking_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = fill(BagWriter(tmp_path, "ros1", "BZ2"), 30)
+    unpacked: list[Any] = []
+    monkeypatch.setattr("semcal_cli.datasets.bags.ros1_file.unpack", lambda *of: unpacked.append(of))
+    rows = run_cli("import", "bag", path, "--list").output.splitlines()
+    assert [" ".join(row.split()[2:6]) for row in rows if row.startswith("/points")] == [
+        "30 10.0 0.000 2.900"
+    ]
+
+
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "bz2"])
 def test_what_unpacks_to_more_than_the_limit_is_refused(compression: str) -> None:
     compress = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}[compression]

@@ -12,7 +12,7 @@ import lz4.frame
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader
 
-from semcal_cli.datasets.bags.messages import NS, Message, Span, Topic
+from semcal_cli.datasets.bags.messages import Message, Span, Topic
 from semcal_cli.datasets.bags.unpacking import unpack
 
 COMPRESSIONS = {bz2.decompress: "bz2", lz4.frame.decompress: "lz4"}
@@ -48,23 +48,6 @@ class Ros1File:
             yield Message(Topic(connection.topic, connection.msgtype, is_ros1=True), received_ns, raw)
 
     def _span(self, connections: Sequence[Connection]) -> Span:
-        """Count messages, and find their times; where these cannot be read, they are those of the whole bag."""
-        num_messages = sum(each.msgcount for each in connections)
-        if not num_messages:
-            return Span()
-        ends_ns = self._reader.start_time, self._reader.end_time - 1
-        try:
-            first_ns = next(time for _, time, _ in self._reader.messages(connections))
-            last_ns = first_ns if num_messages == 1 else self._last_ns(connections, ends_ns[1])
-        except Exception:  # Hostile bytes raise errors of any kind in the library.
-            first_ns, last_ns = ends_ns
-        return Span(num_messages, first_ns, last_ns)
-
-    def _last_ns(self, connections: Sequence[Connection], end_ns: int) -> int:
-        """Find the last message, ever farther back from the end of the bag until there is one."""
-        back_ns = NS
-        while True:
-            times = [time for _, time, _ in self._reader.messages(connections, end_ns - back_ns)]
-            if times:
-                return times[-1]
-            back_ns *= 2
+        """Count messages, and find their times in the index, which needs no chunk to be unpacked."""
+        times = [each.time for connection in connections for each in self._reader.indexes[connection.id]]
+        return Span(len(times), min(times), max(times)) if times else Span()
