@@ -64,16 +64,15 @@ def test_its_data_follow_it(street_observations: Observations) -> None:
     assert all(name.startswith("projection.") for name in objective.state_dict())
 
 
-def test_a_network_bounds_the_plug_in_from_below(
-    street_observations: Observations, street_truth: Pose
-) -> None:
-    exact = MutualInformation.from_observations(street_observations)
+def test_a_network_bounds_the_plug_in_from_below(fine_street: Path, street_truth: Pose) -> None:
+    observations = load_observations(read_drive(fine_street))
+    exact = MutualInformation.from_observations(observations)
     T = torch.from_numpy(street_truth)
     points, x, y = exact.frames[0]
     points, x = points[::10], x[::10]
-    exact = MutualInformation(street_observations.camera, [points], [x], [y])
+    exact = MutualInformation(observations.camera, [points], [x], [y])
     network = Bilinear(x.shape[1], y.shape[0])
-    bound = MutualInformation(street_observations.camera, [points], [x], [y], network)
+    bound = MutualInformation(observations.camera, [points], [x], [y], network)
     optimizer = torch.optim.Adam(network.parameters(), 0.3)
     for _ in range(60):
         optimizer.zero_grad()
