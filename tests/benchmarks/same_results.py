@@ -50,6 +50,7 @@ MESSAGES = (".stderr", ".md", "log.txt")
 DOCUMENTS = (".yaml", ".yml", ".json", ".stdout")
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 TIMES = re.compile(r" *\d+\.\d+ s\b|\d+\.\d+ \|$", re.MULTILINE)
+JUNIT_TIME = re.compile(r' time="[^"]*"')
 NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 VERDICTS = ("status", "verdict")
 """Keys of words that must not differ."""
@@ -169,6 +170,8 @@ def read_result(path: Path, folder: Path) -> Any:
         text = path.read_text("utf-8").replace(f"{folder}", ".")
     except UnicodeDecodeError:
         return path.read_bytes()
+    if path.suffix == ".xml":
+        text = JUNIT_TIME.sub("", text)
     if path.suffix in (".csv", ".jsonl"):
         lines = text.splitlines()
         return list(csv.DictReader(lines)) if path.suffix == ".csv" else list(map(json.loads, lines))
