@@ -7,7 +7,7 @@ from bz2 import BZ2Decompressor
 from lz4.frame import LZ4FrameDecompressor
 from zstandard import CONTENTSIZE_UNKNOWN, ZstdDecompressor, ZstdError, get_frame_parameters
 
-MAX_UNPACKED_BYTES = 1 << 29
+MAX_UNPACKED_BYTES = 1 << 28
 """Largest size of a chunk or of a message, unpacked; recorders write chunks of some megabytes."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of what Zstandard has compressed."""
