@@ -127,7 +127,11 @@ def velodyne(bag: Any, index: int, stamp: int) -> Any:
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
 def test_packets_of_a_velodyne_become_sweeps(kind: str, tmp_path: Path) -> None:
     done(small(tmp_path, kind, points=nothing, velodyne_packets=velodyne), tmp_path / "drive")
-    points = read_clouds(read_drive(tmp_path / "drive"))[0].points.astype(float)
+    cloud = read_clouds(read_drive(tmp_path / "drive"))[0]
+    points = cloud.points.astype(float)
+    assert cloud.time is not None
+    # The stamp of the sweep is that of its last packet, whose points follow within two milliseconds.
+    np.testing.assert_allclose([cloud.time.min(), cloud.time.max()], [-0.0987, 0.0013], atol=2e-4)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 10.0, atol=0.01)
     elevations = np.degrees(np.arcsin(points[:, 2] / 10.0))
     assert sorted(set(elevations.round().astype(int))) == list(range(-15, 16, 2))

@@ -37,6 +37,12 @@ CLOSE_MS = 2.0
 """Error of the clock that six small pictures tell."""
 
 
+@pytest.fixture(scope="session")
+def street(fine_street: Path) -> Path:
+    """The street whose points tell both focal lengths."""
+    return fine_street
+
+
 @pytest.fixture
 def never(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is estimated."""

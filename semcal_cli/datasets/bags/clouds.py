@@ -6,8 +6,11 @@ Numbers stay as they are, but for times whose unit no reader could know: these b
 
 from __future__ import annotations
 
+import atexit
+import os
 import re
 import struct
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,17 +201,27 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
     return np.frombuffer(padded, layout, count).astype(packed).reshape(1, count)
 
 
-def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
-    """Decode the packets of a VelodyneScan; the times of points become seconds after the stamp of the sweep."""
+@cache
+def _velodyne_decoder() -> Any:
+    """Import the library, whose bindings list their leaks on standard error as a process ends: nobody reads them."""
     import velodyne_decoder
 
-    scan = message.content
+    atexit.register(lambda: os.dup2(os.open(os.devnull, os.O_WRONLY), 2))
+    return velodyne_decoder
+
+
+def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
+    """Decode the packets of a VelodyneScan; the times of points become seconds after the stamp of the sweep."""
+    velodyne_decoder, scan = _velodyne_decoder(), message.content
     if not scan.packets:
         raise MessageError("found a cloud without points")
     if len(scan.packets) * PACKET_POINTS > MAX_POINTS:
         found = f"found {len(scan.packets):,} packets"
         raise MessageError(f"{found}, needed at most {MAX_POINTS // PACKET_POINTS:,}")
-    stamps_s = [(each.stamp.sec * NS + each.stamp.nanosec - stamp_ns) / NS for each in scan.packets]
+    stamps_ns = [each.stamp.sec * NS + each.stamp.nanosec for each in scan.packets]
+    # The library takes no times below zero.
+    begin_ns = min(stamps_ns) - NS
+    stamps_s = [(each - begin_ns) / NS for each in stamps_ns]
     packets = velodyne_decoder.PacketVector()
     for stamp_s, packet in zip(stamps_s, scan.packets, strict=True):
         packets.append(velodyne_decoder.VelodynePacket(stamp_s, packet.data.tobytes()))
@@ -217,7 +230,7 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
         stamp, points = decoder.decode(packets, as_pcl_structs=True)
     except Exception as error:  # Hostile bytes raise errors of several kinds in the library.
         raise MessageError(f"found {len(scan.packets):,} packets that cannot be decoded: {error}") from None
-    points["time"] += np.float32(stamp.host)
+    points["time"] += np.float32(stamp.host + (begin_ns - stamp_ns) / NS)
     layout: np.dtype[Any] = points.dtype
     packed: npt.NDArray[np.void] = points.astype([(name, layout[name]) for name in layout.names or ()])
     return packed.reshape(1, -1)
