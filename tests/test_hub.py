@@ -102,7 +102,9 @@ def test_the_command_takes_the_library_s_variables_and_then_needs_no_network(
     def run(name: str, **variables: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "semcal_cli", *words, str(tmp_path / name)]
         given = env | {"HF_HOME": str(tmp_path / "home")} | variables
-        return subprocess.run(command, capture_output=True, text=True, env=given, check=False, timeout=120)
+        return subprocess.run(
+            command, capture_output=True, text=True, env=given, check=False, timeout=120, cwd=tmp_path
+        )
 
     with serve() as hub:
         hub.add(NAME, repository(tmp_path / "repository"))

@@ -18,6 +18,7 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
@@ -37,10 +38,10 @@ CLOSE_MS = 2.0
 """Error of the clock that six small pictures tell."""
 
 
-@pytest.fixture(scope="session")
-def street(fine_street: Path) -> Path:
-    """The street whose points tell both focal lengths."""
-    return fine_street
+@pytest.fixture(scope="module")
+def street_observations(fine_street: Path) -> Observations:
+    """Those of the finer street, whose points tell both focal lengths."""
+    return load_observations(read_drive(fine_street))
 
 
 @pytest.fixture
