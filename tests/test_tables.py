@@ -61,8 +61,6 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             False,
             [
                 "verdict          not trusted: 3 doubts, see above",
-                "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
-                "why              docs/troubleshooting.md explains each doubt",
             ],
         ),
         (
@@ -71,14 +69,11 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             False,
             [
                 "verdict          not assessed: a rough start, not refined yet",
-                "next             semcal refine DRIVE --init FILE refines and judges the start",
             ],
         ),
     ],
 )
-def test_the_verdict_says_how_good_and_what_to_do_next(
-    status: str, reasons: int, uncertain: bool, lines: list[str]
-) -> None:
+def test_the_verdict_says_how_good(status: str, reasons: int, uncertain: bool, lines: list[str]) -> None:
     calibration = with_words(status=status, reasons=(LONG,) * reasons)
     if not uncertain:
         calibration = calibration.model_copy(update={"uncertainty": None})

@@ -59,7 +59,7 @@ def demo(settings: DemoSettings) -> None:
     page, picture = out / "report.html", out / "overlay.png"
     console.print(f"making {NUM_FRAMES} frames of a synthetic street in {drive}")
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
-    config, outputs = CalibrationConfig(seed), Outputs(result, page=page)
+    config, outputs = CalibrationConfig(seed), Outputs(result, page=page, has_next_steps=False)
     run = RunSettings(drive=drive, threads=settings.threads, quiet=quiet)
     with loaded_drive(run, config, outputs) as (data, terminal):
         calibration = calibrate(data, config, relative_to=outputs.folder, on_event=terminal.on_event)

@@ -85,9 +85,13 @@ class ImportSettings(QuietSettings):
 
 
 def _tell(written: Written, details: str, lines: tuple[str, ...] = ()) -> None:
-    """Say what was written, and what a user should know of it."""
-    remarks = (f"note: {remark}" for remark in written.remarks)
-    for line in (f"wrote {written.path}: {written.num_frames:,} frames{details}", *lines, *remarks):
+    """Say what was written, what a user should know of it, and which command follows."""
+    from semcal_cli.cli.tables import wrapped
+    from semcal_cli.result.next_steps import after_import
+
+    remarks = (line for remark in written.remarks for line in wrapped("note:", remark, indent=6))
+    wrote = f"wrote {written.path}: {written.num_frames:,} frames{details}"
+    for line in (wrote, *lines, *remarks, f"next: {after_import(written.drive)}"):
         click.echo(line, err=True)
 
 
@@ -217,7 +221,6 @@ def bag(settings: BagSettings) -> None:
         return
     from semcal_cli.datasets.bags.importing import import_bag
     from semcal_cli.datasets.bags.topics import Request
-    from semcal_cli.drive.document import DRIVE_FILE
 
     request = made_of(Request, settings, by_receipt=settings.stamps == "receive")
     assert settings.output is not None  # by a rule
@@ -230,9 +233,6 @@ def bag(settings: BagSettings) -> None:
     if others := sum(count for _, count in rows[MAX_REASONS:]):
         left_out.append(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons")
     _tell(done.written, f" of {done.num_sweeps:,} sweeps", tuple(left_out))
-    path = done.written.path
-    drive = path.parent if path.name == DRIVE_FILE else path
-    click.echo(f"next: semcal label {drive} --image-model cityscapes -o LABELLED", err=True)
 
 
 def _list(paths: tuple[Path, ...]) -> None:

@@ -32,8 +32,9 @@ from semcal_cli.files.writing import (
     takes_several,
     write_text,
 )
-from semcal_cli.result.applied import apply_result
+from semcal_cli.result.applied import apply_result, cues_applied
 from semcal_cli.result.calibration import calibration_text, write_calibration
+from semcal_cli.result.next_steps import after_calibration
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class Outputs:
     """Folder of the overlays."""
     as_json: bool = False
     """Whether the result is also printed as JSON, and nothing else on standard output."""
+    has_next_steps: bool = True
+    """Whether the commands that may follow are named after the verdict."""
 
     @classmethod
     def of_result(cls, settings: ResultSettings) -> Outputs:
@@ -162,9 +165,9 @@ class Outputs:
         )
         if drive is not None and self.is_illustrated:
             self._illustrate(drive, calibration, terminal)
-        verdict, *next_steps = verdict_lines(calibration)
-        terminal.print_verdict(verdict, calibration.status)
-        terminal.print(*next_steps)
+        terminal.print_verdict("\n".join(verdict_lines(calibration)), calibration.status)
+        if self.has_next_steps and self.to is None and self.output is not None:
+            terminal.print(*(labelled(*step) for step in after_calibration(calibration, self.output)))
         _report(calibration, written_to).tell_github()
         return exit_code(calibration)
 
@@ -299,7 +302,7 @@ def loaded_drive(
         initial_pose: Pose to start at, whose file no output may replace.
         parts: Output files of the parts of the drive, which are checked with the others.
         as_result_sees: Whether the drive gets the camera and the clock that were estimated together with the initial
-            pose.
+            pose, and is loaded by the cues that its calibration compared unless others are asked for.
 
     Raises:
         InputError: the drive, one of its files or an output is wrong.
@@ -313,6 +316,7 @@ def loaded_drive(
             applied = apply_result(initial_pose.record, spec, initial_pose.name)
             terminal.print_changes(applied.changes)
             spec = applied.drive
+            config = replace(config, cues=cues_applied(initial_pose.record, config.cues, spec))
         data = load(spec, config, terminal.on_event)
         outputs.check_pictures(data.drive)
         yield data, terminal

@@ -52,6 +52,7 @@ def overlay(settings: OverlaySettings) -> None:
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.writing import make_folder
     from semcal_cli.report.overlay import Overlays
+    from semcal_cli.result.applied import cues_applied
     from semcal_cli.rig.document import find_rig
     from semcal_cli.rig.result import read_rig_files
 
@@ -66,7 +67,8 @@ def overlay(settings: OverlaySettings) -> None:
     drives = {name: _few(each, settings, output / name, read) for name, each in drives.items()}
     make_folder(output)
     for name, camera in found.cameras.items():
-        by, observations = _observe(drives[name], settings, "class")
+        cues = cues_applied(camera, settings.cues, drives[name])
+        by, observations = _observe(drives[name], settings.by, cues, "class")
         overlays = Overlays(drives[name], observations, {name: camera.pose}, by)
         terminal.print(*map(str, overlays.write_all(output / name)))
     for name, reason in found.failures.items():
@@ -78,7 +80,7 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
     from semcal_cli.cli.outputs import files_read
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.report.overlay import Overlays
-    from semcal_cli.result.applied import apply_result, seen_as
+    from semcal_cli.result.applied import apply_result, cues_applied, seen_as
 
     calibration, against = settings.calibration, settings.against
     extrinsics = {str(path): read_extrinsic(path) for path in (against, calibration) if path is not None}
@@ -87,7 +89,8 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
     for each in seen.values():
         terminal.print_changes(each.changes)
     spec = seen.pop(str(calibration)).drive.model_copy(update={"frames": frames})
-    by, observations = _observe(spec, settings, "class" if against is None else "agreement")
+    cues = cues_applied(extrinsics[str(calibration)].record, settings.cues, spec)
+    by, observations = _observe(spec, settings.by, cues, "class" if against is None else "agreement")
     others = {name: seen_as(observations, spec, each.drive) for name, each in seen.items()}
     poses = {name: found.T_camera_lidar for name, found in extrinsics.items()}
     return Overlays(spec, observations, poses, by, others)
@@ -103,7 +106,9 @@ def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]
     return drive.model_copy(update={"frames": tuple(frames)})
 
 
-def _observe(drive: Drive, settings: OverlaySettings, of_classes: Coloring) -> tuple[Coloring, Observations]:
+def _observe(
+    drive: Drive, by: Coloring | None, cues: tuple[CueName, ...], of_classes: Coloring
+) -> tuple[Coloring, Observations]:
     """Load what colours show of the frames of a drive, and tell what they mean.
 
     If nothing else is asked for, that is edges where a pose is refined by them, or else `of_classes`.
@@ -112,14 +117,14 @@ def _observe(drive: Drive, settings: OverlaySettings, of_classes: Coloring) -> t
     from semcal_cli.drive.reading import load_points
     from semcal_cli.files.point_clouds import Sweeps
 
-    by, sweeps = settings.by, Sweeps()
+    sweeps = Sweeps()
     if by in ("depth", "segment"):
         return by, load_points(drive)
     if by == "edge":
         return by, load_cues(drive, ("edges",))
     # Who asks for classes means labels: without any, the error says what is missing.
-    is_of_labels = by == "class" and settings.cues == AUTO
+    is_of_labels = by == "class" and cues == AUTO
     # Pixels of one cue share no information with points of another: the first one is shown.
-    shown = maximised(LABELS if is_of_labels else chosen(settings.cues, drive, sweeps))[:1]
+    shown = maximised(LABELS if is_of_labels else chosen(cues, drive, sweeps))[:1]
     by = by or ("edge" if shown == ("edges",) else of_classes)
     return by, load_cues(drive, shown, sweeps, is_raw=True)

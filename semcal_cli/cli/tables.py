@@ -23,14 +23,6 @@ Rows: TypeAlias = list[tuple[str, str]]
 """Labels and texts."""
 COLUMNS = 80
 LABEL_WIDTH = 17
-NEXT_STEPS = {
-    "not_trusted": (
-        ("next", "semcal inspect DRIVE: faults; semcal view DRIVE: move by hand"),
-        ("why", "docs/troubleshooting.md explains each doubt"),
-    ),
-    "initial": (("next", "semcal refine DRIVE --init FILE refines and judges the start"),),
-}
-"""What to do about an answer that is not trusted, and about one that was only searched for."""
 WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "nothing tells how sure it is"}
 """What an answer that was not assessed is worth."""
 
@@ -65,7 +57,7 @@ def pose_rows(T: Pose) -> Rows:
 
 
 def verdict_lines(calibration: Calibration) -> list[str]:
-    """State the verdict, how sure it is, and what to do next if it is not trusted.
+    """State the verdict, and how sure it is.
 
     A trusted pose is told with its widest 95 % intervals, and what they are in pixels 10 m away.
     """
@@ -75,7 +67,7 @@ def verdict_lines(calibration: Calibration) -> list[str]:
     how_good = figures(calibration) or WITHOUT_CHECKS.get(case, "")
     see = ", see above" if status == "not_trusted" else ""
     verdict = ": ".join(filter(None, [status.replace("_", " "), how_good + see]))
-    return [labelled("verdict", verdict), *(labelled(*step) for step in NEXT_STEPS.get(case, ()))]
+    return wrapped("verdict", verdict)
 
 
 def figures(calibration: Calibration) -> str:

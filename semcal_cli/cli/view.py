@@ -54,7 +54,7 @@ def view(settings: ViewSettings) -> None:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.report.view.server import ViewServer
-    from semcal_cli.result.applied import apply_result
+    from semcal_cli.result.applied import apply_result, cues_applied
     from semcal_cli.threads import set_num_threads
 
     calibration, output = settings.calibration, settings.output
@@ -68,7 +68,8 @@ def view(settings: ViewSettings) -> None:
     terminal.print_changes(applied.changes)
     with terminal:
         terminal.show("reading frames")
-        config = CalibrationConfig(settings.seed, settings.cues, settings.max_frames)
+        cues = cues_applied(None if start is None else start.record, settings.cues, applied.drive)
+        config = CalibrationConfig(settings.seed, cues, settings.max_frames)
         T_start = None if start is None else start.T_camera_lidar
         session = _session(applied.drive, config, T_start, output, terminal)
     server = ViewServer(session, settings.port)

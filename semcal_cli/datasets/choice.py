@@ -19,10 +19,10 @@ from semcal_cli.errors import InputError
 SPREAD_FRAMES = 20
 """Number of frames that `spread` chooses by default."""
 WITHOUT = {
-    "points": "`semcal calibrate` compares segments and edges instead",
-    "pictures": "`semcal label` makes them with a network",
+    "points": "edges are compared instead",
+    "pictures": "a network can make them",
 }
-"""What to do without labels of one side."""
+"""What takes the place of labels of one side."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def labelled(recording: Recording) -> Recording:
             )
         if not kept and recording.labels_by is not None:
             remarks.append(
-                f"no labels of {what}: {WITHOUT[what]}; {option} {recording.labels_by} takes those that you have"
+                f"no labels of {what}: {WITHOUT[what]}; {option} {recording.labels_by} adds those that you have"
             )
         elif kept and len(kept) < len(frames):
             remarks.append(f"{len(frames) - len(kept):,} frames without labels of {what} are left out")

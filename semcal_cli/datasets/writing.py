@@ -40,6 +40,8 @@ class Written:
     """Number of clouds that were written beside the drive.yaml."""
     remarks: tuple[str, ...]
     """Sentences that the user should read."""
+    drive: Drive
+    """The drive."""
 
 
 def write_drive(recording: Recording, options: Options, out: Path) -> Written:
@@ -69,11 +71,12 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
     if left_out := len(chosen) - len(frames):
         remarks.append(f"{left_out:,} frames without points are left out")
     document = _document(replace(recording, frames=frames), path)
-    validate(Drive, document, UNWRITTEN)
+    drive = validate(Drive, document, UNWRITTEN)
+    drive._path = path
     make_folder(path.parent)
     write_text(document_text(document, "yaml"), path)
     num_converted = sum(isinstance(frame.points, Conversion) for frame in frames)
-    return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)))
+    return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)), drive)
 
 
 def _document(recording: Recording, path: Path) -> dict[str, Any]:

@@ -248,9 +248,10 @@ def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labe
     found = [each for each in labels if each is not None]
     if len(found) < len(clouds):
         frame = next(f for f, each in zip(drive.frames, labels, strict=True) if each is None)
-        nothing = "found nothing, and the cloud has no field of class ids"
-        needed = "needed a file of class ids, or a field named label, class, semantic or the like"
-        raise InputError(f"{drive.path}: {frame.key('point_labels')}: {nothing}; {needed}")
+        needed = "needed a file of class ids, or a field of the cloud named label, class or semantic"
+        if not found:
+            needed += "; edges need none: leave out --cue, or take --cue edges"
+        raise InputError(f"{drive.path}: {frame.key('point_labels')}: found nothing, {needed}")
     return found
 
 

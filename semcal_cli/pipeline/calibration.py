@@ -53,8 +53,8 @@ from semcal_cli.result.sections import Settings
 from semcal_cli.result.stage import StageResult, announced
 
 NO_START = (
-    "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m without --search-deg, from --init "
-    "or --init-rpy-xyz, or labels of the pictures, with --cue segments,edges"
+    "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
+    "--search-deg; `semcal view` makes one by hand), or labels of the images (--image-model cityscapes)"
 )
 """What is missing where a search is asked for by edges without labels of the pictures."""
 

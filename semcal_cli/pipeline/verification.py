@@ -39,7 +39,7 @@ from semcal_cli.geometry.poses import (
 )
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
-from semcal_cli.result.applied import apply_result
+from semcal_cli.result.applied import apply_result, cues_applied
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.checks import OWN_DRIVE
 from semcal_cli.result.stage import Finding, StageResult
@@ -118,7 +118,8 @@ def verify(
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
         transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; or a file of any known format.
         limits: Largest allowed errors; None takes the defaults.
-        config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults.
+        config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults. The cues `auto`
+            are those that the calibration of the transform compared, as far as the drive allows them.
         on_event: Called with each event of the run.
 
     Raises:
@@ -132,7 +133,11 @@ def verify(
         raise InputError(f"limits: found {limits!r}, needed Limits")
     check_settings(limits)
     stated = _initial_pose(transform)
-    data = load(_as_result_sees(drive, stated), config, on_event)
+    seen = _as_result_sees(drive, stated)
+    seen = seen if isinstance(seen, LoadedDrive | Drive) else read_drive(seen)
+    if isinstance(seen, Drive):
+        config = replace(config, cues=cues_applied(stated.record, config.cues, seen))
+    data = load(seen, config, on_event)
     if limits.delay_s is not None and twists_per_s(data.observations) is None:
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"

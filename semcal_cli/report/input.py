@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.config import AUTO, MAX_FRAMES
-from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised, recorded
+from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import unrolled
@@ -20,7 +20,7 @@ from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import coloring_of
 from semcal_cli.report.overlay import Overlays
-from semcal_cli.result.applied import apply_result, as_begun, seen_as
+from semcal_cli.result.applied import apply_result, as_begun, cues_applied, seen_as
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
 from semcal_cli.result.sections import InputFrame
@@ -142,8 +142,8 @@ def make_report_input(
     # Frames are read with the first cue by which the pose was refined, and no other: pixels of one cue share no
     # information with points of another.
     sweeps = Sweeps()
-    cues = chosen(AUTO, drive, sweeps) if record is None else recorded(record.settings.options.get("cues"))
-    cues = maximised(cues)[:1]
+    cues = cues_applied(record, AUTO, drive, with_features=True)
+    cues = maximised(chosen(cues, drive, sweeps))[:1]
     used = used or choose_frames(drive, cues, MAX_FRAMES)
     return ReportInput(
         name=name,

@@ -35,6 +35,7 @@ from semcal_cli.report.template import Verdict, linked, render_page
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import intrinsic_texts
+from semcal_cli.result.next_steps import Rows, after_calibration
 from semcal_cli.result.provenance import describe_input, versions
 from semcal_cli.result.sections import DrivePart
 from semcal_cli.result.uncertainty import CHECK_NAMES
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
 
 SCRIPTS = tuple(f"report/{name}.js" for name in ("picture", "pictures", "cloud"))
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
+RESULTS = (".yaml", ".yml", ".json")
+"""Suffixes of calibrations."""
 FOUND = "found on this drive"
 """Caption of the pose that a verification found."""
 BEYOND, FARTHEST = 1.25, 6.0
@@ -98,11 +101,19 @@ def write_report(
         error_of=lambda stage: compare_poses(np.array(stage.T_camera_lidar), T),
         reach=_reach_of_hypotheses(record) if record else None,
         options=options,
+        next_steps=_next_steps(report),
         versions=made_by,
         hashes=hashes,
         **drawn,
     )
     write_text(page, path)
+
+
+def _next_steps(report: ReportInput) -> Rows:
+    """Say what to do with a calibration; nothing with another file, or on other frames."""
+    if report.record is None or not report.is_of_record or Path(report.name).suffix not in RESULTS:
+        return []
+    return after_calibration(report.record, Path(report.name))
 
 
 def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, Any]:

@@ -8,7 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from semcal_cli.config import AUTO, CueName
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.cues.table import allowed, recorded
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import delayed, twists_per_s
 from semcal_cli.drive.observations import Observations
@@ -45,6 +47,23 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
     applied = record.applied_to(drive) if _fits(record, drive) else drive
     changes = {"camera": _camera_line(record, drive, name), "clock": _clock_line(record, drive, name)}
     return Applied(applied, tuple((label, line) for label, line in changes.items() if line is not None))
+
+
+def cues_applied(
+    record: Calibration | None, cues: tuple[CueName, ...], drive: Drive, *, with_features: bool = False
+) -> tuple[CueName, ...]:
+    """Replace the cues `auto` by those that a result compared, as far as a drive has their files.
+
+    Args:
+        record: The result; None leaves the cues as they are.
+        cues: The cues that are asked for.
+        drive: The drive.
+        with_features: Whether features are taken, too, which have no classes.
+    """
+    if record is None or cues != AUTO:
+        return cues
+    before = recorded(record.settings.options.get("cues"))
+    return AUTO if "features" in before and not with_features else allowed(before, drive)
 
 
 def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:

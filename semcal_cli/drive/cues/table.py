@@ -47,6 +47,15 @@ def recorded(settings: object) -> tuple[CueName, ...]:
     return found or LABELS
 
 
+def allowed(cues: tuple[CueName, ...], drive: Drive) -> tuple[CueName, ...]:
+    """Keep the cues whose files a drive has; `auto` if there are none, and for labels, which it prefers anyway."""
+
+    def has_files(cue: CueName) -> bool:
+        return all(any(getattr(frame, key) for frame in drive.frames) for key in CUES[cue].files)
+
+    return AUTO if cues == LABELS else tuple(filter(has_files, cues)) or AUTO
+
+
 def chosen(cues: Sequence[CueName], drive: Drive, sweeps: Sweeps) -> tuple[CueName, ...]:
     """Replace `auto` by the best cues that the files of a drive allow.
 

@@ -1,0 +1,64 @@
+"""What to do next, as commands that a shell takes as they stand."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from semcal_cli.documentation import ADDRESS
+from semcal_cli.drive.document import DRIVE_FILE
+
+if TYPE_CHECKING:
+    from semcal_cli.drive.document import Drive
+    from semcal_cli.result.calibration import Calibration
+
+Rows: TypeAlias = list[tuple[str, str]]
+"""Labels and texts."""
+TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
+"""Address of the page that explains every doubt."""
+
+
+def shell(*words: object) -> str:
+    """Write a command of semcal, quoted for the shell."""
+    return shlex.join(["semcal", *map(str, words)])
+
+
+def drive_name(path: Path) -> Path:
+    """Name a drive by its folder, which is shorter, unless its file has a name of its own."""
+    return path.parent if path.name == DRIVE_FILE else path
+
+
+def after_import(drive: Drive) -> str:
+    """Write the command that follows the import of a drive: a network labels pictures that have no labels."""
+    first, name = drive.frames[0], drive_name(drive.path)
+    if first.image_labels is None and first.image is None:
+        return shell("inspect", name)
+    network = [] if first.image_labels is not None else ["--image-model", "cityscapes"]
+    return shell("calibrate", name, *network, "-o", "calibration.yaml")
+
+
+def after_calibration(calibration: Calibration, result: Path) -> Rows:
+    """Say what to do with a calibration that was written to a file.
+
+    A result that is trusted is looked at, brought into a robot, and verified later.
+    """
+    drive = drive_name(Path(os.path.normpath(result.parent / calibration.input.drive)))
+    is_start = calibration.status == "not_assessed" and [*calibration.stages] == ["initial"]
+    if is_start:
+        refined = result.with_stem(f"{result.stem}_refined")
+        return [("next", shell("refine", drive, "--init", result, "-o", refined))]
+    if calibration.status == "not_trusted":
+        return [
+            ("next", shell("inspect", drive)),
+            ("", shell("view", drive, result)),
+            ("why", TROUBLESHOOTING),
+        ]
+    if calibration.status == "trusted":
+        return [
+            ("next", shell("overlay", drive, result, "-o", result.with_name(f"{result.stem}_overlay"))),
+            ("for a robot", shell("convert", result, "--to", "ros2-static-transform")),
+            ("on a later drive", f"semcal verify tells whether {result.name} still holds"),
+        ]
+    return []
