@@ -100,7 +100,7 @@ def test_centroids_far_from_the_lidar_are_none(street_observations: Observations
 
 def test_names_that_differ_are_an_error(street_observations: Observations) -> None:
     others = [f"image {name}" for name in street_observations.image_class_names]
-    with pytest.raises(CalibrationError, match="found 0 classes of one name on both sides of a frame"):
+    with pytest.raises(CalibrationError, match="found 0 class names that points and pixels of a frame share"):
         Soic(replace(street_observations, image_class_names=others), SoicConfig())
 
 

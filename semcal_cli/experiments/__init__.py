@@ -1,1 +1,1 @@
-"""Experiments on synthetic drives, each one command: a table, CSV and JSON, and a plot where methods are compared."""
+"""Experiments on synthetic drives, one command each: a table, CSV, JSON and, to compare methods, a plot."""

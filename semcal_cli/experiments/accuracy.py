@@ -1,4 +1,4 @@
-"""Error against the truth, over sensors, lenses, labels and starts, with both estimators."""
+"""Error against the truth for sensors, lenses, labels and starts, with both estimators."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ from semcal_cli.pipeline import initialize
 from semcal_cli.synthetic.label_noise import as_by_a_network, with_disjoint_ontologies, with_ragged_things
 
 START_SEEDS = 2.5
-"""Factor on the number of seeds, for rows that start off the truth."""
+"""Factor on the number of seeds for rows that start away from the truth."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: a rig, a change of its labels, and a start."""
+    """A row of the table: a rig, a change to its labels, and a start."""
 
     rig: str = "default"
     num_pairs: int = 20
     degrade: Degrade = lambda observations, rng: observations
     cue: Literal["labels", "segments"] = "labels"
-    """What points and pixels are compared by."""
+    """The cue by which points and pixels are compared."""
     start: tuple[float, float] | None = None
-    """Distance of the start from the truth, degrees about a random axis and metres; None starts without a guess."""
+    """Distance of the start from the truth, degrees about a random axis and metres; None without an initial guess."""
     right: tuple[float, float] = (0.06, 1.5)
-    """Errors in degrees and centimetres within which a result is right; any other should say `not_trusted`."""
+    """Errors in degrees and centimetres within which a result is right; any other should be `not_trusted`."""
 
 
 def _ragged(grow_px: int) -> Degrade:
@@ -87,7 +87,7 @@ ROWS: dict[str, Row] = {
     "segments, 35-degree lens": replace(HARDER_SEGMENTS, rig="narrow"),
     "segments, 100-degree lens": replace(HARDER_SEGMENTS, rig="wide"),
 }
-"""Rows; where a bound on a median is wanted, the limit of a right result is three times that bound."""
+"""Rows by name. Where the median has a goal, a result is right within three times that goal."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Result:
     seed: int
     estimator: str
     rotation_deg: float = math.inf
-    """Rotation error; infinite, as the other errors are, if the calibration failed."""
+    """Rotation error; infinite, like the other errors, if the calibration failed."""
     camera_center_cm: float = math.inf
     is_right: bool = False
     """Whether the errors are within the row's limits."""
@@ -110,19 +110,19 @@ class Result:
 
     @property
     def is_missed(self) -> bool:
-        """Whether the calibration is wrong, but trusted."""
+        """Whether the calibration is wrong but trusted."""
         return not self.is_right and math.isfinite(self.rotation_deg) and self.status != "not_trusted"
 
 
 def cases(seeds: range, rows: Sequence[str] = ()) -> list[Case]:
-    """List the cases of some rows, or of all, seed by seed; those that start off the truth have more seeds."""
+    """List the cases of some rows, or of all, seed by seed; those that start away from the truth have more seeds."""
     more = range(seeds.start, seeds.start + round(START_SEEDS * len(seeds)))
     found = row_cases(rows or ROWS, more)
     return [case for case in found if case.seed in seeds or ROWS[case.row].start is not None]
 
 
 def run(pool: Pool, estimators: Sequence[Estimator], edge_band_px: int, case: Case) -> list[Result]:
-    """Calibrate without a guess, or from a wrong start, with each estimator, and compare with the truth."""
+    """Calibrate with each estimator, from nothing or from a wrong start, and compare with the truth."""
     row, rng = ROWS[case.row], case.rng(ROWS)
     drive, truth = pool.read(row.rig, RIGS[row.rig], case.seed)
     data = _load(consecutive(drive, row.num_pairs, case.seed), row, rng)
@@ -130,9 +130,8 @@ def run(pool: Pool, estimators: Sequence[Estimator], edge_band_px: int, case: Ca
     initial = None
     results = []
     for estimator in estimators:
-        if (
-            estimator != "exact" and row.cue != "labels"
-        ):  # segments, which differ from frame to frame, have no network
+        # MINE has no network for segments, which differ from frame to frame.
+        if estimator != "exact" and row.cue != "labels":
             continue
         result = Result(case.row, case.seed, estimator)
         try:
@@ -183,14 +182,14 @@ COLUMNS = (
 def experiment(
     out: Path, seeds: range, rows: Sequence[str], estimators: Sequence[str], edge_band_px: int | None
 ) -> Experiment[Case, Result]:
-    """Declare the experiment; runs with other settings resume where they were, each in its own folder.
+    """Declare the experiment; each choice of settings has its own folder, where a stopped run resumes.
 
     Args:
         out: Folder of all experiments.
         seeds: Seeds of the drives.
         rows: Keys of `ROWS`; all if empty.
         estimators: Names of estimators.
-        edge_band_px: Band beside borders that is left out; None for the default.
+        edge_band_px: Width of the excluded band along class borders; None for the default.
     """
     chosen = tuple(name for name in get_args(Estimator) if name in estimators)
     band = () if edge_band_px is None else (f"band{edge_band_px}",)

@@ -1,4 +1,4 @@
-"""What the result of a spoiled drive says of the spoiling."""
+"""What the result of a spoiled drive says about the fault."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
 MAX_WIDTH_CHANGE = 1.2
-"""Largest ratio between the intervals of copies of a frame and those of the frame alone, either way."""
+"""Largest ratio, either way, between the intervals from copies of a frame and from the frame alone."""
 OF_SCALE = re.compile(r"\b(?:scaled?|units?|in metres|feet)\b", re.IGNORECASE)
 """Words of a note about the scale of the clouds."""
 Found: TypeAlias = Calibration | SemcalError
 Diagnose = Callable[[RawDrive, Found, Outcome], Outcome]
-"""Adds to an outcome whether the result of a drive says what is wrong with it, and the figures behind that."""
+"""Adds to an outcome whether the result says what is wrong with the drive, and the figures behind that."""
 
 
 def attempt(raw: RawDrive) -> Found:
-    """Write a drive, and calibrate it as a user does."""
+    """Write a drive and calibrate it as a user would."""
     with TemporaryDirectory() as folder:
         try:
             return calibrate(write_raw_drive(raw, Path(folder)))
@@ -36,9 +36,9 @@ def attempt(raw: RawDrive) -> Found:
 
 
 def names_knock(raw: RawDrive, found: Found, outcome: Outcome) -> Outcome:
-    """Check that the knock is named with its frame, within one, and that all six axes lie within the intervals.
+    """Check that the result names the frame of the knock, within one, and that all six axes lie within their intervals.
 
-    The largest movement that the result states is taken for the knock.
+    The largest movement that the result states is taken as the knock.
     """
     first, parts = raw.knock, () if isinstance(found, SemcalError) else found.parts
     starts = np.cumsum([0, *(part.num_frames for part in parts)]).tolist()
@@ -64,10 +64,10 @@ def names_knock(raw: RawDrive, found: Found, outcome: Outcome) -> Outcome:
 
 
 def covers_intrinsics(offsets: Mapping[str, float], raw: RawDrive, found: Found, outcome: Outcome) -> Outcome:
-    """Check that the interval, and what wrong intrinsics cost by the result's own figures, cover the error.
+    """Check that the interval and the result's own figures for the cost of wrong intrinsics cover the error.
 
     Args:
-        offsets: How far intrinsics are off, by name, in units of the stated costs: pixels of `cx` and `cy`, or 0.1 % of
+        offsets: Errors of the intrinsics by name, in units of the stated costs: pixels for `cx` and `cy`, 0.1 % for
             `fx` and `fy`.
         raw: The spoiled drive.
         found: Its result.
@@ -88,18 +88,18 @@ def covers_intrinsics(offsets: Mapping[str, float], raw: RawDrive, found: Found,
 
 
 def names_leak(raw: RawDrive, found: Found, outcome: Outcome) -> Outcome:
-    """Check that a reason says that labels of points were made from those of pictures."""
+    """Check that a reason says that point labels were made from image labels."""
     is_told = not isinstance(found, SemcalError) and "leaked-labels" in found.topics
     return replace(outcome, is_told=is_told)
 
 
 def names_scale(raw: RawDrive, found: Found, outcome: Outcome) -> Outcome:
-    """Check that a note or a reason speaks of scale or units."""
+    """Check that a note or a reason mentions scale or units."""
     return replace(outcome, is_told=OF_SCALE.search(f"{outcome.reasons} {outcome.notes}") is not None)
 
 
 def matches_one_frame(raw: RawDrive, found: Found, outcome: Outcome) -> Outcome:
-    """Check that copies of a frame have the interval and the verdict of the frame alone."""
+    """Check that copies of a frame give the interval and the verdict of the frame alone."""
     alone = attempt(raw.with_frames(raw.frames[:1]))
     if isinstance(alone, SemcalError) or isinstance(found, SemcalError):
         is_same = isinstance(alone, SemcalError) and isinstance(found, SemcalError)

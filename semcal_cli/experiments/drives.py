@@ -1,4 +1,4 @@
-"""The synthetic drives of the experiments: rigs, seeds, and a pool in which each drive is made once."""
+"""The synthetic drives of the experiments: rigs, seeds, and a pool that makes each drive once."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ RIGS: dict[str, dict[str, object]] = {
     "narrow": {"lens": "narrow"},
     "wide": {"lens": "wide"},
 }
-"""Changes of the `SynthConfig` of each rig."""
+"""Changes to the `SynthConfig`, by rig."""
 Degrade = Callable[[Observations, np.random.Generator], Observations]
-"""Changes the labels of a drive."""
+"""A function that changes the labels of a drive."""
 
 
 def rig_of(seed: int) -> str:
-    """Choose the rig of a seed; consecutive seeds take all of them in turn."""
+    """Choose the rig of a seed; consecutive seeds cycle through all rigs."""
     return list(RIGS)[seed % len(RIGS)]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A row of a table on one seed."""
+    """One row of a table on one seed."""
 
     row: str
     """Key of `ROWS`."""
@@ -54,28 +54,28 @@ class Case:
     """Seed of the drive."""
 
     def rng(self, rows: Mapping[str, object]) -> np.random.Generator:
-        """Make the random generator of the case, which depends on the place of its row among all rows."""
+        """Make the random generator of the case, which depends on the index of its row."""
         return np.random.default_rng((self.seed, list(rows).index(self.row)))
 
 
 def row_cases(rows: Iterable[str], seeds: range) -> list[Case]:
-    """List the cases of some rows, seed by seed, so that a stopped run has results of all rows."""
+    """List the cases of some rows, seed by seed, so that a stopped run has results for all rows."""
     listed = tuple(rows)
     return [Case(row, seed) for seed in seeds for row in listed]
 
 
 def wrong(share: float) -> Degrade:
-    """Give a share of the labels of both sides another class."""
+    """Give a fraction of the labels on both sides another class."""
     return lambda observations, rng: with_wrong_labels(observations, share, rng)
 
 
 def with_frames(drive: Drive, places: Iterable[int]) -> Drive:
-    """Copy of a drive with some of its frames, by their indices."""
+    """Copy a drive with some of its frames, by their indices."""
     return drive.model_copy(update={"frames": tuple(drive.frames[place] for place in places)})
 
 
 def consecutive(drive: Drive, num_frames: int, seed: int) -> Drive:
-    """Copy of a drive with some frames in a row, from one that the seed chooses; all if it has no more."""
+    """Copy a drive with consecutive frames, from one that the seed chooses; all frames if it has no more."""
     first = seed % max(len(drive.frames) - num_frames + 1, 1)
     return with_frames(drive, range(first, min(first + num_frames, len(drive.frames))))
 
@@ -83,9 +83,9 @@ def consecutive(drive: Drive, num_frames: int, seed: int) -> Drive:
 def calibrate_from(
     initial: StageResult, data: LoadedDrive, config: RefinementConfig
 ) -> tuple[Stages, Calibration]:
-    """Calibrate as `calibrate` does after its initial calibration.
+    """Do what `calibrate` does after its initial calibration.
 
-    The pose of the stages is as it was found; that of the calibration is the nearest rigid one.
+    The pose of the stages is the one that was found; that of the calibration is the nearest rigid one.
 
     Raises:
         SemcalError: as `calibrate`.
@@ -96,17 +96,17 @@ def calibrate_from(
 
 @dataclass(frozen=True)
 class Pool:
-    """Synthetic drives, one for each rig and seed, made when they are first needed."""
+    """Synthetic drives, one for each rig and seed, which are made when they are first needed."""
 
     folder: Path
     has_pictures: bool = False
-    """Whether the drives keep their pictures, which are most of the bytes and which most experiments do not read."""
+    """Whether the drives keep their images, which take most of the space and which most experiments do not read."""
 
     def drive(self, rig: str, changes: Mapping[str, object], seed: int) -> Path:
-        """Path of the drive of a rig, a `SynthConfig` with some changes; the drive is made if it is missing.
+        """Find the drive of a rig, a `SynthConfig` with some changes, and make it if it is missing.
 
         Raises:
-            InputError: something else is at the drive's path.
+            InputError: something other than a drive is at its path.
         """
         path = self.folder / f"{rig}_{seed:06d}"
         if not (path / DRIVE_FILE).exists():
@@ -128,7 +128,7 @@ class Pool:
         return drive, truth
 
     def _make(self, config: SynthConfig, path: Path) -> None:
-        """Make a drive. Other processes may make it at the same time: the first one to finish puts it in place."""
+        """Make a drive. Other processes may make it at the same time; the first one to finish puts it in place."""
         self.folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=self.folder) as folder:
             made = Path(folder) / "drive"
@@ -140,4 +140,6 @@ class Pool:
                 made.rename(path)
             except OSError:
                 if not (path / DRIVE_FILE).exists():
-                    raise InputError(f"{path}: is in the way of a drive, and none") from None
+                    raise InputError(
+                        f"{path}: found something other than a drive, needed a drive or nothing"
+                    ) from None

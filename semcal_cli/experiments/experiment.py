@@ -1,6 +1,6 @@
-"""What all experiments are: cases that each run once, results that are kept, and the files of all of them.
+"""What all experiments share: cases that run once, results that are kept, and the files that are written.
 
-A stopped run resumes where it was, and the results of a machine stay beside those of another.
+A stopped run resumes where it stopped. Results from several machines are kept together.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 JOURNAL, MEASURED = "results.jsonl", "measured.txt"
-"""File of the results of each case, and one with a line for each machine, date and commit that they are of."""
+"""Files of the results of each case, and of the machines, dates and commits where they were measured, one a line."""
 FILES = RESULTS, SUMMARY, TABLE, PLOT = "results.csv", "summary.json", "table.md", "plot.png"
 """Files that are written when all cases have run."""
 MAX_JOURNAL_BYTES = 256 << 20
-UNKNOWN = "a machine that is not known"
-"""Where the results of a semcal that did not record it were measured."""
+UNKNOWN = "an unknown machine"
+"""Stands for the machine of results that do not record where they were measured."""
 Case = TypeVar("Case")
 """Unit of an experiment that runs once, a dataclass; its `repr` identifies it."""
 Result = TypeVar("Result")
@@ -45,7 +45,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Report:
-    """What an experiment writes beside its results."""
+    """What an experiment writes besides its results."""
 
     rows: Sequence[Mapping[str, Any]]
     """Rows of the summary."""
@@ -54,24 +54,24 @@ class Report:
     draw: Callable[[], Figure] | None = None
     """Draws the plot; None without one."""
     facts: Mapping[str, Any] = field(default_factory=dict)
-    """Entries of the summary before its rows."""
+    """Entries of the summary that precede its rows."""
     texts: Mapping[str, str] = field(default_factory=dict)
-    """Texts of further files, by their names."""
+    """Texts of further files, by file name."""
 
     @classmethod
     def of(cls, results: Sequence[Any], columns: Sequence[Column], **more: Any) -> Report:
-        """Sum up the results of each group, in the columns of the table; the rest are other fields."""
+        """Summarise the results of each group in the columns of the table; `more` holds the other fields."""
         rows = summarise(results, columns)
         return cls(rows, summary_table(rows, columns), **more)
 
     def write(self, name: str, results: Sequence[Any], folder: Path, num_jobs: int | None = None) -> None:
-        """Write results.csv, summary.json with this machine, table.md, and plot.png if there is a plot.
+        """Write results.csv, summary.json with this machine's description, table.md and, if there is one, plot.png.
 
         Args:
             name: Name of the experiment.
             results: Results, dataclasses of one class.
             folder: Folder of the files.
-            num_jobs: Number of cases that ran at a time; None leaves it out of the summary.
+            num_jobs: Number of cases that ran in parallel; None leaves it out of the summary.
 
         Raises:
             InputError: a file cannot be written.
@@ -103,9 +103,9 @@ class Experiment(Generic[Case, Result]):
     run: Callable[[Case], list[Result]]
     """Runs one case; it is pickled for other processes."""
     result: type[Result]
-    """Class of the results."""
+    """Class of a result."""
     report: Callable[[Sequence[Result]], Report]
-    """Sums up all results."""
+    """Summarises all results."""
     complete: Callable[[list[Result]], list[Result]] = list
     """Adds results that follow from others."""
     scratch: Path | None = None
@@ -115,11 +115,11 @@ class Experiment(Generic[Case, Result]):
         """Run all cases that have no results yet, write the files, and return the table.
 
         Args:
-            num_jobs: Number of cases at a time; None runs one at a time, and is left out of the summary.
-            watcher: Informed of the cases that begin and end, in words.
+            num_jobs: Number of cases to run in parallel; None runs one at a time and is left out of the summary.
+            watcher: Told which cases begin and end.
 
         Raises:
-            InputError: the existing results are not of this experiment, another process writes to them, or a file
+            InputError: the existing results are from another experiment, another process writes to them, or a file
                 cannot be written.
             CalibrationError: the process of a case crashed.
         """
@@ -156,7 +156,7 @@ class Experiment(Generic[Case, Result]):
             missing = [case for case in self.cases if repr(case) not in journal.known]
             watcher.resume(len(self.cases) - len(missing), len(self.cases))
             try:
-                # It is closed here, not when a traceback releases it: its processes end with it.
+                # Closing the generator ends its processes; a traceback would keep it alive.
                 with closing(in_processes(missing, run, num_jobs)) as done:
                     for case, results in done:
                         journal.append(case, results)
@@ -170,7 +170,7 @@ class Experiment(Generic[Case, Result]):
 
 
 def prepare_folder(folder: Path) -> None:
-    """Create the folder of an experiment, and check that only files stand where files will be written at the end.
+    """Create the folder of an experiment, and check that nothing but files is where files will be written.
 
     Raises:
         InputError: the folder cannot be created, or a link, a pipe or a folder is in the way.
@@ -181,7 +181,7 @@ def prepare_folder(folder: Path) -> None:
 
 
 def read_measured(folder: Path) -> list[str]:
-    """Read where and when the results in a folder were measured; here and now, if it keeps no results of cases.
+    """Read where and when the results in a folder were measured; here and now if it keeps no results.
 
     Raises:
         InputError: the file cannot be read.
@@ -191,7 +191,7 @@ def read_measured(folder: Path) -> list[str]:
 
 
 def in_words(case: Any) -> str:
-    """Describe a case by its fields: texts as they are, and numbers with their names."""
+    """Describe a case by its fields: texts alone, numbers with their names."""
     return ", ".join(
         value if isinstance(value, str) and not value.isdecimal() else f"{name.removeprefix('num_')} {value}"
         for name, value in vars(case).items()
@@ -199,21 +199,21 @@ def in_words(case: Any) -> str:
 
 
 class Journal(Generic[Result]):
-    """`results.jsonl`: a line for each case that has run; cases of another version of semcal do not count."""
+    """`results.jsonl`: one line for each finished case; cases of other versions of semcal do not count."""
 
     def __init__(self, file: Path, kind: type[Result]) -> None:
-        """Read the file; an incomplete last line, left by a stopped run, is cut off.
+        """Read the file, and cut off an incomplete last line, which a stopped run leaves.
 
         Raises:
             InputError: a line is not a case of this experiment.
         """
         self.file, self._here, self._new = file, measured_here(), dict[str, str]()
         self.known = dict[str, tuple[list[Result], str]]()
-        """Results, and where they were measured, by the `repr` of the case."""
+        """Results and where they were measured, by the `repr` of the case."""
         text = read_text(file, limit=MAX_JOURNAL_BYTES)
         self._before = text[: text.rfind("\n") + 1]
         if half := text[len(self._before) :]:
-            # The file is cut in place, since it is locked: a new file of the same name would not be.
+            # The file is truncated in place, because it is locked: a new file of the same name would not be.
             os.truncate(file, file.stat().st_size - len(half.encode()))
         for number, text in enumerate(self._before.splitlines(keepends=True), start=1):
             try:
@@ -222,7 +222,7 @@ class Journal(Generic[Result]):
                     results = [kind(**result) for result in line["results"]]
                     self.known[line["case"]] = results, line.get("measured", UNKNOWN)
             except (ValueError, KeyError, TypeError):
-                needed = "needed a case of this experiment; without the file, all is run anew"
+                needed = "needed a case of this experiment; delete the file to run all cases again"
                 raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
 
     def append(self, case: object, results: list[Result]) -> None:
@@ -235,7 +235,7 @@ class Journal(Generic[Result]):
             file.write(self._new[repr(case)])
 
     def sort(self, cases: Sequence[object]) -> None:
-        """Sort the new lines by the order of the cases; several jobs finish cases in another order."""
+        """Sort the new lines by the order of the cases, which parallel jobs finish in another order."""
         ordered = [self._new[repr(case)] for case in cases if repr(case) in self._new]
         if ordered != list(self._new.values()):
             write_text(self._before + "".join(ordered), self.file)

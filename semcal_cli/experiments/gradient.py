@@ -1,7 +1,8 @@
-"""Gradient against Powell on the same mutual information, from the same starts: the paper's reason for gradients.
+"""Gradient ascent against Powell's method on the same mutual information: the paper's reason for gradients.
 
-Both maximise the exact mutual information of the same points over the same pyramid, each level from where the one
-before ended. Adam follows the gradient; Powell's method, SciPy's with its own tolerances, compares values only.
+From the same starts, both maximise the exact mutual information of the same points over the same pyramid, where each
+level starts at the end of the one before. Adam follows the gradient; Powell's method, that of SciPy with its default
+tolerances, compares values only.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ from semcal_cli.refinement.pyramid import pyramid_factors
 NUM_PAIRS = 5
 """Number of pairs of each drive."""
 MAX_POINTS = 20_000
-"""Number of points of a level, drawn at random. Each evaluation looks at all of them."""
+"""Number of randomly chosen points of a level, all of which each evaluation uses."""
 BETAS, EPSILON = (0.9, 0.999), 1e-8
-"""Decays of Adam's means, and what keeps its steps finite."""
+"""Adam's decay rates, and its constant that keeps steps finite."""
 
 Array = npt.NDArray[np.float64]
 Optimizer = Callable[["Objective"], Pose]
@@ -43,7 +44,7 @@ class Objective:
     """The exact mutual information of chosen points at one level of the pyramid, and its gradient."""
 
     def __init__(self, observations: Observations, T_start: Pose, factor: int, seed: int) -> None:
-        """Choose the points that lie in the picture at the start.
+        """Choose among the points that lie in the image at the start.
 
         Args:
             observations: Labelled points and label images of all frames.
@@ -60,7 +61,7 @@ class Objective:
         self.T_start, self.num_evaluations = T_start, 0
 
     def pose(self, v: Array) -> Pose:
-        """Pose (4, 4) at a twist v (6,), whose entries each move the points by one block."""
+        """Pose (4, 4) at a twist v (6,), a unit of each of whose entries moves the points by one block."""
         return apply_twist(self.T_start, self.points.preconditioner @ v)
 
     def value(self, T: Pose) -> float:
@@ -68,9 +69,9 @@ class Objective:
         return self._evaluate(T)[0]
 
     def gradient(self, T: Pose) -> Array:
-        """Derivative (6,) of the mutual information with respect to a twist on the left of a pose, in blocks."""
+        """Derivative (6,) of the mutual information by a twist on the left of a pose, in blocks."""
         _, pointwise, total, batch = self._evaluate(T)
-        # The marginals' shares of the derivative of sum p log p / (p_x p_y) add up to a constant.
+        # The marginals contribute a constant to the derivative of sum p log p / (p_x p_y).
         of_shares = batch.weights @ pointwise / total
         of_T = batch.pull_back(of_shares)
         generators = np.zeros((6, 3, 4))
@@ -95,7 +96,7 @@ class Objective:
 
 
 def ascend(objective: Objective) -> Pose:
-    """Ascend the gradient with Adam, whose steps fall along a cosine."""
+    """Ascend the gradient with Adam, whose step size falls along a cosine."""
     config, T = ExactConfig(), objective.T_start
     mean, square = np.zeros(6), np.zeros(6)
     for step in range(config.steps):
@@ -153,7 +154,7 @@ def cases(seeds: range) -> list[Case]:
 
 
 def run(pool: Pool, changes: Mapping[str, object], case: Case) -> list[Result]:
-    """Maximise over the pyramid from a wrong start, on a drive with some changes of its `SynthConfig`."""
+    """Maximise over the pyramid from a wrong start, on a drive with some changes to its `SynthConfig`."""
     drive, truth = pool.read("drive", {**changes, "num_frames": NUM_PAIRS}, case.seed)
     observations = load_observations(drive)
     T = displaced(truth, START_DEG, START_M, np.random.default_rng(case.seed))

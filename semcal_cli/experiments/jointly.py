@@ -1,4 +1,4 @@
-"""Intrinsics and the offset of the clock, estimated together with the pose: errors against the truth."""
+"""Intrinsics and time offset, estimated together with the pose: errors against the truth."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ from semcal_cli.result.calibration import Calibration
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02
-"""By how much focal lengths, principal point and k1 are wrong, each with a random sign."""
+"""Errors of focal lengths (relative), principal point and k1, each with a random sign."""
 STANDING = ("road", "road_line", "sidewalk", "terrain", "ground")
 """Classes of a flat scene."""
 FAR_OFF = 2.0
-"""Half widths of a 95 % interval from which on a trusted value is wrong."""
+"""Error of a trusted value, in half widths of its 95 % interval, from which it counts as far off."""
 
 
 def _flat(observations: Observations, rng: np.random.Generator) -> Observations:
-    """Leave only the ground labelled, on both sides."""
+    """Keep only the labels of the ground, on both sides."""
 
     def kept(names: Sequence[str]) -> np.ndarray:
         table = np.full(256, NO_CLASS, np.uint8)
@@ -63,11 +63,11 @@ def _flat(observations: Observations, rng: np.random.Generator) -> Observations:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: a drive, what is wrong about it, and what is estimated."""
+    """A row of the table: a drive, what is wrong with it, and what is estimated."""
 
     rig: str
     changes: dict[str, object] = field(default_factory=dict)
-    """Changes of the drive's `SynthConfig`."""
+    """Changes to the drive's `SynthConfig`."""
     is_wrong: bool = True
     """Whether the drive's intrinsics are wrong."""
     intrinsics: tuple[str, ...] = INTRINSICS
@@ -110,18 +110,18 @@ ROWS: dict[str, Row] = {
 
 @dataclass(frozen=True)
 class Result:
-    """What one run found; errors are estimate minus truth, and None of what was not determined."""
+    """What one run found; errors are estimate minus truth, or None for what was not determined."""
 
     row: str
     seed: int
     status: str
     """Status of the calibration, or the reason why it failed."""
     is_kept: bool = False
-    """Whether the pose belongs to the estimate."""
+    """Whether the pose is that of the joint estimate."""
     rotation_deg: float = math.inf
     camera_center_cm: float = math.inf
     polished_deg: float = math.inf
-    """Error of the pose before, with what the drive says."""
+    """Error of the pose before the joint estimate, with the drive's own camera and clock."""
     polished_cm: float = math.inf
     fx_percent: float | None = None
     fy_percent: float | None = None
@@ -130,16 +130,17 @@ class Result:
     k1: float | None = None
     clock_ms: float | None = None
     num_inside: int = 0
-    """Number of true values inside the 95 % intervals: of the pose's six axes and of what was determined."""
+    """Number of true values inside the 95 % intervals: of the pose's six axes and of all other values that were
+    determined."""
     num_intervals: int = 0
     is_far_off: bool = False
-    """Whether the pose is trusted, though a value lies more than `FAR_OFF` half widths from the truth."""
+    """Whether the pose is trusted although a value lies more than `FAR_OFF` half widths from the truth."""
     seconds: float = 0.0
     """Time from pairs in memory to a verdict."""
 
 
 def run(pool: Pool, case: Case) -> list[Result]:
-    """Calibrate from nothing, with what is wrong about the drive, and compare with the truth."""
+    """Calibrate the faulty drive from nothing and compare with the truth."""
     row, rng = ROWS[case.row], case.rng(ROWS)
     drive, truth = pool.read(row.rig, row.changes, case.seed)
     data = _load(consecutive(drive, row.num_pairs, case.seed), row, rng)
@@ -173,7 +174,7 @@ def _spoiled(camera: Camera, rng: np.random.Generator) -> Camera:
 
 
 def _compared(result: Result, found: Calibration, stages: Stages, camera: Camera, truth: Pose) -> Result:
-    """Add the errors of a result, and how many true values its intervals hold."""
+    """Add the errors of a result, and how many true values its intervals contain."""
     error = compare_poses(found.pose, truth)
     *_, before_joint = (stage for name, stage in stages.poses.items() if name != "joint")
     before = compare_poses(before_joint.T_camera_lidar, truth)
@@ -210,11 +211,11 @@ def _compared(result: Result, found: Calibration, stages: Stages, camera: Camera
 
 
 PARTS = ("fx_percent", "fy_percent", "cx_px", "cy_px", "k1", "clock_ms")
-"""Fields of what is estimated beside the pose."""
+"""Fields of what is estimated besides the pose."""
 
 
 def _sizes(header: str, key: str, number: int, *fields: str) -> Column:
-    """Make the column of the median and the worst size of some fields; empty where nothing was determined."""
+    """Make the column of the median and worst absolute value of some fields; empty where nothing was determined."""
 
     def spread(found: Sequence[Result]) -> tuple[float, float] | None:
         values = [getattr(result, field) for result in found for field in fields or (key,)]
@@ -225,7 +226,7 @@ def _sizes(header: str, key: str, number: int, *fields: str) -> Column:
 
 
 def _beside_before(found: Sequence[Result]) -> float:
-    """Divide the median error of the pose by that of the pose before, in rotation or place, whichever is larger."""
+    """Divide the median error of the pose by that of the pose before; the larger ratio, of rotation or of position."""
 
     def middle(field: str) -> float:
         return float(of(field, median)(found))
@@ -236,7 +237,7 @@ def _beside_before(found: Sequence[Result]) -> float:
 
 
 def _is_undetermined(result: Result) -> bool:
-    """Whether nothing beside the pose was determined."""
+    """Whether nothing but the pose was determined."""
     is_known = any(getattr(result, part) is not None for part in PARTS)
     return not is_known and not result.status.startswith("failed")
 
@@ -265,7 +266,7 @@ COLUMNS = (
 
 
 def experiment(out: Path, seeds: range, rows: Sequence[str]) -> Experiment[Case, Result]:
-    """Declare the experiment on some keys of `ROWS`, or on all if none are given."""
+    """Declare the experiment for some keys of `ROWS`, or for all if none are given."""
     run_case = partial(run, Pool(out / "pool"))
     report = partial(Report.of, columns=COLUMNS)
     return Experiment("jointly", out / "jointly", row_cases(rows or ROWS, seeds), run_case, Result, report)

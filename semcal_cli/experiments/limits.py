@@ -1,4 +1,4 @@
-"""Limits of the checks beside what these measure on good drives and on bad ones, by labels and by segments."""
+"""What the checks measure on good and bad drives, by labels and by segments, compared with their limits."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ from semcal_cli.synthetic.raw_drive import Labels, RawDrive, read_raw_drive, wri
 
 PAIRS, FEW_PAIRS = (5, 8), (1, 2)
 NUM_FRAMES: dict[str, object] = {"num_frames": max(PAIRS) + 1}
-"""Change of a rig: frames of each drive, one more than are used."""
+"""Change of each rig: frames of a drive, one more than are used."""
 NOISES = (0.0, 0.1, 0.2)
 DELAY_MS = 40.0
 LIMITS_FILE = "limits.json"
 MARGIN = 1.25
 """Factor between the worst good value and the limit where there are no bad drives."""
 QUANTILE = 0.05
-"""Share of the bad drives that a limit by the rule may miss."""
+"""Fraction of the bad drives that a limit set by the rule may miss."""
 RULE = (
-    f"The rule: midway between the worst good value and that which {1 - QUANTILE:.0%} of the bad drives exceed; none "
-    f"where these overlap; {MARGIN:g} times the worst good value where there are no bad drives.\n"
+    f"The rule: midway between the worst good value and the value that {1 - QUANTILE:.0%} of the bad drives exceed; "
+    f"none where these overlap; {MARGIN:g} times the worst good value where there are no bad drives.\n"
 )
 
 
 def _of_another_drive(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Give each cloud the picture of another drive of the rig."""
+    """Pair each cloud with the image of another drive of the same rig."""
     return raw.with_frames(
         own.with_picture_of(other) for own, other in zip(raw.frames, raw.unused, strict=True)
     )
 
 
 def _one_class(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Give all points and pixels of the drive the class of most points, except for one label in a hundred."""
+    """Give all points and pixels the most frequent class of the points, except for one label in a hundred."""
     counts = np.bincount(np.concatenate([frame.point_labels for frame in raw.frames]))
     counts[spoiling.UNLABELLED] = 0
 
@@ -67,7 +67,7 @@ def _one_class(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
 
 
 def _labelled_from_pictures(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Label points by the pixels that they land on, as a tool does that projects label images into clouds."""
+    """Label points by the pixels that they land on, as tools do that project label images into clouds."""
     return spoiling.projected_labels(raw, raw.frames[0].T_camera_lidar)
 
 
@@ -92,12 +92,12 @@ KINDS: dict[str, Spoil] = {
     LABELLED_FROM_PICTURES: _labelled_from_pictures,
     **{name: SPOILED[name].spoil for name in (POINTS_SHIFTED, PIXELS_SHIFTED, WRONG_FX)},
 }
-"""Ways to change a good drive."""
+"""Ways to change a good drive, by name."""
 BY_SEGMENTS = (GOOD, FEW, ANOTHER_DRIVE, WRONG_K, ANOTHER_MOMENT, TURNED)
 OF_CUES: dict[CueName, tuple[str, ...]] = {"labels": (*KINDS, MOVING, LATE), "segments": BY_SEGMENTS}
-"""Kinds that are run by each cue."""
+"""Kinds that are run with each cue."""
 MOTIONS = {MOVING: 0.0, LATE: DELAY_MS}
-"""Delay of the pictures of drives with a known motion, in milliseconds."""
+"""Delay of the images of drives with a known motion, in milliseconds."""
 BAD_OF = {
     "other-mounting": WRONG_POSE,
     "other-azimuth": ANOTHER_DRIVE,
@@ -113,7 +113,7 @@ BAD_OF = {
     "intrinsics": WRONG_FX,
     "clocks": LATE,
 }
-"""What is wrong with the drives that a check is there for, by its topic."""
+"""Kind of drive that each check is meant to catch, by the topic of the check."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Case:
     seed: int
     num_pairs: int
     noise: float
-    """Share of wrong labels on both sides."""
+    """Fraction of wrong labels on both sides."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Value:
     num_pairs: int
     noise: float
     is_right: bool
-    """Whether the pose is right, as `Outcome.is_wrong` has it."""
+    """Whether the pose is right, in the sense of `Outcome.is_wrong`."""
     topic: str
     """Topic of the check."""
     limit: str
@@ -160,7 +160,7 @@ def cases(seeds: range) -> list[Case]:
 
 
 def run(pool: Pool, case: Case) -> list[Value]:
-    """Calibrate a drive, and list what the checks measured; nothing if it cannot be calibrated."""
+    """Calibrate a drive and list what the checks measured; empty if it cannot be calibrated."""
     with TemporaryDirectory() as folder:
         drive, truth = _drive(pool, case, Path(folder))
         config = CalibrationConfig(cues=(case.cue,))
@@ -195,7 +195,7 @@ def _drive(pool: Pool, case: Case, folder: Path) -> tuple[Path | Drive, Pose]:
         return with_frames(drive, range(case.num_pairs)), truth
 
     def read(seed: int, num_frames: int) -> RawDrive:
-        """Read a random choice of the frames of a drive."""
+        """Read randomly chosen frames of a drive."""
         drive, truth = pool.read(rig, RIGS[rig] | NUM_FRAMES, seed)
         chosen = rng.choice(len(drive.frames), num_frames, replace=False).tolist()
         return read_raw_drive(with_frames(drive, chosen), truth)
@@ -210,7 +210,7 @@ def _drive(pool: Pool, case: Case, folder: Path) -> tuple[Path | Drive, Pose]:
 
 
 def rows(values: Sequence[Value]) -> list[dict[str, Any]]:
-    """Compare each limit that was measured with the values on both sides of it.
+    """Compare each measured limit with the values of good and bad drives.
 
     Returns:
         For each limit its `topic`, its `name`, its value `today`, and the figures of an `Evidence`.
@@ -225,7 +225,7 @@ def rows(values: Sequence[Value]) -> list[dict[str, Any]]:
 
 
 def _figures(kind: str | None, limit: Limit, values: Sequence[Value]) -> dict[str, Any]:
-    """Compute the figures of a limit from its values; none without those of good drives."""
+    """Compute the figures of a limit from its values; empty without values of good drives."""
     on_good_drives = [each for each in values if each.kind in (GOOD, FEW, MOVING)]
     good = _worst_of_each([each for each in on_good_drives if each.is_right], limit)
     if not good:
@@ -248,7 +248,7 @@ def _figures(kind: str | None, limit: Limit, values: Sequence[Value]) -> dict[st
 
 
 def _worst_of_each(values: Sequence[Value], limit: Limit) -> list[float]:
-    """Take the worst value of each calibration, which decides: some checks look at both sides' labels."""
+    """Take the worst value of each calibration, since some checks measure both sides and the worse one decides."""
     found: dict[tuple[str, str, int], float] = {}
     for each in values:
         case = (each.kind, each.cue, each.seed)
@@ -258,7 +258,7 @@ def _worst_of_each(values: Sequence[Value], limit: Limit) -> list[float]:
 
 
 def _by_rule(sign: int, good: Sequence[float], bad: Sequence[float]) -> float | None:
-    """Compute the limit by the rule, from values of which larger ones are worse."""
+    """Compute the limit by the rule, from values that are worse the larger they are."""
     worst = max(good)
     if not bad:
         return sign * worst * MARGIN**sign
@@ -271,7 +271,7 @@ def _short(value: float) -> float:
 
 
 def limits_text(found: Sequence[Mapping[str, Any]], command: str, seeds: range) -> str:
-    """Write all limits as limits.json has them: today's values with the new evidence."""
+    """Write all limits in the form of limits.json: today's values with the new evidence."""
     about: dict[str, Any] = {"command": command, "first_seed": seeds.start, "num_seeds": len(seeds)}
     names = {field.name for field in fields(Evidence)}
     evidence = {
@@ -315,6 +315,6 @@ def _report(seeds: range, values: Sequence[Value]) -> Report:
 
 
 def experiment(out: Path, seeds: range) -> Experiment[Case, Value]:
-    """Declare the experiment; limits.json in its folder is that of the next version."""
+    """Declare the experiment; the limits.json in its folder is for the next version."""
     run_case = partial(run, Pool(out / "pool_of_limits", has_pictures=True))
     return Experiment("limits", out / "limits", cases(seeds), run_case, Value, partial(_report, seeds))

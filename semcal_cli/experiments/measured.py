@@ -1,4 +1,4 @@
-"""Where and when figures are measured: the machine, the date and the commit."""
+"""Where and when figures were measured: the machine, the date and the commit."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def machine() -> dict[str, object]:
 
 @cache
 def measured_here() -> str:
-    """Describe where and when this process measures: the machine, the date and the commit."""
+    """Describe where and when this process runs: the machine, the date and the commit."""
     found = machine()
     files = sorted(Path("/proc/driver/nvidia/gpus").glob("*/information"))
     models = [re.search(r"^Model:\s*(.+)", file.read_text(), re.MULTILINE) for file in files]
@@ -42,7 +42,7 @@ def measured_here() -> str:
 
 
 def commit() -> str:
-    """Name the commit of the clone, and whether its files, less its pages, have changes; else the version."""
+    """Name the clone's commit and whether files other than pages have changes; without a clone, the version."""
     git = partial(subprocess.check_output, stderr=subprocess.DEVNULL, text=True, cwd=ROOT)
     try:
         if not (ROOT / ".git").exists():

@@ -28,22 +28,22 @@ from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 @dataclass(eq=False)
 class Scene:
-    """The input of the methods: the same pairs by their labels and by their intensities, read when needed."""
+    """The input of the methods: the labels and the intensities of the same pairs, read when needed."""
 
     drive: Drive
-    """The drive, of whose frames all are used."""
+    """The drive, all of whose frames are used."""
     wrong: float = 0.0
-    """Share of the labels that are replaced by wrong ones, on both sides."""
+    """Fraction of the labels on both sides that are replaced by wrong ones."""
     seed: int = 0
     """Seed of the wrong labels."""
     is_mended: bool = True
     """Whether isolated pixels are mended for all methods but the paper's."""
     is_initialized: bool = False
-    """Whether the common start is that of an initial calibration; otherwise coarse levels are ascended first."""
+    """Whether the common start comes from an initial calibration; if not, coarse levels are ascended first."""
 
     @cached_property
     def raw_labels(self) -> Observations:
-        """The labels as they are read; isolated pixels stay."""
+        """The labels as read; isolated pixels stay."""
         return with_wrong_labels(read_observations(self.drive), self.wrong, np.random.default_rng(self.seed))
 
     @cached_property
@@ -53,16 +53,16 @@ class Scene:
 
     @cached_property
     def intensity(self) -> Observations:
-        """Levels of intensities and grey values against their surroundings."""
+        """Levels of intensities and grey values, relative to their surroundings."""
         return load_cues(self.drive, ("intensity",))
 
     @cached_property
     def raw_intensity(self) -> Observations:
-        """Intensities and grey values as they are, as vectors of one number."""
+        """Raw intensities and grey values, as vectors of one number."""
         return load_cues(self.drive, ("intensity",), is_raw=True)
 
     def ascend(self, observations: Observations, T_init: Pose, estimator: Estimator) -> Pose:
-        """Ascend mutual information as `calibrate` does, or as `calibrate --init` does if the start is any pose."""
+        """Ascend mutual information as `calibrate` does or, from any other start, as `calibrate --init` does."""
         data = LoadedDrive(self.drive, observations)
         given = InitialPose(T_init, "start")
         initial: StageResult = (
@@ -78,13 +78,13 @@ class Method:
     """A calibration method."""
 
     sees: str
-    """Attribute of `Scene` with the observations that it uses."""
+    """Attribute of `Scene` that holds the observations that it uses."""
     find: Callable[[Scene, Observations, Pose], Pose]
-    """Function of the scene, these observations and a start to a better pose; it may raise a `SemcalError`."""
+    """Function that finds a pose from the scene, these observations and a start; it may raise a `SemcalError`."""
     color: str
     """Colour of the method in plots."""
     is_slow: bool = False
-    """Whether it runs on some drives and settings only."""
+    """Whether it runs only on some drives and settings."""
 
     @property
     def is_by_labels(self) -> bool:
@@ -92,10 +92,10 @@ class Method:
         return self.sees in ("labels", "raw_labels")
 
     def prepare(self, scene: Scene) -> Observations:
-        """Read what the method sees, whose time counts for no method.
+        """Read what the method sees; the time of that counts for no method.
 
         Raises:
-            SemcalError: the drive lacks it.
+            SemcalError: the drive does not have it.
         """
         observations: Observations = getattr(scene, self.sees)
         _ = observations.core
@@ -108,7 +108,8 @@ PMI_AS_PUBLISHED = replace(
     mine=replace(MINE_WITH_VECTORS, edge_band_px=0),
     pyramid=replace(PAPER.pyramid, coarsest_block_deg=1.0),
 )
-"""Intensity tells locally: from coarser blocks, raw values led farther away on both drives that were tried."""
+"""Intensity guides the pose only locally: on both drives that were tried, coarser blocks led raw values farther
+away."""
 
 
 def _published(observations: Observations, T_init: Pose) -> Pose:
@@ -142,4 +143,4 @@ METHODS: dict[str, Method] = {
     ),
 }
 """Methods by name. `paper` is Jiang et al.'s as published. PMI follows Pandey et al., mutual information of
-reflectivity and grey values: with semcal's levels and polish, or as Jiang et al. have it, by MINE on raw values."""
+reflectivity and grey values: with semcal's levels and polish, or by MINE on raw values as in Jiang et al."""

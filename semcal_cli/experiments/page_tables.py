@@ -1,7 +1,7 @@
-"""Tables of figures in pages of the documentation, each written by the command that measures it.
+"""Tables in pages of the documentation, each written by the command that measures its figures.
 
-A page holds places: the line `<!-- table: NAME -->`, and below it the line `<!-- end of table -->`. What stands between
-them is written anew: the tables, and below them the command, the machine, the date and the commit.
+A page holds places: the line `<!-- table: NAME -->`, and below it the line `<!-- end of table -->`. What is between
+them is replaced by the tables and, below them, the command, the machine, the date and the commit.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
 
 
 class Place(NamedTuple):
-    """A place of a page that a command writes its tables into."""
+    """A place in a page, into which a command writes its tables."""
 
     page: Path
     name: str
@@ -36,12 +36,12 @@ class Place(NamedTuple):
         """Write the tables of what a command printed; the rest of the page stays as it is.
 
         Args:
-            printed: Text with Markdown tables, of which the other lines are left out.
-            measured: Where and when, as `measured_here` has it; several if a stopped run was resumed elsewhere.
+            printed: Text with Markdown tables; its other lines are left out.
+            measured: Where and when, as from `measured_here`; several if a stopped run was resumed elsewhere.
 
         Raises:
-            InputError: the page cannot be read or written, or has not exactly one such place, or nothing printed is a
-                table.
+            InputError: the page cannot be read or written, it does not have exactly one such place, or no table was
+                printed.
         """
         before, after = self.split()
         tables = "\n".join(TABLE.findall(f"{printed}\n"))
@@ -51,10 +51,10 @@ class Place(NamedTuple):
         write_text(f"{before}\n\n{tables}\n{line}\n\n{after}", self.page)
 
     def split(self) -> tuple[str, str]:
-        """Read what stands before and after the content of the place, its two lines included.
+        """Read what is before and after the content of the place, including its two lines.
 
         Raises:
-            InputError: the page cannot be read, or has not exactly one such place.
+            InputError: the page cannot be read, or it does not have exactly one such place.
         """
         text = read_text(self.page)
         content = r"\n(?:(?!<!-- table:).*\n)*?"
@@ -67,13 +67,14 @@ class Place(NamedTuple):
 
 
 def find_place(into: str, name: str) -> Place:
-    """Find the place of `PAGE`, or of `PAGE#NAME` where it has another name than the command.
+    """Find the place that `PAGE` names, or `PAGE#NAME` where its name is not that of the command.
 
     Raises:
-        InputError: the page cannot be read, its folder cannot be written to, or it has not exactly one such place.
+        InputError: the page cannot be read, its folder cannot be written to, or it does not have exactly one such
+            place.
     """
     page, _, other = into.rpartition("#")
-    # Names of files and folders may have the sign, too: no name of a place has a point or a slash.
+    # File and folder names may contain "#", too; names of places contain neither a point nor a slash.
     place = Place(Path(page), other) if other.isidentifier() and page else Place(Path(into), name)
     place.split()
     check_replaceable(place.page)
@@ -88,7 +89,7 @@ def command_line(arguments: Sequence[str]) -> str:
     """
     program, *words = arguments
     name = Path(program).name
-    # Of a path from the root, or from above the working folder, only the last name means something elsewhere.
+    # Only the last name of an absolute path, or of one above the working folder, means something elsewhere.
     words = [re.sub(r"(^|^-\w|=)(?:/|\.\./).*/", r"\1", word.rstrip("/")) for word in words]
     command = shlex.join(
         [*(("python", f"tests/benchmarks/{name}") if name.endswith(".py") else ("semcal",)), *words]

@@ -1,4 +1,4 @@
-"""The plots of the experiments: one style whatever the user's settings are, and errors as dots or boxes in groups."""
+"""The plots of the experiments: errors as dots or boxes in groups, in a style that no user settings change."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in QUALITATIVE_COLORS[:7]
 )
-"""Okabe and Ito's colours, which the colour-blind tell apart."""
+"""Okabe and Ito's colours, which colour-blind readers can distinguish."""
 ACCENT, WRONG = BLUE, VERMILION
-"""Colours of what semcal finds, and of what is wrong."""
+"""Colours of semcal's results and of wrong ones."""
 INK, GREY = "#222222", "#999999"
-"""Colours of medians and texts, and of what matters less."""
+"""Colours of medians and text, and of what matters less."""
 STYLE: dict[Any, Any] = {
     "font.size": 10.0,
     "axes.labelsize": 10.0,
@@ -39,15 +39,15 @@ STYLE: dict[Any, Any] = {
 }
 DPI = 120
 MULTIPLES = {0.5: tuple(np.arange(1.0, 10.0)), 2.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
-"""Multiples of each power of ten that are named on a logarithmic axis, by the most decades that it covers."""
+"""Multiples of each power of ten that a logarithmic axis labels, by the largest number of decades that it covers."""
 MAX_FOR_DOTS = 30
-"""Most values that are drawn one by one, with a tick at their median; a box stands for more."""
+"""Largest number of values that are drawn one by one, with a tick at their median; more are drawn as a box."""
 GROUP_WIDTH = 0.8
-"""Width of the columns of a group together; groups are at a distance of one."""
+"""Total width of the columns of a group; groups are one unit apart."""
 SPREAD = 0.6
-"""Share of a column's width over which its dots are spread."""
+"""Fraction of a column's width over which its dots are spread."""
 GOLDEN_RATIO = 0.618034
-"""Step between dots of neighbouring values across their column, modulo one: they seldom cover one another."""
+"""Horizontal step between dots of neighbouring values, modulo one, so that they seldom cover one another."""
 
 
 def plot_png(draw: Callable[[], Figure]) -> bytes:
@@ -64,7 +64,7 @@ def plot_png(draw: Callable[[], Figure]) -> bytes:
 
 
 def make_logarithmic(axes: Axes) -> None:
-    """Scale drawn values by logarithms; ticks are named 0.01, 0.1 and 1, and where there are few, others, too."""
+    """Make the y axis logarithmic; ticks are labelled 0.01, 0.1 and 1, and multiples of these where there are few."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set_yscale("log")
@@ -77,14 +77,14 @@ def make_logarithmic(axes: Axes) -> None:
 
 
 def plain_number(value: float) -> str:
-    """Write a number without an exponent, and without zeros at its end."""
+    """Write a number without an exponent or trailing zeros."""
     return np.format_float_positional(value, precision=4, fractional=False, trim="-")
 
 
 def draw_groups(
     axes: Axes, groups: Sequence[Sequence[Sequence[float]]], colors: Mapping[str, str]
 ) -> list[tuple[float, Sequence[float]]]:
-    """Draw a column of dots, or a box, for each label in each group; infinite errors are left out.
+    """Draw a column of dots or a box for each label in each group; infinite errors are left out.
 
     Args:
         axes: Axes to draw in; groups are at 0, 1, 2 and so on.
@@ -106,7 +106,7 @@ def draw_groups(
 
 
 def _draw_values(axes: Axes, values: Sequence[float], place: float, width: float, color: str) -> None:
-    """Draw values one by one with a tick at their median, of failures too, or as a box if they are many."""
+    """Draw values one by one, with a tick at their median (failures included), or as a box if there are many."""
     finite = sorted(value for value in values if math.isfinite(value))
     if len(finite) > MAX_FOR_DOTS:
         boxes = axes.boxplot(

@@ -1,7 +1,7 @@
-"""What Jiang, Osteen and Saripalli print in their tables (arXiv 2104.12023), to stand beside a table of ours.
+"""What Jiang, Osteen and Saripalli print in their tables (arXiv 2104.12023), for comparison with our own table.
 
 Only their references are here. The poses of their other rows (SOIC, PMI, their own method) are not: no copy of the
-tables was at hand to take them from, and none is guessed. Every row that is added here is printed.
+tables was at hand, and no value is guessed. Every row that is added here is printed.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from semcal_cli.geometry.twists import apply_motion, rotation_matrix
 PAPER = "arXiv 2104.12023"
 REFERENCE = "reference, published"
 SAME_REFERENCE_DEG = 1.0
-"""Largest rotation between a data set's published reference and a drive's own. Rectification of KITTI-360 is 0.45."""
+"""Largest rotation between a data set's published reference and a drive's own. KITTI-360's rectification is 0.45."""
 SAME_REFERENCE_CM = 10.0
 """Largest distance between their camera centres."""
 
 
 @dataclass(frozen=True)
 class PublishedRow:
-    """A pose as it is printed, with two decimals."""
+    """A pose as printed, with two decimals."""
 
     method: str
     """Name of the row."""
@@ -32,7 +32,7 @@ class PublishedRow:
     translation_m: tuple[float, float, float]
     """Translation of T_camera_lidar."""
     source: str
-    """Where the values are from, and what they hold for."""
+    """Where the values come from, and what they apply to."""
 
     @property
     def T_camera_lidar(self) -> Pose:
@@ -55,8 +55,8 @@ PUBLISHED: dict[str, tuple[PublishedRow, ...]] = {
             REFERENCE,
             (73.72, -71.37, 64.56),
             (0.26, -0.11, -0.83),
-            f"that of KITTI-360 for raw pictures, with two decimals: rotation as printed in {PAPER}, translation of "
-            "calib_cam_to_velo.txt; R_rect_00 turns it for rectified pictures",
+            f"that of KITTI-360 for raw images, with two decimals: rotation as printed in {PAPER}, translation from "
+            "calib_cam_to_velo.txt; for rectified images, R_rect_00 turns it",
         ),
     ),
 }
@@ -64,7 +64,7 @@ PUBLISHED: dict[str, tuple[PublishedRow, ...]] = {
 
 
 def published_rows(T_reference: Pose) -> tuple[PublishedRow, ...]:
-    """Find the rows of the data set that a drive is of, by its reference (4, 4); none for other drives."""
+    """Find the rows of a drive's data set by its reference (4, 4); empty for other drives."""
     for rows in PUBLISHED.values():
         error = compare_poses(T_reference, rows[0].T_camera_lidar)
         if error.rotation_deg <= SAME_REFERENCE_DEG and error.camera_center_cm <= SAME_REFERENCE_CM:

@@ -1,4 +1,4 @@
-"""Error against the number of pairs, and against wrong labels, in comparison with the paper's method, SOIC and PMI.
+"""Error against the number of pairs and the fraction of wrong labels, compared with the paper's method, SOIC and PMI.
 
 The plots follow the box plots of Jiang, Osteen and Saripalli, arXiv 2104.12023.
 """
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 START_DEG, START_M = 2.0, 0.2
 """Distance of the common start from the truth."""
 SLOW_SETTINGS = ("10", "20%")
-"""Settings in which slow methods are run."""
+"""Settings in which slow methods run."""
 SLOW_EVERY = 5
-"""Divisor of the seeds on whose drives slow methods are run."""
+"""Slow methods run on the drives of seeds that this divides."""
 TAKING_TURNS = 4
 """Number of drives whose runs take turns, so that parallel runs do not make the same drive."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A group of boxes: a number of pairs, and a share of wrong labels on both sides."""
+    """A group of boxes: a number of pairs, and a fraction of wrong labels on both sides."""
 
     name: str
     num_pairs: int
@@ -52,7 +52,7 @@ EXPERIMENTS: dict[str, tuple[Setting, ...]] = {
     "noise": tuple(Setting(f"{share:.0%}", 20, share) for share in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)),
 }
 AXES = {"pairs": "pairs", "noise": "wrong labels"}
-"""Axis of the plot of each experiment, along which its settings differ."""
+"""Label of the x axis of each experiment's plot, along which its settings differ."""
 MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
 """Errors of a result, with the labels of their axes."""
 
@@ -77,9 +77,9 @@ class Result:
     method: str
     seed: int
     rotation_deg: float
-    """Rotation error; infinite, as the other error is, if the calibration failed."""
+    """Rotation error; infinite, like the other error, if the calibration failed."""
     camera_center_cm: float
-    """Distance of the camera from its true place."""
+    """Distance of the camera centre from the true one."""
     seconds: float
     """Time from pairs in memory to a pose."""
     failure: str = ""
@@ -87,14 +87,14 @@ class Result:
 
     @property
     def is_back(self) -> bool:
-        """Whether the result is nearer to the truth than the common start, in rotation and in place."""
+        """Whether the result is nearer to the truth than the common start, both in rotation and in position."""
         return self.rotation_deg < START_DEG and self.camera_center_cm < 100.0 * START_M
 
 
 def cases(settings: Sequence[Setting], seeds: range) -> list[Case]:
-    """List the runs, some drives at a time.
+    """List the runs, a few drives at a time.
 
-    Wrong labels have no effect on methods that compare no labels. These have one run for each number of pairs.
+    Methods that compare no labels run once for each number of pairs, since wrong labels do not affect them.
     """
     first_of = {setting.num_pairs: setting.name for setting in reversed(settings)}
     found = []
@@ -123,11 +123,11 @@ def complete(settings: Sequence[Setting], results: Sequence[Result]) -> list[Res
 def run(
     settings: Sequence[Setting], pool: Pool, changes: Mapping[str, object], is_mended: bool, case: Case
 ) -> list[Result]:
-    """Cut a drive down to a setting, and calibrate it by one method.
+    """Reduce a drive to a setting and calibrate it by one method.
 
     Args:
         settings: All settings.
-        pool: Drives, with their pictures.
+        pool: Drives, with their images.
         changes: Changes of the drives' `SynthConfig`.
         is_mended: Whether isolated wrong pixels are mended for all methods but the paper's.
         case: The run.
@@ -151,7 +151,7 @@ def run(
 
 
 def report(name: str, is_mended: bool, results: Sequence[Result]) -> Report:
-    """Sum up the results of each setting, in the order of the results, by each method, in that of `METHODS`."""
+    """Summarise the results by setting, in the order of the results, and by method, in the order of `METHODS`."""
     columns = (
         common("setting", AXES[name]),
         common("method", "method"),
@@ -192,7 +192,7 @@ def experiment(out: Path, seeds: range, name: str, *, is_mended: bool) -> Experi
 
 
 def _plot(axis: str, results: Sequence[Result]) -> Figure:
-    """Draw the errors of each method in each setting, side by side as in the paper's, and the shares that came back."""
+    """Draw each method's errors in each setting, side by side as in the paper, and the percentage that came back."""
     from matplotlib.figure import Figure
 
     settings = list(dict.fromkeys(result.setting for result in results))

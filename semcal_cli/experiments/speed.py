@@ -1,4 +1,4 @@
-"""Time and memory of whole processes, and the ratio to the same refinement in plain torch, in one run."""
+"""Time and memory of whole processes, and the ratio to the same refinement in plain torch, measured in one run."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ESTIMATORS = ("exact", "mine")
 SEED = 10_000
 LONG_DRIVE = 1000
 MAKE_FRAMES = 70
-"""Number of rendered frames; the long drive repeats them, and reads and processes each repetition."""
+"""Number of rendered frames. The long drive repeats them; each repetition is read and processed."""
 STREET = SynthConfig(num_frames=MAKE_FRAMES, seed=SEED)
 COMMANDS = ("calibrate", "refine")
 PLAIN_TORCH = "plain torch"
@@ -59,7 +59,7 @@ class Case:
     """One run of a process on a drive."""
 
     name: str
-    """Command and estimator, with a comma between them."""
+    """Command and estimator, separated by a comma."""
     num_pairs: int
     """Number of frames of the drive."""
     repeat: int
@@ -99,7 +99,7 @@ def cases(
 
 
 def run(folder: Path, plain_torch: Path | None, street: SynthConfig, case: Case) -> list[Timing]:
-    """Run a process on a drive in a folder, and compare its pose with the truth."""
+    """Run a process on a drive in a folder and compare its pose with the truth."""
     drive = make_drive(folder, case.num_pairs, street)
     truth = read_transform(drive)
     command, estimator = case.name.split(", ")
@@ -122,7 +122,7 @@ def run(folder: Path, plain_torch: Path | None, street: SynthConfig, case: Case)
 
 
 def report(timings: Sequence[Timing]) -> Report:
-    """Sum up the runs of each process; those that refine beside plain torch with the same estimator and pairs."""
+    """Summarise the runs of each process, and compare refinements with plain torch of the same estimator and pairs."""
     groups = grouped(timings, lambda timing: (timing.name, timing.num_pairs))
     medians = {key: of("seconds", median)(found) for key, found in groups.items()}
 
@@ -150,7 +150,7 @@ def report(timings: Sequence[Timing]) -> Report:
 def experiment(
     out: Path, repeats: int, street: SynthConfig, plain_torch: Path | None, commands: Sequence[str]
 ) -> Experiment[Case, Timing]:
-    """Declare the experiment; drives of another size have a folder of their own.
+    """Declare the experiment; drives of another size have their own folder.
 
     Args:
         out: Folder of all experiments.
@@ -172,10 +172,10 @@ def experiment(
 
 
 class Ended(NamedTuple):
-    """A process that ended."""
+    """A finished process."""
 
     seconds: float
-    """Wall time."""
+    """Wall-clock time."""
     peak_gib: float
     """Largest resident memory."""
     messages: str
@@ -183,9 +183,9 @@ class Ended(NamedTuple):
 
 
 def run_process(command: list[str]) -> Ended:
-    """Run a process, and measure its time and memory.
+    """Run a process and measure its time and memory.
 
-    Until the process begins, Linux counts the memory of this one as its own: the peak is at least that.
+    Linux counts the memory of this process as the new one's until it starts, so the peak is at least that.
 
     Raises:
         CalibrationError: the process failed.
@@ -195,7 +195,7 @@ def run_process(command: list[str]) -> Ended:
     assert process.stderr is not None
     with process.stderr as errors:
         messages = errors.read()
-    # `wait` does not return the memory.
+    # `Popen.wait` does not report the memory.
     _, status, usage = os.wait4(process.pid, 0)
     code = process.returncode = os.waitstatus_to_exitcode(status)
     if code not in (0, 3):
@@ -206,7 +206,7 @@ def run_process(command: list[str]) -> Ended:
 def make_drive(folder: Path, count: int, street: SynthConfig = STREET) -> Path:
     """Make a drive of `count` pairs.
 
-    Frames are rendered once; a shorter drive has the first of them, a longer one repeats all of them.
+    Frames are rendered once; a shorter drive takes the first of them, a longer one repeats them.
     """
     rendered = folder / "drive"
     if not (rendered / DRIVE_FILE).exists():

@@ -1,4 +1,4 @@
-"""Calibrations of spoiled drives: which are trusted although they are wrong, and which say what is wrong."""
+"""Calibrations of spoiled drives: which are trusted although wrong, and which say what is wrong."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ LATE_S = 0.03
 SPEEDS_M_S = {"at 10 m/s": (10.0, 10.0), "at 0 to 20 m/s": (0.0, 20.0)}
 MISPLACED_PX = 8
 MOMENT_PAIRS = 6
-"""Number of pairs of which one has a picture of another moment."""
+"""Number of pairs, one of which has an image from another moment."""
 MOUNTINGS_DEG = 10.0, 11.0
-"""Azimuths of the camera in the two halves of a drive with two mountings; backward ones look the other way."""
+"""Azimuths of the camera in the two halves of a drive with two mountings; backward cameras look the other way."""
 SECOND_SEED = 500_000
-"""Step to the seed of the second half."""
+"""Offset to the seed of the second half."""
 Spoil = Callable[[RawDrive, np.random.Generator], RawDrive]
 
 
@@ -45,32 +45,32 @@ class Kind:
     spoil: Spoil
     """Function that spoils a good drive."""
     group: str
-    """Name of the ways that are counted together."""
+    """Name of the kinds that are counted together."""
     diagnose: Diagnose | None = None
-    """Function that decides whether the result says what is wrong; None if nothing is asked of it."""
+    """Function that decides whether the result says what is wrong; None if it need not."""
     num_pairs: tuple[int, ...] = PAIRS
     """Numbers of pairs of the spoiled drives."""
     num_read: int | None = None
-    """Number of frames of the good drive; that of the spoiled drive if None."""
+    """Number of frames of the good drive; None for that of the spoiled drive."""
     has_two_mountings: bool = False
-    """Whether the second half of the frames is of another drive of the rig, whose camera looks elsewhere."""
+    """Whether the second half of the frames is from another drive of the rig, whose camera looks elsewhere."""
     noises: tuple[float, ...] = NOISES
-    """Shares of wrong labels of the good drives."""
+    """Fractions of wrong labels in the good drives."""
     has_pictures: bool = True
-    """Whether the spoiled drive names its pictures."""
+    """Whether the spoiled drive names its images."""
     has_point_labels: bool = True
-    """Whether it has labels of points; it is calibrated by segments without them and without pictures."""
+    """Whether it has point labels; without them and without images it is calibrated by segments."""
     has_exact_intrinsics: bool = True
-    """Whether it states that K is exact, as synthetic drives do, instead of stating nothing."""
+    """Whether it states that K is exact, as synthetic drives do; otherwise it states nothing about K."""
 
     @property
     def is_subtle(self) -> bool:
-        """Whether it belongs to the part `subtle`: what is wrong hardly shows, so that only the interval can tell."""
+        """Whether it belongs to the part `subtle`: what is wrong hardly shows, so only the interval can cover it."""
         return self.group in SUBTLE
 
 
 def _by_segments(kinds: Mapping[str, Kind]) -> dict[str, Kind]:
-    """Declare kinds by labels of the pictures alone."""
+    """Declare the same kinds with image labels only."""
     return {
         f"{name}, by segments": replace(kind, has_point_labels=False, has_pictures=False)
         for name, kind in kinds.items()
@@ -78,7 +78,7 @@ def _by_segments(kinds: Mapping[str, Kind]) -> dict[str, Kind]:
 
 
 def _by_both(name: str, kind: Kind) -> dict[str, Kind]:
-    """Declare a kind by labels of both sides, and by segments."""
+    """Declare a kind with labels on both sides, and the same by segments."""
     return {name: kind, **_by_segments({name: kind})}
 
 
@@ -205,7 +205,7 @@ KINDS: dict[str, Kind] = {
 
 
 def cases(seed: int) -> list[Case]:
-    """List the cases of one seed: each kind once, with a random number of pairs and share of wrong labels."""
+    """List the cases of one seed: each kind once, with a random number of pairs and fraction of wrong labels."""
     rng = np.random.default_rng((seed, len(RIGS)))
     return [
         Case(name, seed, int(rng.choice(kind.num_pairs)), float(rng.choice(kind.noises)))
@@ -214,7 +214,7 @@ def cases(seed: int) -> list[Case]:
 
 
 def run(pool: Pool, case: Case) -> list[Outcome]:
-    """Spoil a drive, calibrate it, and compare with the nearest of its true poses."""
+    """Spoil a drive, calibrate it, and compare the pose with the nearest of its true poses."""
     kind, rig = KINDS[case.kind], rig_of(case.seed)
     rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
     raw = given(kind, kind.spoil(_good_drive(pool, rig, case, rng), rng))
@@ -229,7 +229,7 @@ def run(pool: Pool, case: Case) -> list[Outcome]:
 
 
 def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> RawDrive:
-    """Read some frames of a drive in a random choice, one more that is not used, and give them wrong labels."""
+    """Read randomly chosen frames of a drive and a spare one, and give them wrong labels."""
     kind = KINDS[case.kind]
     num_frames = kind.num_read or case.num_pairs
     if kind.has_two_mountings:
@@ -242,7 +242,7 @@ def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> R
 
 
 def given(kind: Kind, raw: RawDrive) -> RawDrive:
-    """Leave out what the user of a spoiled drive does not give."""
+    """Leave out what the spoiled drive does not state."""
     raw = replace(raw, has_point_labels=kind.has_point_labels)
     if not kind.has_exact_intrinsics:
         raw = raw.with_document(camera=raw.drive.camera.model_copy(update={"intrinsics_sigma": None}))
@@ -252,7 +252,7 @@ def given(kind: Kind, raw: RawDrive) -> RawDrive:
 
 
 def _two_mountings(pool: Pool, rig: str, seed: int, num_frames: int) -> RawDrive:
-    """Read frames of two drives of one rig; the camera was mounted anew in between."""
+    """Read frames of two drives of one rig, between which the camera was remounted."""
     backward = RIGS[rig].get("camera_azimuth_deg") is not None
     halves = []
     for half, azimuth_deg in enumerate(MOUNTINGS_DEG):

@@ -20,13 +20,13 @@ class Column:
     """A column of the table, with the figures that it shows."""
 
     header: str
-    """Head of the column, which may be empty."""
+    """Header of the column, which may be empty."""
     figures: Mapping[str, Measure]
-    """What is computed of each group, by its key in summary.json."""
+    """Figures of each group, by key in summary.json."""
     show: Callable[..., object] = str
-    """Formats the cell of the table; it is given the values of the figures."""
+    """Formats the cell of the table from the values of the figures."""
     field: str = ""
-    """Field that the results of a group have in common; empty for other columns."""
+    """Field that all results of a group share; empty for other columns."""
 
 
 def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key, list[Result]]:
@@ -40,7 +40,7 @@ def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key
 def summarise(results: Iterable[Any], columns: Sequence[Column]) -> list[dict[str, Any]]:
     """Compute the figures of the columns for each group of results, in the order of the results.
 
-    Results with the same values of the fields of the columns are a group.
+    A group is the results with equal values in the fields of the columns.
     """
     fields = [column.field for column in columns if column.field]
     groups = grouped(results, lambda result: tuple(getattr(result, field) for field in fields))
@@ -67,12 +67,12 @@ def table_row(*cells: object) -> str:
 
 
 def of(field: str, measure: Callable[[Sequence[Any]], Any]) -> Measure:
-    """Compute a figure of one field of the results."""
+    """Make a measure of one field of the results."""
     return lambda found: measure([getattr(result, field) for result in found])
 
 
 def common(field: str, header: str, show: Callable[[Any], object] = str) -> Column:
-    """Make the column of a field that the results of a group have in common."""
+    """Make the column of a field that all results of a group share."""
     return Column(header, {field: of(field, lambda values: values[0])}, show, field)
 
 
@@ -82,12 +82,12 @@ def cell(header: str, measure: Measure) -> Column:
 
 
 def count(header: str, key: str, is_so: Callable[[Any], bool]) -> Column:
-    """Make the column of the number of results of which something is so."""
+    """Make the column of the number of results that meet a condition."""
     return Column(header, {key: lambda found: sum(map(is_so, found))})
 
 
 def digits(number: int) -> Callable[[Sequence[float] | float | None], str]:
-    """Format values with so many digits behind the point; the cell of no value is empty."""
+    """Make a function that formats values with this many decimals; None becomes an empty cell."""
 
     def show(values: Sequence[float] | float | None) -> str:
         listed = values if isinstance(values, Sequence) else () if values is None else (values,)
@@ -115,7 +115,7 @@ def distribution(values: Sequence[float]) -> tuple[float, float, float]:
 def error_columns(
     figures: str, measure: Callable[[Sequence[float]], Any], deg_digits: int = 4, cm_digits: int = 2
 ) -> tuple[Column, Column]:
-    """Make the columns of figures of the errors of the rotation in degrees and of the camera centre in centimetres."""
+    """Make the columns of the errors of the rotation, in degrees, and of the camera centre, in centimetres."""
     deg, cm = ({field: of(field, measure)} for field in ("rotation_deg", "camera_center_cm"))
     return (
         Column(f"rotation, deg: {figures}", deg, digits(deg_digits)),
@@ -134,7 +134,7 @@ SECONDS = Column("s", {"seconds": of("seconds", median)}, digits(1))
 class Rate:
     """Frequency of an event, with the binomial 95 % interval of Wilson (1927).
 
-    Runs on one drive, and axes of one run, are not independent: the interval is then too narrow.
+    Runs on one drive and axes of one run are not independent, so their interval is too narrow.
     """
 
     name: str
@@ -164,7 +164,7 @@ class Rate:
 
 
 def rate_of(name: str, results: Iterable[Result], is_so: Callable[[Result], bool | Sequence[bool]]) -> Rate:
-    """Count the results of which something is so, or what is so of several parts of each."""
+    """Count the results that meet a condition, or the parts of each that do."""
     found = [is_so(result) for result in results]
     flags = [flag for each in found for flag in ([each] if isinstance(each, bool) else each)]
     return Rate(name, sum(flags), len(flags))
@@ -177,14 +177,14 @@ def rates_by(
     is_so: Callable[[Result], bool | Sequence[bool]],
     values: Iterable[Hashable] | None = None,
 ) -> list[Rate]:
-    """Count part by part.
+    """Compute the rate of each group of results.
 
     Args:
-        name: Names of the rates, with `{}` for the value of the part.
+        name: Name of the rates, with `{}` for the value of the group.
         results: Results.
-        key: Value by which the results are parted.
+        key: Value by which the results are grouped.
         is_so: Event that is counted, as in `rate_of`.
-        values: Values of the parts; None for those that occur, in the order of the results.
+        values: Values of the groups; None for those that occur, in the order of the results.
     """
     parts = grouped(results, key)
     return [

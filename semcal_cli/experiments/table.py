@@ -1,6 +1,6 @@
-"""One drive with a reference, calibrated by every method from the same start: the tables and figures of the paper.
+"""One drive with a reference, calibrated by every method from the same start, for tables and figures like the paper's.
 
-The tables follow Jiang, Osteen and Saripalli, arXiv 2104.12023, whose columns "roll, pitch, yaw" hold the rotation
+The tables follow Jiang, Osteen and Saripalli, arXiv 2104.12023, whose columns "roll, pitch, yaw" contain the rotation
 vector of T_camera_lidar in degrees.
 """
 
@@ -41,13 +41,13 @@ ORDER = (
     *("paper, own start", "paper", "semcal", "semcal, MINE and polish"),
 )
 PICTURES = ("reference", "SOIC", "PMI", "semcal")
-"""Poses of the images (a) to (d), in the paper's order."""
+"""Poses that images (a) to (d) show, in the paper's order."""
 PICTURE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", PICTURES, strict=True))
 FILES = (RESULTS, SUMMARY, TABLE, *PICTURE_FILES)
 LEGEND = (
     "Rotation vector and translation are T_camera_lidar's. Roll, pitch and yaw: the camera's body frame (x forward, "
-    "y left, z up) in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll). MI: of labels. Distance: from points to pixels "
-    "of their class, averaged over classes. s: from pairs in memory to a pose, semcal's with its assessment."
+    "y left, z up) in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll). MI: of the labels. Distance: from points to "
+    "pixels of their class, averaged over classes. s: from pairs in memory to a pose; semcal's includes its assessment."
 )
 
 
@@ -60,11 +60,11 @@ class Comparison:
     poses: dict[str, Pose]
     """T_camera_lidar (4, 4) by name: `reference`, `start`, and each method with an answer."""
     published: tuple[PublishedRow, ...] = ()
-    """Rows of the paper, if the drive's reference is that of one of its data sets."""
+    """The paper's rows, if the drive's reference is that of one of the paper's data sets."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Time by method, from pairs in memory to a pose; semcal's includes its assessment."""
     failures: dict[str, str] = field(default_factory=dict)
-    """Reasons of the methods without an answer, by name."""
+    """Why a method has no answer, by method."""
     status: Status | None = None
     """Status of semcal's own pose; the other methods have none."""
     reasons: tuple[str, ...] = ()
@@ -82,18 +82,18 @@ def compare(
     Args:
         data: Drive loaded by `load`.
         T_reference: (4, 4) T_camera_lidar to compare with.
-        initial_pose: Start of all methods; None takes the result of the initial calibration.
+        initial_pose: Start of all methods; None starts at the result of the initial calibration.
         frame: Frame of the drawn images.
         progress: Called with a description of each step.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says, or there is no such frame.
+        InputError: a file is missing or not what its name or the drive says, or there is no such frame.
         CalibrationError: labels cannot be compared at all.
     """
     if frame >= len(data.drive.frames):
         found = len(data.drive.frames)
         raise InputError(f"{data.drive.path}: found {found} frames, needed one numbered {frame}")
-    # The image to draw on is checked before the long computation.
+    # The image is checked before the long computation.
     read_frame_image(data.drive, data.drive.frames[frame])
     progress(
         "searching all mounting directions" if initial_pose is None else f"starting at {initial_pose.name}"
@@ -127,7 +127,7 @@ class Row:
 
     method: str
     rotation_vector_x_deg: float
-    """First component of T_camera_lidar's rotation vector; the translation below is also T_camera_lidar's."""
+    """First component of the rotation vector of T_camera_lidar; the translation is also that of T_camera_lidar."""
     rotation_vector_y_deg: float
     rotation_vector_z_deg: float
     translation_x_m: float
@@ -142,7 +142,7 @@ class Row:
     mutual_information_nats: float
     """Mutual information of the labels."""
     distance_px: float | None
-    """SOIC's cost, from points to pixels of their class; None if the two sides have no class name in common."""
+    """SOIC's cost, the distance of points from pixels of their class; None if the two sides share no class name."""
 
     @property
     def cells(self) -> tuple[str, str, str]:
@@ -153,7 +153,7 @@ class Row:
 
 
 def describe(found: Comparison) -> list[Row]:
-    """Describe the reference, the poses of the paper, the start, and the pose of each method."""
+    """Describe the reference, the paper's poses, the start, and the pose of each method."""
     try:
         soic = Soic(found.labels, SoicConfig())
     except CalibrationError:
@@ -197,7 +197,7 @@ def markdown(found: Comparison, rows: Sequence[Row]) -> str:
         information = f"{row.mutual_information_nats:.4f}"
         lines.append((row.method, *row.cells, off, information, distance, seconds))
     table = markdown_table((*headers, "distance, px", "s"), lines)
-    # A row without an answer has empty cells of another width.
+    # Rows without an answer are appended, because their empty cells have another width.
     table += "".join(
         f"| {method} | failed: {_cell(text)} | | | | | | |\n" for method, text in found.failures.items()
     )
@@ -212,7 +212,7 @@ def _cell(text: str) -> str:
 
 
 def write_table(found: Comparison, frame: int, folder: Path) -> str:
-    """Write CSV, JSON, table and the images of a frame into a folder, and return the table.
+    """Write CSV, JSON, the table and the images of a frame into a folder, and return the table.
 
     Raises:
         InputError: a file cannot be written.
@@ -233,7 +233,7 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
 
 
 def _write_images(found: Comparison, frame: int, folder: Path) -> None:
-    """Draw the points of a frame at each pose, as the paper's (a) to (d), one image for each."""
+    """Draw the points of a frame at each pose, one image each, as in the paper's (a) to (d)."""
     pictures, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
     for file, method in zip(PICTURE_FILES, PICTURES, strict=True):
         path = folder / file

@@ -1,4 +1,4 @@
-"""Calibrations and verifications of drives with known truth, and what each states of itself."""
+"""Calibrations and verifications of drives with known truth, and what each states about itself."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from semcal_cli.synthetic.label_noise import with_shared_errors, with_wrong_labe
 
 CONFIDENT_SIGMAS = 4.0
 CONFIDENT_DEG, CONFIDENT_CM = 0.2, 5.0
-"""Limits of a confidently wrong calibration: its error is beyond all of these."""
+"""A calibration is confidently wrong if its error exceeds all of these."""
 WRONG_DEG, WRONG_CM = 0.3, 6.0
-"""Limits of a wrong calibration of a spoiled drive: its error is beyond one of these."""
+"""A calibration of a spoiled drive is wrong if its error exceeds one of these."""
 PAIRS = (1, 2, 3, 5, 10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)
 SHARED = "classes off alike in all frames"
-"""Good drives whose classes' borders are a little off in every picture, as a network draws them."""
+"""Good drives whose class borders are slightly off in every image, as a network draws them."""
 SHARED_PAIRS = (5, 20)
 OTHER_DRIVE = len(RIGS)
-"""Step to the seed whose drive replaces the images: the next one of the same rig."""
+"""Offset to the seed whose drive replaces the images: the next one of the same rig."""
 LIMITS = Limits(rotation_deg=0.1, translation_m=0.02)
 TURNED_DEG = 0.2
 MOVED_M = 0.03
@@ -55,14 +55,14 @@ class Case:
     num_pairs: int
     """Number of frames that are used."""
     noise: float
-    """Share of wrong labels on both sides."""
+    """Fraction of wrong labels on both sides."""
     draw: int = 0
     """Number of the random draw on this drive."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The statement of a calibration or a verification, and its true errors."""
+    """What a calibration or a verification states, and its true errors."""
 
     kind: str
     """Kind of the case; for a verification one of `trust.OFFSETS`."""
@@ -73,14 +73,14 @@ class Outcome:
     num_pairs: int
     """Number of frames that were used."""
     noise: float
-    """Share of wrong labels on both sides."""
+    """Fraction of wrong labels on both sides."""
     status: str = "failed"
     """Status of the calibration, `failed`, or the verdict of `verify`."""
     reasons: str = ""
     """Sentences that speak against the transform."""
     errors: tuple[float, ...] = ()
-    """Errors of the camera centre in centimetres and of the rotation in degrees, along the camera's axes; from the
-    nearest of several true poses."""
+    """Errors of the camera centre in centimetres and of the rotation in degrees, along the camera's axes. Where there
+    are several true poses, the nearest one counts."""
     sigmas: tuple[float, ...] = ()
     """Stated standard errors of `errors`."""
     half_widths: tuple[float, ...] = ()
@@ -90,14 +90,14 @@ class Outcome:
     has_frame: bool | None = None
     """Whether the result names the frame at which the camera was knocked, within one; None for other kinds."""
     num_axes_inside: int | None = None
-    """Number of the axes of the knock that lie inside the stated intervals; None without a stated knock."""
+    """Number of axes of the knock that lie within the stated intervals; None without a stated knock."""
     is_told: bool | None = None
-    """Whether the result says what is wrong with a spoiled drive, as `spoiled.KINDS` asks; None if nothing is asked."""
+    """Whether the result says what is wrong with a spoiled drive, as its kind requires; None if it requires nothing."""
     detail: str = ""
     """Figures behind `is_told`."""
 
     def stating(self, calibration: Calibration, errors: tuple[float, ...]) -> Outcome:
-        """Copy with what a calibration states, and its errors (6,), centimetres and degrees."""
+        """Copy this with what a calibration states, and its errors (6,) in centimetres and degrees."""
         outcome = replace(
             self,
             status=calibration.status,
@@ -126,46 +126,47 @@ class Outcome:
         return any(abs(error) > max(CONFIDENT_SIGMAS * sigma, least) for error, sigma, least in pairs)
 
     def axes_inside(self) -> list[bool]:
-        """Whether the error along each axis lies within the stated interval; empty without intervals."""
+        """Whether the error of each axis lies within the stated interval; empty without intervals."""
         pairs = zip(self.errors, self.half_widths, strict=True) if self.half_widths else ()
         return [abs(error) <= half for error, half in pairs]
 
     def is_outside(self) -> bool:
-        """Whether a pose is trusted though the truth is outside its interval, along or about any axis."""
+        """Whether the pose is trusted although the truth is outside its interval on some axis."""
         return self.is_trusted() and not (self.half_widths and all(self.axes_inside()))
 
     def is_outside_untold(self) -> bool:
-        """Whether that is so, and the result does not say why."""
+        """Whether the pose is trusted, the truth is outside its interval, and the result does not say why."""
         return self.is_outside() and not self.is_told
 
     def is_missed(self) -> bool:
-        """Whether that is so, and the pose is wrong."""
+        """Whether the pose is trusted, wrong and outside its interval, and the result does not say why."""
         return self.is_outside_untold() and self.is_wrong()
 
     def is_wrong(self) -> bool:
-        """Whether the pose is farther than 0.3 degrees or 6 cm from the truth."""
+        """Whether the pose is more than 0.3 degrees or 6 cm from the truth."""
         return distance_in_limits(self.errors) > 1.0
 
     def is_trusted_and_wrong(self) -> bool:
-        """Whether such a pose is trusted."""
+        """Whether the pose is trusted although it is wrong."""
         return self.is_trusted() and self.is_wrong()
 
 
 def errors_of(T_camera_lidar: Pose, truth: Pose) -> tuple[float, ...]:
-    """Errors (6,) of a pose, as in `Outcome.errors`: centimetres and degrees, along the camera's axes."""
+    """Compute the errors (6,) of a pose, as in `Outcome.errors`: centimetres and degrees, along the camera's axes."""
     error = compare_poses(T_camera_lidar, truth)
     return *error.camera_center_xyz_cm, *error.rotation_xyz_deg
 
 
 def distance_in_limits(errors: Sequence[float]) -> float:
-    """Size of errors, as in `Outcome.errors`, in units of `WRONG_CM` and `WRONG_DEG`, whichever is larger."""
+    """Compute the larger of the errors of position and rotation, relative to `WRONG_CM` and `WRONG_DEG`."""
     if not errors:
         return 0.0
     return float(max(np.linalg.norm(errors[:3]) / WRONG_CM, np.linalg.norm(errors[3:]) / WRONG_DEG))
 
 
 Degrade = Callable[[Observations, Pose, Callable[[], Observations], np.random.Generator], Observations]
-"""Makes a drive impossible to calibrate; it is given the true pose (4, 4), and what reads another drive of the rig."""
+"""Makes a drive impossible to calibrate, given the true pose (4, 4) and a function that reads another drive of the
+rig."""
 
 
 def _one_class(
@@ -220,11 +221,11 @@ BAD: dict[str, Degrade] = {
         seen, camera=seen.camera.zoomed(1.1 if rng.random() < 0.5 else 0.9)
     ),
 }
-"""Changes that make a drive impossible to calibrate, by name."""
+"""Ways to make a drive impossible to calibrate, by name."""
 
 
 def run(pool: Pool, case: Case) -> list[Outcome]:
-    """Calibrate or verify, and compare with the truth."""
+    """Calibrate or verify a drive and compare with the truth."""
     rig = rig_of(case.seed)
     rng = np.random.default_rng((case.seed, case.num_pairs, case.draw, *case.kind.encode()))
     drive, truth = pool.read(rig, RIGS[rig], case.seed)

@@ -1,4 +1,4 @@
-"""How often a calibration's own statements are true: intervals, verdicts, and what it says of spoiled drives."""
+"""How often a calibration's own statements are true: intervals, verdicts, and what it says about spoiled drives."""
 
 from __future__ import annotations
 
@@ -29,24 +29,25 @@ from semcal_cli.experiments.summary import (
 from semcal_cli.experiments.trust import NOISES, PAIRS, SHARED, SHARED_PAIRS, Case, Outcome
 
 VERIFY_DRAWS = 5
-"""Number of times that a drive's labels are corrupted for `verify`, with transforms off in other directions."""
+"""Number of draws of wrong labels for `verify` on each drive, each with a transform that is off in another
+direction."""
 MINE_PAIRS = 10
 MINE_EVERY = SPOILED_EVERY = 5
-"""Step between the seeds whose drive is also calibrated with MINE, or spoiled; it covers all rigs in turn."""
+"""Step between the seeds whose drive is also calibrated with MINE, or spoiled; such seeds cycle through all rigs."""
 MANY_PAIRS = 10
-"""Least number of pairs of the drives none of which may be trusted and wrong."""
+"""Number of pairs from which no drive may be trusted and wrong."""
 EXCEPTED = (spoiled.PRINCIPAL_POINT, spoiled.SCALE)
-"""Groups that labels cannot tell from another pose; a note or a wider interval is what counts there."""
+"""Groups that labels cannot distinguish from another pose, where a note or a wider interval counts."""
 INSIDE, TRUSTED, WRONGLY_TRUSTED = Outcome.axes_inside, Outcome.is_trusted, Outcome.is_trusted_and_wrong
 
 
 def cases(seeds: range, parts: Sequence[str]) -> list[Case]:
     """List the cases of some parts of the experiment, seed by seed.
 
-    Each seed has six calibrations of a good drive, two with errors of classes, five of bad ones, and five rounds of
-    three verifications. A round without wrong labels occurs only once: another one would be the same. Every fifth seed
-    also has a calibration with MINE, and a drive for each way of spoiling; if no other parts are asked for, every seed
-    has them.
+    Each seed has six calibrations of a good drive, two with class borders off, five of bad drives, and five rounds of
+    three verifications. Only one round has no wrong labels, since a second one would be the same. Every fifth seed also
+    has a calibration with MINE, and a drive for each kind of fault; if only spoiled drives are asked for, every seed
+    has these.
 
     Args:
         seeds: Seeds of the drives.
@@ -75,7 +76,7 @@ def _part(kind: str) -> str:
 
 
 def run(pool: Pool, pool_with_pictures: Pool, case: Case) -> list[Outcome]:
-    """Run a case; the drives that are spoiled have pictures."""
+    """Run a case; spoiled drives are made from drives with images."""
     return spoiled.run(pool_with_pictures, case) if case.kind in KINDS else trust.run(pool, case)
 
 
@@ -85,7 +86,7 @@ def _is_told(outcome: Outcome) -> bool:
 
 
 def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
-    """Rates of all statements that semcal makes."""
+    """Compute the rates of all statements that semcal makes."""
     calibrated = [f for f in outcomes if f.kind not in trust.OFFSETS and f.kind not in KINDS]
     trusted = list(filter(TRUSTED, calibrated))
     good, mine = ([f for f in calibrated if f.kind == kind] for kind in ("good", "mine"))
@@ -115,7 +116,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
 
 
 def _rates_of_verify(outcomes: Sequence[Outcome]) -> list[Rate]:
-    """Rates of the verdicts of `verify` on each offset, and on the three moves together."""
+    """Compute the rates of the verdicts of `verify` for each offset, and for the three moves together."""
     found = []
     for name, kinds in (
         *((kind, (kind,)) for kind in trust.OFFSETS),
@@ -128,7 +129,7 @@ def _rates_of_verify(outcomes: Sequence[Outcome]) -> list[Rate]:
 
 
 def spoiled_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
-    """Rates of what calibrations say of spoiled drives."""
+    """Compute the rates of what calibrations say about spoiled drives."""
     groups = grouped(_of_kinds(outcomes, is_subtle=False), lambda f: KINDS[f.kind].group)
     counted = [
         f
@@ -163,7 +164,7 @@ def spoiled_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
 
 
 def subtle_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
-    """Rates of what calibrations of drives with subtle faults state."""
+    """Compute the rates of what calibrations say about drives with subtle faults."""
     found: list[Rate] = []
     groups = grouped(_of_kinds(outcomes, is_subtle=True), lambda f: KINDS[f.kind].group)
     for group, listed in groups.items():
@@ -191,7 +192,7 @@ def _of_kinds(outcomes: Sequence[Outcome], *, is_subtle: bool) -> list[Outcome]:
 
 
 def sharpness(outcomes: Sequence[Outcome]) -> float:
-    """Ratio of the median stated standard error to the true root mean square error, if trusted; the worst axis."""
+    """Ratio of the median stated standard error to the true RMS error of trusted poses, on the worst axis."""
     trusted = [f for f in outcomes if f.kind == "good" and f.is_trusted()]
     if not trusted:
         return math.nan
@@ -223,7 +224,7 @@ def _axes_inside(found: Sequence[Outcome]) -> str:
 
 
 def _number_told(found: Sequence[Outcome]) -> Any:
-    """Count the results that say what is wrong, where that is asked."""
+    """Count the results that say what is wrong, where that is required."""
     return "-" if KINDS[found[0].kind].diagnose is None else sum(map(_is_told, found))
 
 
@@ -254,9 +255,9 @@ SUBTLE_COLUMNS = (
 
 
 def kinds_markdown(outcomes: Sequence[Outcome], *, is_subtle: bool) -> str:
-    """Format a table with a row for each way of spoiling; empty without outcomes of one.
+    """Format a table with a row for each kind of spoiled drive; empty without outcomes of any.
 
-    The columns of rigs count what is trusted and wrong.
+    The columns of the rigs count results that are trusted and wrong.
     """
     found = _of_kinds(outcomes, is_subtle=is_subtle)
     columns = SUBTLE_COLUMNS if is_subtle else SPOILED_COLUMNS
@@ -264,7 +265,7 @@ def kinds_markdown(outcomes: Sequence[Outcome], *, is_subtle: bool) -> str:
 
 
 def report(outcomes: Sequence[Outcome]) -> Report:
-    """Sum up all outcomes."""
+    """Summarise all outcomes."""
     found, ratio = rates(outcomes), sharpness(outcomes)
     headers = ("", "count", "of", "rate", "95 % interval")
     table = markdown_table(headers, (rate.cells for rate in found if rate.n > 0))
@@ -278,6 +279,6 @@ def report(outcomes: Sequence[Outcome]) -> Report:
 
 
 def experiment(out: Path, seeds: range, parts: Sequence[str]) -> Experiment[Case, Outcome]:
-    """Declare the experiment on some parts; see `trust.cases`."""
+    """Declare the experiment for some parts; see `cases`."""
     run_case = partial(run, Pool(out / "pool"), Pool(out / "pool_with_pictures", has_pictures=True))
     return Experiment("trust", out / "trust", cases(seeds, parts), run_case, Outcome, report)

@@ -1,4 +1,4 @@
-"""Settings of the methods to compare with."""
+"""Settings of the methods that semcal is compared with."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from semcal_cli.config.mine import MineConfig
 
 @dataclass(frozen=True)
 class PaperConfig:
-    """The method as published, with the choices that the paper leaves open.
+    """The method as published, with choices where the paper leaves them open.
 
     Nothing of ours is added: no climb of hypotheses, no edge band, no removal of hidden points, no polish.
     """
@@ -20,7 +20,7 @@ class PaperConfig:
     pyramid: PyramidConfig = field(
         default_factory=lambda: PyramidConfig(coarsest_block_deg=FAR_DEG, hidden_below_block_deg=0.0)
     )
-    """Levels of the pyramid of Alg. 1, coarse enough for the start that Alg. 2 gives."""
+    """Levels of the pyramid of Alg. 1, coarse enough for the start from Alg. 2."""
     mine: MineConfig = field(default_factory=lambda: MineConfig(edge_band_px=0))
     """Network, optimiser, rates and steps of Alg. 1."""
 
@@ -32,22 +32,22 @@ class SoicConfig:
     num_sectors: int = 24
     """Directions in which centroids are computed."""
     centroid_error_deg: float = 5.0
-    """Centroids of what is seen from elsewhere, and partly, are no more exact than this."""
+    """Error to expect of centroids of things that the two sensors see partly and from different places."""
     min_centroids: int = 8
-    """Number of centroids that have to agree on a pose."""
+    """Number of centroids that must agree on a pose."""
     min_pixels: int = 50
-    """Classes with fewer pixels in a picture or fewer points in a sector have no centroid there."""
+    """Least number of pixels in an image, and of points in a sector, for a class to have a centroid there."""
     block_px: int = 2
-    """Side of the blocks in which distances to classes are kept."""
+    """Side of the blocks in which distances to classes are stored."""
     max_points: int = 400_000
-    """Points in the pictures or beside them that are looked at."""
+    """Largest number of points, inside the images or near them, that the cost uses."""
     step_deg: float = 2.0
-    """A line search turns the camera by at most this."""
+    """Largest rotation of the camera in a line search."""
     step_m: float = 0.3
-    """A line search moves the camera by at most this."""
+    """Largest movement of the camera in a line search."""
     tolerance: float = 1e-3
-    """A line search ends within this share of its step."""
+    """Precision of a line search, relative to its step."""
     max_rounds: int = 30
-    """Rounds of Powell's method from each start."""
+    """Largest number of rounds of Powell's method from each start."""
     max_restarts: int = 20
-    """Largest number of starts. Powell's method starts again until that gains nothing."""
+    """Largest number of starts. Powell's method restarts until that gains nothing."""

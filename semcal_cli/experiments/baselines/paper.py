@@ -2,9 +2,9 @@
 
 Source: Jiang, Osteen and Saripalli, *Calibrating LiDAR and Camera using Semantic Mutual Information*, arXiv 2104.12023.
 
-The best placement of the registration is the start, and the Donsker-Varadhan bound over the label pyramid the only
-objective: hypotheses do not climb, isolated pixels stay, borders have full weight, hidden points count, and the exact
-mutual information polishes nothing. It only tells afterwards whether another placement would have been as good.
+The start is the best placement of the registration, and the only objective is the Donsker-Varadhan bound over the label
+pyramid: hypotheses do not climb, isolated pixels stay, borders have full weight, hidden points count, and nothing is
+polished. The exact mutual information only shows afterwards whether another placement would have been as good.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def calibrate_as_published(
     """Calibrate with the paper's method; arguments and errors are those of `pipeline.calibrate`.
 
     The drive is loaded with `config.is_raw`. An initial pose replaces Alg. 2. The result has no uncertainty; it is not
-    trusted if the pose has not settled, or if another placement of Alg. 2 agrees about as well.
+    trusted if the pose has not settled or another placement of Alg. 2 agrees about as well.
     """
     observations = data.observations
     initial: StageResult
@@ -136,10 +136,10 @@ def _placements(observations: Observations, paper: PaperConfig, seed: int) -> In
 def _compared(
     initial: Initialization, refined: Refinement, paper: PaperConfig
 ) -> tuple[Initialization, tuple[Finding, ...]]:
-    """Compare the refined pose with the other placements of Alg. 2, as they were.
+    """Compare the refined pose with the other, unrefined placements of Alg. 2.
 
-    The registration of few pairs may prefer a wrong mounting, from which the ascent ends at a false optimum and settles
-    there. The right one is then mostly among the other placements, and agrees as well even before it is refined.
+    The registration of few pairs may prefer a wrong mounting, from which the ascent settles at a false optimum. The
+    right mounting is then usually among the other placements, and agrees as well even unrefined.
     """
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
     ranked = sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)

@@ -1,10 +1,11 @@
-"""SOIC, for comparison: an initial pose from semantic centroids, then points are moved onto pixels of their class.
+"""SOIC, for comparison: a pose from semantic centroids, and then one that moves points onto pixels of their class.
 
 Source: Wang, Nobuhara, Nakamura and Sakurada, *SOIC: Semantic Online Initialization and Calibration for LiDAR and
 Camera*, arXiv 2003.04260. Points and pixels need classes of the same names, and the method gives no uncertainty.
 
-A sweep covers a full turn and an image does not, so the centroid of a class in the whole sweep is no point of the
-image. Centroids are therefore computed in many sectors as wide as the image, and the pose with the least cost is taken.
+A sweep covers a full turn and an image does not, so the centroid of a class in the whole sweep is not the centroid in
+the image. Centroids are therefore computed in many sectors as wide as the image, and the pose with the lowest cost is
+taken.
 """
 
 from __future__ import annotations
@@ -89,13 +90,13 @@ def calibrate_by_soic(
 
 
 class Soic:
-    """Cost of SOIC over all frames of a drive, in pixels."""
+    """SOIC's cost over all frames of a drive, in pixels."""
 
     def __init__(self, observations: Observations, config: SoicConfig) -> None:
         """Compute the distance fields of the classes that points and pixels share.
 
         Raises:
-            CalibrationError: the frames have points and pixels of fewer than two shared class names.
+            CalibrationError: fewer than two class names are shared by the points and pixels of a frame.
         """
         self.observations, self.config = observations, config
         image_classes = {name: index for index, name in enumerate(observations.image_class_names)}
@@ -109,7 +110,7 @@ class Soic:
         num_classes = len({number for number, _, _ in parts})
         if num_classes < 2:
             raise CalibrationError(
-                f"SOIC: found {num_classes} classes of one name on both sides of a frame, needed at least 2"
+                f"SOIC: found {num_classes} class names that points and pixels of a frame share, needed at least 2"
             )
         self.distance = _core.SemanticDistance(core_camera(observations.camera), parts, block=config.block_px)
 
@@ -127,7 +128,7 @@ class Soic:
             T_camera_lidar (4, 4), metres.
 
         Raises:
-            CalibrationError: the centroids of no sector determine such a pose.
+            CalibrationError: no sector's centroids determine such a pose.
         """
         camera, config = self.observations.camera, self.config
         pnp = PnpConfig(max_error_deg=config.centroid_error_deg, min_inliers=config.min_centroids)
@@ -142,7 +143,7 @@ class Soic:
         if not found:
             most = len(self.classes) * self.observations.num_frames
             raise CalibrationError(
-                f"SOIC: of {most} semantic centroids at most, {len(self.classes)} classes in "
+                f"SOIC: of at most {most} semantic centroids, {len(self.classes)} classes in "
                 f"{self.observations.num_frames} frames, no direction has {config.min_centroids} that agree on a pose "
                 f"within {max_baseline_m:g} m of the LiDAR"
             )
@@ -152,7 +153,7 @@ class Soic:
         """Minimise the cost from a pose.
 
         Raises:
-            CalibrationError: no point projects into the image there.
+            CalibrationError: no point projects into the image at that pose.
         """
         return self.distance.minimize(T_init, self.config)
 
@@ -173,7 +174,7 @@ class Soic:
             if len(chosen) == 0 or others.all():
                 continue
             distances = cv2.distanceTransform(others.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-            # Rows and columns beyond the last whole block are left out, so that all blocks have the same size.
+            # Rows and columns after the last whole block are left out, so that all blocks have the same size.
             whole = distances[: height * block, : width * block]
             small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
             yield number, chosen, small.astype(np.float32, copy=False)
@@ -192,7 +193,7 @@ class Soic:
         rays = lens.unproject(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
         angles = np.arctan2(np.abs(rays[:, 0]), rays[:, 2])
         half_width = float(np.where(np.isfinite(angles), angles, lens.limit).mean())
-        # An image of a full turn contains each bin once.
+        # An image that covers a full turn contains each bin once.
         reach = min(round(half_width / (2.0 * math.pi) * num_bins), (num_bins - 1) // 2)
         window = np.arange(-reach, reach + 1)
         for sector in range(config.num_sectors):
