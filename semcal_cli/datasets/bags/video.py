@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -42,6 +43,29 @@ class Group:
         self.frames: list[bytes] = []
         """Frames as they are stored, the key frame first."""
         self.num_bytes = 0
+
+
+class _Frame(NamedTuple):
+    """A frame as it is stored."""
+
+    codec: str
+    """Its decoder."""
+    data: bytes
+    """Its bytes."""
+    is_marked: bool
+    """Whether its packet says that it is a key frame."""
+
+    @property
+    def is_key(self) -> bool:
+        """Whether it is a key frame."""
+        if self.is_marked:
+            return True
+        match self.codec:
+            case "h264":
+                return H264_KEY in _nal_units(self.data, 0, 0x1F)
+            case "hevc":
+                return any(kind in HEVC_KEYS for kind in _nal_units(self.data, 1, 0x3F))
+        return AV1_SEQUENCE in _av1_units(self.data)
 
 
 @dataclass(frozen=True)
@@ -95,11 +119,12 @@ class Video:
         """Take the next packet of the topic."""
         self._read_ns = message.received_ns + 1
         try:
-            codec, data = _payload(message)
+            frame = _frame(message)
         except MessageError:
             return Packet(message.topic, message.received_ns, message.raw)
-        if _is_key(message):
-            self._group = Group(codec)
+        data = frame.data
+        if frame.is_key:
+            self._group = Group(frame.codec)
         group = self._group
         if group is not None and group.num_bytes + len(data) > MAX_GROUP_BYTES:
             group = self._group = None
@@ -115,8 +140,7 @@ class Video:
         Raises:
             MessageError: it is damaged, its encoding is not read, or no key frame stands before it.
         """
-        codec, _ = _payload(packet)
-        if packet.group is None or packet.group.codec != codec:
+        if packet.group is None or packet.group.codec != _frame(packet).codec:
             raise MessageError(
                 f"found a frame of a video without a key frame in the {MAX_GROUP_BYTES >> 20} MiB before"
             )
@@ -182,8 +206,9 @@ def _last_group(packets: Iterable[Message]) -> list[Message] | None:
     group: list[Message] | None = None
     num_bytes = 0
     for each in packets:
-        if _is_key(each):
-            group, num_bytes = [], 0
+        with suppress(MessageError):
+            if _frame(each).is_key:
+                group, num_bytes = [], 0
         if group is not None:
             num_bytes += len(each.raw)
             if num_bytes <= MAX_GROUP_BYTES:
@@ -193,8 +218,8 @@ def _last_group(packets: Iterable[Message]) -> list[Message] | None:
     return group
 
 
-def _payload(message: Message) -> tuple[str, bytes]:
-    """Tell the decoder of a packet, and its bytes.
+def _frame(message: Message) -> _Frame:
+    """Read the frame of a packet.
 
     Raises:
         MessageError: the message is damaged, or has an encoding that is not read.
@@ -206,23 +231,7 @@ def _payload(message: Message) -> tuple[str, bytes]:
     codec = next((codec for part, codec in CODECS.items() if part in encoding), None)
     if codec is None:
         raise MessageError(f"found a video in {name[:40]!r}, needed H.264, H.265 or AV1")
-    return codec, content.data.tobytes()
-
-
-def _is_key(message: Message) -> bool:
-    """Whether a packet is a key frame; False of one that cannot be read."""
-    try:
-        codec, data = _payload(message)
-    except MessageError:
-        return False
-    if message.is_a(FFMPEG) and message.content.flags & FFMPEG_KEY:
-        return True
-    match codec:
-        case "h264":
-            return H264_KEY in _nal_units(data, 0, 0x1F)
-        case "hevc":
-            return any(kind in HEVC_KEYS for kind in _nal_units(data, 1, 0x3F))
-    return AV1_SEQUENCE in _av1_units(data)
+    return _Frame(codec, content.data.tobytes(), bool(message.is_a(FFMPEG) and content.flags & FFMPEG_KEY))
 
 
 def _nal_units(data: bytes, shift: int, mask: int) -> Iterator[int]:
