@@ -1,7 +1,8 @@
-"""Consecutive sweeps and pictures of one synthetic street, along which a rig drives at a constant speed and turn.
+"""Consecutive sweeps and pictures of one synthetic street, along which a rig drives on an arc.
 
-The core renders one long sweep of a rosette, whose parts are sweeps that follow one another, and pictures at any time
-of it: where only its shutter is late, the street is the same.
+The core renders one long sweep of a rosette at one speed, whose parts are sweeps that follow one another, and pictures
+at any time of it: where only its shutter is late, the street is the same. A speed that changes is a clock that runs
+unevenly along the same way.
 """
 
 from __future__ import annotations
@@ -62,8 +63,27 @@ class MovingStreet:
     """A drive of three seconds."""
 
     def __init__(
-        self, speed_m_s: float, yaw_rate_rad_s: float, seed: int, points: int = 40_000, width: int = 640
+        self,
+        speed_m_s: float,
+        yaw_rate_rad_s: float,
+        seed: int,
+        points: int = 40_000,
+        width: int = 640,
+        *,
+        change: float = 0.0,
+        readout_s: float = 0.0,
     ) -> None:
+        """Make the street.
+
+        Args:
+            speed_m_s: Mean speed.
+            yaw_rate_rad_s: Mean turn.
+            seed: Seed of the street and the mounting.
+            points: Mean number of points of a sweep.
+            width: Width of the pictures.
+            change: Share by which the speed rises above its mean and falls below it within the drive.
+            readout_s: Time that the shutter takes from the first line of a picture to the last.
+        """
         self.config = StreetConfig(
             seed=seed,
             pattern="rosette",
@@ -76,6 +96,7 @@ class MovingStreet:
         self.T_camera_lidar = mounting(self.config)
         self.camera = make_camera(self.config)
         self._motion = VehicleMotion(speed_m_s, yaw_rate_rad_s)
+        self._change, self._readout_s = change, readout_s
         self._twist_per_s = [speed_m_s, 0.0, 0.0, 0.0, 0.0, yaw_rate_rad_s]
 
     @cached_property
@@ -85,20 +106,39 @@ class MovingStreet:
     def _rendered(self, config: StreetConfig) -> _core.RenderedFrame:
         return make_renderer(config, self.T_camera_lidar).frame(config.seed, 0, self._twist_per_s)
 
+    def _even_s(self, seconds: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Time at which the rig would be at the same place at its mean speed; both count from the first sweep on."""
+        turns = 2.0 * np.pi / self.config.sweep_s
+        return seconds + self._change / turns * np.sin(turns * np.asarray(seconds))
+
+    def speed_m_s(self, stamp_s: float) -> float:
+        """Speed at a time."""
+        wave = np.cos(2.0 * np.pi / self.config.sweep_s * (stamp_s - FIRST_S))
+        return float(self._motion.speed_m_s * (1.0 + self._change * wave))
+
+    @cached_property
+    def _times_s(self) -> npt.NDArray[np.float64]:
+        """Time of each point, from the first sweep on."""
+        seconds = np.linspace(0.0, self.config.sweep_s, 30_001)
+        return np.interp(self._whole.point_times, self._even_s(seconds), seconds)
+
     def sweep(self, index: int) -> Timed:
         """Cut out the sweep of a number, which starts at `stamp_s` of it."""
-        times_s = self._whole.point_times.astype(np.float64) - index * SWEEP_S
+        times_s = self._times_s - index * SWEEP_S
         is_in = (times_s >= 0.0) & (times_s < SWEEP_S)
         return Timed(self._whole.points[is_in, :3], times_s[is_in], self._whole.point_labels[is_in])
 
     def picture(self, stamp_s: float) -> _core.RenderedFrame:
-        """Render the picture of a time, with its labels."""
-        late_s = stamp_s - FIRST_S - 0.5 * self.config.sweep_s
-        return self._rendered(replace(self.config, columns=1, delay_ms=1e3 * late_s))
+        """Render the picture whose reading begins at a time, with its labels."""
+        begin_s, end_s = self._even_s([stamp_s - FIRST_S, stamp_s - FIRST_S + self._readout_s])
+        late_s, readout_s = begin_s - 0.5 * self.config.sweep_s, end_s - begin_s
+        return self._rendered(
+            replace(self.config, columns=1, delay_ms=1e3 * late_s, readout_ms=1e3 * readout_s)
+        )
 
     def pose(self, stamp_s: float) -> Pose:
         """Pose (4, 4) of the LiDAR at a time, in a fixed frame."""
-        return self._motion.displacement(stamp_s - FIRST_S)
+        return self._motion.displacement(float(self._even_s(stamp_s - FIRST_S)))
 
     def errors(self, poses: dict[int, Pose]) -> tuple[float, float]:
         """Measure how far the last pose is from the truth, seen from the first, metres, and turned from it, degrees."""
@@ -114,17 +154,17 @@ class MovingStreet:
         angle = np.arccos(np.clip(0.5 * (np.trace(error[:3, :3]) - 1.0), -1.0, 1.0))
         return float(np.linalg.norm(error[:3, 3])), float(np.degrees(angle))
 
-    def write(self, folder: Path, count: int = NUM_SWEEPS, every: int = 1) -> Path:
+    def write(self, folder: Path, count: int = NUM_SWEEPS, every: int = 1, late_s: float = 0.0) -> Path:
         """Write a drive of the first sweeps, or of every so many, with pictures of their middles, and no motion.
 
-        The true poses lie beside it.
+        The true poses lie beside it. Pictures are later than their stamps by some time.
         """
         folder.mkdir(parents=True)
         frames = []
         for index in range(0, count, every):
             sweep, start_s = self.sweep(index), stamp_s(index)
             middle_s = start_s + 0.5 * SWEEP_S
-            picture, names = self.picture(middle_s), f"{index:06d}"
+            picture, names = self.picture(middle_s + late_s), f"{index:06d}"
             (folder / f"{names}.pcd").write_bytes(Sweep(sweep.records(), PointTimes()).pcd())
             sweep.labels.astype("<u4").tofile(folder / f"{names}.label")
             write_image(picture.image_labels, folder / f"{names}_labels.png")
@@ -141,9 +181,10 @@ class MovingStreet:
             )
         stamps_ns = range(round((FIRST_S - 1.0) * NS), round((FIRST_S + 5.0) * NS), NS // 50)
         (folder / "true.txt").write_text(tum_text({each: self.pose(each / NS) for each in stamps_ns}))
+        shutter = {"readout_s": self._readout_s} if self._readout_s else {}
         document = {
             "semcal_drive": 1,
-            "camera": self.camera.model_dump(mode="json", exclude_unset=True),
+            "camera": self.camera.model_dump(mode="json", exclude_unset=True) | shutter,
             "frames": frames,
             "ignore": {"points": [0], "image": [0]},
             "T_camera_lidar": self.T_camera_lidar.tolist(),

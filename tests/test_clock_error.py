@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from semcal_cli.assessment.clock_error import KNOW_MOTION, UnknownClock, notes_on_clock
+from semcal_cli.assessment.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.assessment.priors import Prior, fuse_with_priors
 from semcal_cli.config import CalibrationConfig, PolishConfig
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.document import Drive, Motion, Twist, read_drive
+from semcal_cli.drive.document import Drive, Motion, MotionSigma, Twist, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import delayed
 from semcal_cli.drive.observations import NO_CLASS, Observations
@@ -180,6 +181,49 @@ def test_a_stated_speed_widens_the_interval(street: Path, street_truth: Pose) ->
         assert STANDING in standing.notes
 
 
+def test_what_the_motion_may_be_off_widens_the_interval(loaded: LoadedDrive) -> None:
+    """By what it moves across the time between points and image, and turns the camera about the LiDAR."""
+    lags_s = (0.03, 0.01)
+    frames = loaded.observations.frame_observations
+    late = tuple(replace(each, lag_s=lags_s[index % 2]) for index, each in enumerate(frames))
+    data = replace(loaded, observations=replace(loaded.observations, frame_observations=late))
+
+    def by_motion(T_camera_lidar: Pose, later_s: float = 0.0, **sigma: float) -> NDArray[np.float64]:
+        motion = Motion(poses="poses.txt", sigma=MotionSigma(**sigma))
+        found = covariance_of_motion(
+            replace(data, drive=with_motion(data.drive, motion)), T_camera_lidar, later_s=later_s
+        )
+        assert found is not None
+        return found
+
+    squared = 0.5 * (0.03**2 + 0.01**2)
+    shifted = np.diag([0.04 * squared] * 3 + [0.0] * 3)
+    np.testing.assert_allclose(by_motion(T, linear_m_s=0.2), shifted, atol=1e-15)
+    later = by_motion(T, linear_m_s=0.2, later_s=0.03)
+    np.testing.assert_allclose(later, shifted * (1.0 + 9e-4 / squared), atol=1e-15)
+    # The camera's centre stays where it is on the axis through the LiDAR, and goes round it elsewhere.
+    turned = by_motion(T, angular_rad_s=0.5)
+    np.testing.assert_allclose(turned[3:, 3:], 0.25 * squared * np.eye(3), atol=1e-15)
+    lever_m = cross_matrix(T[:3, 3])
+    np.testing.assert_allclose(turned[:3, :3], 0.25 * squared * lever_m @ lever_m.T, atol=1e-15)
+    assert covariance_of_motion(data, T) is None
+
+
+def test_the_motion_is_part_of_the_interval(tmp_path: Path) -> None:
+    """Velocities that may be off by 8 m/s make it wider, and the advice is to know them better."""
+    synthesize(SynthConfig(num_frames=2, seed=11, width=320, height=180, motion="mixed"), tmp_path / "drive")
+    drive, truth = read_drive(tmp_path / "drive"), read_transform(tmp_path / "drive")
+    assert drive.motion is not None
+    rough = with_motion(drive, drive.motion.model_copy(update={"sigma": MotionSigma(linear_m_s=8.0)}))
+    found = [found_by(each, truth) for each in (drive, rough)]
+    sure, unsure = (np.array(each.uncertainty.covariance) for each in found if each.uncertainty is not None)
+    # A sweep of 0.1 s is moved to its middle.
+    lag_s = 0.1 / np.sqrt(12.0)
+    wider = np.diag([(8.0 * lag_s) ** 2] * 3 + [0.0] * 3)
+    np.testing.assert_allclose(unsure - sure, wider, rtol=0.02, atol=1e-9)
+    assert found[1].reasons[0].endswith(KNOW_POSES)
+
+
 def test_a_delay_at_one_speed_is_within_the_interval(tmp_path: Path) -> None:
     """Straight on at 12 m/s, pictures that are 20 ms late put the camera 24 cm farther on, and every frame agrees."""
     config = SynthConfig(num_frames=4, seed=11, width=640, height=360, motion="steady", delay_ms=20.0)
@@ -231,7 +275,7 @@ def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
     tape = Prior("tape", measured, (0.01, 0.01, 0.01, np.inf, np.inf, np.inf))
     of_clock = covariance_of_clock(load(at_speed(read_drive(street), 8.0), CONFIG), polished)
     sure = fuse_with_priors(street_observations, polished, [tape])
-    unsure = fuse_with_priors(street_observations, polished, [tape], of_clock=of_clock)
+    unsure = fuse_with_priors(street_observations, polished, [tape], of_motion=of_clock)
     assert [finding.topic for finding in sure.findings] == ["prior"]
     assert unsure.findings == ()
     assert unsure.of_intrinsics is None

@@ -14,7 +14,7 @@ from bags import NS, BagWriter
 from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
 from semcal_cli import errors
-from semcal_cli.datasets.odometry import DOUBTFUL_NS, Odometry, drive_motion, tum_text
+from semcal_cli.datasets.odometry import DOUBTFUL_NS, SIGMA, Odometry, drive_motion, tum_text
 from semcal_cli.drive.document import Motion, read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.geometry.poses import Pose
@@ -112,6 +112,8 @@ def test_a_recording_without_poses_gets_them_from_its_sweeps(street: MovingStree
     drive = read_drive(tmp_path / "drive")
     assert len(drive.frames) == 12
     assert drive.motion is not None
+    assert drive.motion.sigma is not None
+    assert drive.motion.sigma.linear_m_s == SIGMA["linear_m_s"]
     lines = (tmp_path / "drive" / str(drive.motion.poses)).read_text().splitlines()
     assert lines[0].startswith("# KISS-ICP ")
     run_cli("import", "bag", path, "-o", tmp_path / "again", "--odometry")
@@ -137,7 +139,9 @@ def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet
     path = street.write(tmp_path / "drive", count=8)
     result = run_cli("odometry", path, "-o", tmp_path / "drive/estimated.txt")
     block = result.stderr.partition("motion: ")[2].strip()
-    assert block == "{poses: estimated.txt, point_times: relative}"
+    assert block == (
+        "{poses: estimated.txt, point_times: relative, sigma: {linear_m_s: 0.1, angular_rad_s: 0.01}}"
+    )
     drive, true = read_drive(path), Motion(poses="true.txt")
     untwisted = {
         name: load_observations(drive.model_copy(update={"motion": motion}))

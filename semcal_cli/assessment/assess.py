@@ -21,6 +21,7 @@ from semcal_cli.assessment.intrinsics import (
 )
 from semcal_cli.assessment.joint import advise
 from semcal_cli.assessment.label_alignment import check_label_alignment, check_leaks
+from semcal_cli.assessment.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.rivals import check_guide, check_rivals
 from semcal_cli.assessment.scale import check_scale
@@ -162,6 +163,20 @@ class _Answer:
             return None
         return self.clock.covariance(self.label_gain)
 
+    @property
+    def of_poses(self) -> Matrix | None:
+        """(6, 6) covariance of the pose by errors of the motion; None if the drive takes it as right."""
+        joint = self.stages.joint
+        later_s = 0.0
+        if joint is not None and joint.is_kept and joint.clock is not None:
+            later_s = joint.clock.time_offset_s - self.data.drive.time_offset_s
+        return covariance_of_motion(self.data, self.stages.T_camera_lidar, self.label_gain, later_s)
+
+    @property
+    def of_motion(self) -> Matrix | None:
+        """(6, 6) covariance of the pose by the clock and by the motion; None if both cost nothing."""
+        return sum_of(self.of_clock, self.of_poses)
+
 
 def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
     """Estimate the uncertainty of a top of the mutual information, and check it in every way."""
@@ -187,14 +202,14 @@ def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
         return replace(found, findings=(none, *found.findings), notes=notes)
     uncertainty = uncertainty.model_copy(update={"intrinsics_cost": cost})
     findings = (*found.findings, *undetermined(uncertainty, _advice(answer, uncertainty)))
-    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes, of_clock=answer.of_clock)
+    return replace(found, uncertainty=uncertainty, findings=findings, notes=notes, of_motion=answer.of_motion)
 
 
 def _uncertainty(answer: _Answer, *, with_label_bleed: bool) -> Uncertainty | None:
     """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
     observations, T = answer.data.observations, answer.stages.T_camera_lidar
     fused, joint, config = answer.stages.fused, answer.stages.joint, answer.config
-    of_others = sum_of(answer.of_stated, answer.of_clock)
+    of_others = sum_of(answer.of_stated, answer.of_motion)
     if joint is not None:
         of_others = sum_of(of_others, joint.left_open)
     if joint is not None and joint.uncertainty is not None:
@@ -231,6 +246,8 @@ def _advice(answer: _Answer, found: Uncertainty) -> str | None:
         return joint.advice
     if is_narrow_without(answer.of_clock):
         return KNOW_MOTION
+    if is_narrow_without(answer.of_poses):
+        return KNOW_POSES
     return KNOW_K if is_narrow_without(answer.of_intrinsics) else None
 
 

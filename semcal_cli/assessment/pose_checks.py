@@ -101,7 +101,7 @@ def compare_seeds(
     T_camera_lidar: Pose,
     others: Sequence[Pose | None],
     uncertainty: Uncertainty | None,
-    of_clock: Matrix | None = None,
+    of_motion: Matrix | None = None,
 ) -> tuple[Repeatability, tuple[Finding, ...]]:
     """Compare a pose with those that other seeds give.
 
@@ -109,7 +109,7 @@ def compare_seeds(
         T_camera_lidar: (4, 4) answer, metres.
         others: (4, 4) pose of each other seed; None for a seed that gave no answer.
         uncertainty: Uncertainty of the answer; None if it is unknown.
-        of_clock: (6, 6) part of its covariance by a clock that is not checked; None if that costs nothing.
+        of_motion: (6, 6) part of its covariance by the clock and the motion that the drive states; None without any.
 
     Returns:
         The spread of the poses, and findings against the answer.
@@ -130,9 +130,9 @@ def compare_seeds(
         sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
         findings.append(SEEDS.finding(sentence))
     if uncertainty is not None:
-        # Errors of K and of the clock move all of them alike.
+        # Errors of K, of the clock and of the motion move all of them alike.
         squared = np.square(uncertainty.half_widths) - np.square(uncertainty.half_widths_of_intrinsics)
-        squared -= 0.0 if of_clock is None else np.square(normal_half_widths(of_clock))
+        squared -= 0.0 if of_motion is None else np.square(normal_half_widths(of_motion))
         limits = np.sqrt(np.maximum(squared, 0.0)) + ROUNDING
         if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
             sentence = (

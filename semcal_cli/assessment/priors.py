@@ -139,7 +139,7 @@ def fuse_with_priors(
     priors: Sequence[Prior],
     *,
     edge_band_px: int = EDGE_BAND_PX,
-    of_clock: Matrix | None = None,
+    of_motion: Matrix | None = None,
 ) -> Fused:
     """Find the pose that labels and priors determine together.
 
@@ -148,14 +148,15 @@ def fuse_with_priors(
         T_camera_lidar: (4, 4) pose polished without priors, metres.
         priors: The priors, which leave at least one direction free.
         edge_band_px: Width of the edge band in the settings of the polish.
-        of_clock: (6, 6) covariance of the labels' optimum by a clock that is not checked; None if that costs nothing.
+        of_motion: (6, 6) covariance of the labels' optimum by the clock and the motion that the drive states; None if
+            there is none.
     """
     settings = SensitivityConfig(edge_band_px=edge_band_px)
     around = sensitivity(observations, T_camera_lidar, settings)
     is_alone = around is not None and around.is_determined
     T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     of_intrinsics = _of_intrinsics(observations, T)
-    systematic = sum_of(of_intrinsics, of_clock)
+    systematic = sum_of(of_intrinsics, of_motion)
     contradictions: dict[str, list[Finding]] = {}
     if around is not None and is_alone:
         labels = measure(around, systematic)

@@ -36,8 +36,9 @@ class Assessment:
     """Parts of the drive, if its frames fit several poses."""
     measured: tuple[Measured, ...] = ()
     """What the checks measured, whether or not it is beyond their limits."""
-    of_clock: npt.NDArray[np.float64] | None = None
-    """(6, 6) part of the covariance of the pose by a clock that stays as the drive says; None if there is none."""
+    of_motion: npt.NDArray[np.float64] | None = None
+    """(6, 6) part of the covariance of the pose by the clock and the motion that stay as the drive says; None if there
+    is none."""
 
     def with_measured(self, *measured: Measured) -> Assessment:
         """Add what more checks measured, with their findings."""

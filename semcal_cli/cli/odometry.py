@@ -32,7 +32,7 @@ def odometry(settings: OdometrySettings) -> None:
     from semcal_cli.drive.document import read_drive
 
     check_installed("semcal odometry", "kiss_icp", "odometry")
-    from semcal_cli.datasets.odometry import NS, drive_motion, estimator, tum_text
+    from semcal_cli.datasets.odometry import NS, SIGMA, drive_motion, estimator, tum_text
     from semcal_cli.files.writing import write_text
 
     drive = read_drive(settings.drive, settings.max_points)
@@ -53,4 +53,6 @@ def odometry(settings: OdometrySettings) -> None:
             f"note: {count:,} sweeps have no poses around them, first {first}: leave their frames out"
         )
     name = Path(os.path.relpath(settings.output, drive.root)).as_posix()
-    terminal.print(f"put into {drive.path}: motion: {{poses: {name}, point_times: {motion.point_times}}}")
+    sigma = ", ".join(f"{key}: {value:g}" for key, value in SIGMA.items())
+    block = f"poses: {name}, point_times: {motion.point_times}, sigma: {{{sigma}}}"
+    terminal.print(f"put into {drive.path}: motion: {{{block}}}")

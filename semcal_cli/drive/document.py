@@ -135,6 +135,15 @@ class Twist(StrictModel):
     """Angular velocity, in radians a second."""
 
 
+class MotionSigma(StrictModel):
+    """Standard deviations of a motion that is known roughly, of each axis. All frames may be off alike."""
+
+    linear_m_s: Annotated[float, Field(ge=0.0, le=1e3)] = 0.0
+    """Of the velocity, in metres a second."""
+    angular_rad_s: Annotated[float, Field(ge=0.0, le=1e2)] = 0.0
+    """Of the angular velocity, in radians a second."""
+
+
 class Motion(StrictModel):
     """Motion of the LiDAR, which moves points from their times, or from `points_stamp`, to the picture's moment."""
 
@@ -147,6 +156,9 @@ class Motion(StrictModel):
     pixels the motion may cost, and how far a clock that is not checked may move the camera."""
     point_times: Literal["relative", "absolute"] = "relative"
     """Whether the times of points are relative to `points_stamp`, or absolute on the clock of the stamps."""
+    sigma: MotionSigma | None = None
+    """How far the velocities by the poses or the twist may be off, which is part of the interval of the pose. Without
+    it, they are taken as right."""
 
     @model_validator(mode="after")
     def _check_one(self) -> Motion:
@@ -154,6 +166,8 @@ class Motion(StrictModel):
         found = [name for name, value in ways.items() if value is not None]
         if len(found) != 1:
             raise mismatch(" and ".join(found) or "none", f"one of {', '.join(ways)}")
+        if self.sigma is not None and self.speed_m_s is not None:
+            raise mismatch("sigma beside speed_m_s", "poses or a twist, whose errors it tells")
         return self
 
 

@@ -43,6 +43,8 @@ class Compensated(NamedTuple):
     """(N, 3) metres, in the LiDAR frame at `image_stamp`."""
     twist_per_s: list[float] | None
     """(6,) twist of the LiDAR at that moment, metres and radians a second in its own frame; None if it is unknown."""
+    lag_s: float = 0.0
+    """Time from the points to that moment, root mean square over them and over the lines of the image."""
     is_rigid: bool = False
     """Whether the points have no times, so that the sweep was moved as a whole from `points_stamp` to the moment."""
 
@@ -78,7 +80,9 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compen
             raise InputError(
                 f"{drive.path}: motion: found one that moves points of {frame.points} beyond all bounds"
             )
-        moved.append(Compensated(points, twist_per_s, is_rigid=cloud.time is None))
+        # The camera may look along any direction, so that all points count.
+        lag_s = math.sqrt(np.mean((times - moment) ** 2) + drive.camera.readout_s**2 / 12.0)
+        moved.append(Compensated(points, twist_per_s, lag_s, is_rigid=cloud.time is None))
     return moved
 
 

@@ -100,6 +100,8 @@ class FrameObservation:
     """Weight of each point when a pose is refined; one cue of several may weigh less."""
     twist_per_s: Sequence[float] | None = None
     """(6,) twist of the LiDAR in its own frame, metres and radians per second; None if it is not known."""
+    lag_s: float = 0.0
+    """Time across which the sweep was moved to the moment of the image: see `motion.Compensated`."""
     is_rigid: bool = False
     """Whether the sweep has no times of points, and moved as a whole: see `motion.Compensated`."""
 

@@ -133,7 +133,9 @@ def make_observations(
         names: Names of the classes of points, and of pixels.
     """
     frames = tuple(
-        FrameObservation(cloud, image, twist_per_s=sweep.twist_per_s, is_rigid=sweep.is_rigid)
+        FrameObservation(
+            cloud, image, twist_per_s=sweep.twist_per_s, lag_s=sweep.lag_s, is_rigid=sweep.is_rigid
+        )
         for cloud, image, sweep in zip(labelled, images, moved, strict=True)
     )
     return Observations(

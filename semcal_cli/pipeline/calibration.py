@@ -20,9 +20,11 @@ from semcal_cli import _core
 from semcal_cli.assessment.assess import assess as assess
 from semcal_cli.assessment.clock_error import UnknownClock
 from semcal_cli.assessment.joint import Joint, fit_jointly
+from semcal_cli.assessment.motion_error import covariance_of_motion
 from semcal_cli.assessment.pose_checks import compare_seeds
 from semcal_cli.assessment.priors import Fused, Prior, clamp, fuse_with_priors
 from semcal_cli.assessment.rivals import decide_in_full
+from semcal_cli.assessment.sensitivity import sum_of
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import (
     FAR_DEG,
@@ -304,13 +306,14 @@ def fuse(
 ) -> Fused:
     """Fuse the labels' evidence with priors."""
     clock = UnknownClock.of(data, T_polished, config.polish)
+    of_clock = None if clock is None else clock.covariance()
     stage = partial(
         fuse_with_priors,
         data.observations,
         T_polished,
         priors,
         edge_band_px=config.edge_band_px,
-        of_clock=None if clock is None else clock.covariance(),
+        of_motion=sum_of(of_clock, covariance_of_motion(data, T_polished)),
     )
     return announced("fused", "weighing what is known", stage, on_event, T_polished)
 
@@ -335,8 +338,8 @@ def repeat(
             others.append(found.T_camera_lidar)
         except CalibrationError:
             others.append(None)
-    of_clock = None if stages.assessment is None else stages.assessment.of_clock
-    repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty, of_clock)
+    of_motion = None if stages.assessment is None else stages.assessment.of_motion
+    repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty, of_motion)
     count = len(findings)
     doubts = {0: "the pose is the same", 1: "1 more doubt"}.get(count, f"{count} more doubts")
     note = f"{config.num_seeds} seeds compared, {doubts}"

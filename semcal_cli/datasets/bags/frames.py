@@ -19,7 +19,7 @@ from semcal_cli.datasets.bags.messages import NS, MessageError
 from semcal_cli.datasets.bags.motion import Trajectory
 from semcal_cli.datasets.bags.pictures import read_picture
 from semcal_cli.datasets.bags.topics import Topics
-from semcal_cli.datasets.odometry import seconds_text
+from semcal_cli.datasets.odometry import SIGMA, seconds_text
 from semcal_cli.datasets.recording import SourceFrame
 from semcal_cli.drive.events import Listener, Progress
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
@@ -115,7 +115,9 @@ def write_motion(
     path = drive.parent / "poses" / f"{drive.stem}.txt"
     make_folder(path.parent)
     write_text(trajectory.tum(), path)
-    block = {"poses": path.relative_to(drive.parent).as_posix(), "point_times": reference}
+    block: dict[str, Any] = {"poses": path.relative_to(drive.parent).as_posix(), "point_times": reference}
+    if trajectory.source is None:
+        block["sigma"] = SIGMA
     return block, covered, f"{told}: the drive's motion"
 
 
