@@ -140,7 +140,8 @@ class Video:
         Raises:
             MessageError: it is damaged, its encoding is not read, or no key frame stands before it.
         """
-        if packet.group is None or packet.group.codec != _frame(packet).codec:
+        codec = _frame(packet).codec
+        if packet.group is None or packet.group.codec != codec:
             raise MessageError(
                 f"found a frame of a video without a key frame in the {MAX_GROUP_BYTES >> 20} MiB before"
             )
