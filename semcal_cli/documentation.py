@@ -1,10 +1,10 @@
-"""Where the documentation is: the entry of each reason of a verdict, and the JSON Schema of each document.
+"""Addresses of the documentation: the entry of each finding, and the JSON Schema of each document.
 
 `pyproject.toml` and `mkdocs.yml` state the same address.
 """
 
 ADDRESS = "https://semcal.readthedocs.io"
-"""Address of the documentation, which is built from the folder `docs`."""
+"""Address of the site that is built from the folder `docs`."""
 WITH_SCHEMA = (
     *("semcal_drive", "semcal_rig", "semcal_calibration", "semcal_rig_calibration"),
     *("semcal_picture_model", "semcal_point_model"),
@@ -13,7 +13,7 @@ WITH_SCHEMA = (
 
 
 def entry_address(topic: str) -> str:
-    """Give the address of the entry that explains a reason.
+    """Give the address of the entry that explains a finding.
 
     Args:
         topic: `Finding.topic`, the anchor of the entry in docs/troubleshooting.md.

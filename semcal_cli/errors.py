@@ -1,6 +1,6 @@
-"""The errors that semcal raises on purpose, the words of their messages, and the check of libraries for extras.
+"""The errors that semcal raises on purpose, the words of their messages, and the checks for optional libraries.
 
-Anything else that escapes is a bug.
+Any other exception that escapes is a bug.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ class SemcalError(Exception):
     """Root of the tree, caught once, in the command line. Its text is one line for the user."""
 
     def __str__(self) -> str:
-        """Join lines, and escape what cannot be printed: names and values of files may hold any characters."""
+        """Join the lines, and escape what cannot be printed."""
         return printable(" ".join(super().__str__().splitlines()))
 
 
 class InputError(SemcalError):
-    """A file or an option is wrong, and the user can mend it."""
+    """A file or an option is wrong, and the user can correct it."""
 
 
 class MisplacedError(InputError):
-    """A file stands where another kind of file belongs, as of arguments the wrong way round."""
+    """A file is of another kind than needed, for instance because two arguments are swapped."""
 
 
 class CalibrationError(SemcalError):
-    """The data cannot give an answer."""
+    """The data do not determine an answer."""
 
 
 @contextmanager
 def about(path: Path) -> Iterator[None]:
-    """Name the file of the data in errors of a stage, which does not know it."""
+    """Name the file in errors of a stage that does not know it."""
     try:
         yield
     except (InputError, CalibrationError) as error:
@@ -46,7 +46,7 @@ def about(path: Path) -> Iterator[None]:
 
 
 def printable(text: str) -> str:
-    """Escape what a terminal would not show as letters: names and values of files may hold any characters."""
+    """Escape unprintable characters, which file names and values in files may contain."""
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
@@ -73,7 +73,7 @@ def describe(value: object) -> str:
 
 
 def one_of(wanted: str, known: Iterable[str]) -> str:
-    """List the known names; the nearest to the wanted one first, if there are many."""
+    """List the known names; if there are many, the nearest ones first."""
     names = list(known)
     if not names:
         return "one, but there is none"
@@ -84,7 +84,7 @@ def one_of(wanted: str, known: Iterable[str]) -> str:
 
 
 def listed(names: Iterable[object]) -> str:
-    """List the first names of those found in a file."""
+    """List names found in a file, and count those beyond the first `MAX_LISTED`."""
     first = [_cut(str(name)) for name in names]
     more = [f"and {len(first) - MAX_LISTED:,} more"] if len(first) > MAX_LISTED else []
     return ", ".join(first[:MAX_LISTED] + more) or "none"
@@ -95,29 +95,29 @@ def _cut(name: str) -> str:
 
 
 def os_reason(error: OSError) -> str:
-    """Describe in a few words why the operating system refused."""
+    """Describe in a few words why a system call failed."""
     return (error.strerror or str(error)).lower()
 
 
 def is_installed(package: str) -> bool:
-    """Tell whether a library is there, without importing it."""
+    """Tell whether a library is installed, without importing it."""
     with suppress(ImportError):
         return find_spec(package) is not None
     return False
 
 
 def described(extra: str) -> str:
-    """Name an extra, with the commands that install it."""
+    """Name an extra and the commands that install it."""
     return f"the extra '{extra}': pip install 'semcal[{extra}]', in a clone: pip install '.[{extra}]'"
 
 
 def check_installed(asked: str, package: str, extra: str) -> None:
-    """Check that a library is there, before anything is read.
+    """Check that a library is installed, before anything is read.
 
     Args:
         asked: The option, file or command that needs it.
         package: Name by which it is imported.
-        extra: Name of semcal's extra with it.
+        extra: Extra of semcal that installs it.
 
     Raises:
         InputError: it is not installed.
@@ -127,7 +127,7 @@ def check_installed(asked: str, package: str, extra: str) -> None:
 
 
 def check_torch(asked: str) -> None:
-    """Check that torch is there, for MINE.
+    """Check that torch, which MINE needs, is installed.
 
     Raises:
         InputError: it is not installed.
@@ -137,10 +137,10 @@ def check_torch(asked: str) -> None:
 
 @contextmanager
 def torch_import() -> Iterator[None]:
-    """Import what imports torch, and let Python not look for garbage meanwhile: what torch brings stays.
+    """Import modules that import torch without garbage collection, because everything that torch creates stays.
 
     Raises:
-        InputError: torch is there, but cannot be imported, as without a library of the system.
+        InputError: torch is installed, but cannot be imported, for instance because a system library is missing.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -149,7 +149,7 @@ def torch_import() -> Iterator[None]:
     except (ImportError, OSError) as error:
         found = " ".join(str(error).split())
         raise InputError(
-            f"torch: found one that cannot be imported ({found}), needed {described('mine')}"
+            f"torch: found an installation that cannot be imported ({found}), needed {described('mine')}"
         ) from None
     finally:
         if was_enabled:

@@ -1,4 +1,4 @@
-"""The threads of one process: those of the core, and pools for what is in Python or in other libraries."""
+"""The threads of one process: those of the core, and pools for Python and other libraries."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ _num_threads: int | None = None
 
 
 def num_cores() -> int:
-    """Count the cores that this process may use; macOS knows only those of the machine."""
+    """Count the cores that this process may use; on macOS, all cores of the machine."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def set_num_threads(num_threads: int | None) -> None:
-    """Let this process work on so many threads at a time; None takes all that it may use."""
+    """Set the number of threads of this process; None uses one for each core that it may use."""
     global _num_threads
     _num_threads = num_threads
     if num_threads is not None:
@@ -26,5 +26,5 @@ def set_num_threads(num_threads: int | None) -> None:
 
 
 def thread_pool() -> ThreadPoolExecutor:
-    """Make a pool of as many threads, for the `with` statement."""
+    """Make a pool of that many threads, for the `with` statement."""
     return ThreadPoolExecutor(_num_threads or num_cores())

@@ -130,7 +130,7 @@ STREAMS: dict[str, Hostile] = {
     "a descriptor to read from": Hostile(
         nothing,
         (*VERIFY, "/dev/stdin"),
-        r"/dev/stdin: found a descriptor that is only read from, needed one to",
+        r"/dev/stdin: found a descriptor that is open only for reading, needed one to",
     ),
     "a descriptor to change": Hostile(
         nothing,

@@ -132,7 +132,7 @@ def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_pa
     found = run(command(drives, tmp_path / "out"))
     assert found.exit_code == 1
     outcomes = summary(tmp_path / "out")
-    assert outcomes[0]["reasons"][0].endswith("000: cannot be made: file exists")
+    assert outcomes[0]["reasons"][0].endswith("000: cannot be created: file exists")
     assert [outcome["status"] == "failed" for outcome in outcomes] == [True, *[False] * (NUM_DRIVES - 1)]
     assert (other / "calibration.yaml").exists()
     one.unlink()
@@ -217,7 +217,7 @@ def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None
     with locked(tmp_path / ".lock", "batch"):
         found = run(command(drives, tmp_path))
     assert found.exit_code == 1
-    assert "found another batch at work there" in str(found.exception)
+    assert "found another batch running there" in str(found.exception)
 
 
 def test_verify_many(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

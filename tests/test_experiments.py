@@ -186,7 +186,7 @@ def test_summary_and_files(tmp_path: Path) -> None:
     ("arguments", "code", "message"),
     [
         (["--row", "nothing", "-o", "OUT"], 2, "found 'nothing', needed one of: clean labels, 20 pairs"),
-        (["--seeds", "1", "-o", "OUT/file"], 1, ": cannot be made: "),
+        (["--seeds", "1", "-o", "OUT/file"], 1, ": cannot be created: "),
     ],
 )
 def test_a_wrong_row_or_folder_is_an_error(

@@ -185,7 +185,7 @@ def test_a_torch_that_is_not_whole_is_told_in_a_line(
     code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from semcal_cli.cli import main; main()"
     refine = ["refine", str(street), "--init", str(street), "-q", "-o", "c.yaml"]
     done = python_without_torch(tmp_path, code, *refine, "--estimator", "mine")
-    found = "torch: found one that cannot be imported (libcudart.so.12: no such file)"
+    found = "torch: found an installation that cannot be imported (libcudart.so.12: no such file)"
     assert (done.returncode, done.stdout, done.stderr) == (1, "", f"semcal: error: {found}, {NEEDED}\n")
     assert not (tmp_path / "c.yaml").exists()
 

@@ -146,7 +146,7 @@ def test_files_that_cannot_be_read_are_named_and_the_others_are_looked_at(drive:
     assert report.frames[2].suspicions[0].startswith(f"{drive}/cut.bin: 3 bytes")
     assert report.frames[3].num_points > 0
     assert "half.png is 320 x 180, the camera's pictures are 640 x 360" in report.suspicions
-    assert any("grey.png: found 10 bytes of no known format" in line for line in report.suspicions)
+    assert any("grey.png: found 10 bytes of an unknown format" in line for line in report.suspicions)
 
 
 def test_identical_files_are_named(drive: Path) -> None:

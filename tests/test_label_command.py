@@ -99,7 +99,7 @@ def test_a_picture_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: 
     del absent["image"]
     (plain / "drive.yaml").write_text(yaml.safe_dump(document))
     pictures[1].write_bytes(pictures[1].read_bytes()[:900])
-    first = f"{pictures[1]}: found a damaged picture, needed a whole one"
+    first = f"{pictures[1]}: found a damaged image, needed an intact one"
     second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed a picture"
     found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
     assert isinstance(found.exception, InputError)

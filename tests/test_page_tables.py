@@ -90,7 +90,7 @@ def test_a_page_that_cannot_be_replaced_is_refused(page: Path, monkeypatch: pyte
     with pytest.raises(InputError) as refused:
         find_place(str(link), "ours")
     folder = page.parent / "far"
-    assert str(refused.value) == f"{link}: found no right to write to its folder {folder}, needed it"
+    assert str(refused.value) == f"{link}: found no permission to write to its folder {folder}, needed it"
 
 
 @pytest.mark.parametrize("name", ["c#/page.md", "my#page.md"])

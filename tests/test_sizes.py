@@ -76,7 +76,7 @@ def test_sizes_are_read_from_headers(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"found 34 x 21 pixels, needed 21 x 34$"):
         read_image(path, (21, 34))
     path.write_bytes(path.read_bytes()[:16])
-    with pytest.raises(InputError, match="found a damaged picture, needed a whole one"):
+    with pytest.raises(InputError, match="found a damaged image, needed an intact one"):
         read_image(path, (34, 21))
 
 
@@ -99,7 +99,7 @@ def test_pictures_of_too_many_pixels(content: bytes, tmp_path: Path) -> None:
 )
 def test_headers_that_state_no_size(rest: bytes, tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(b"\xff\xd8\xff" + rest)
-    with pytest.raises(InputError, match="found a damaged picture"):
+    with pytest.raises(InputError, match="found a damaged image"):
         read_size(tmp_path / "a.jpg")
 
 

@@ -94,7 +94,9 @@ def test_a_folder_that_is_only_read_is_named_before_the_work(
         path = tmp_path / name
         with pytest.raises(InputError) as refused:
             check_outputs([], path)
-        assert str(refused.value) == f"{path}: found no right to write to its folder {tmp_path}, needed it"
+        assert (
+            str(refused.value) == f"{path}: found no permission to write to its folder {tmp_path}, needed it"
+        )
     check_outputs([], tmp_path / "pipe")  # into which the content goes
 
 

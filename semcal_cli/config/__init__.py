@@ -2,7 +2,7 @@
 
 A stage takes its settings as one of these classes, and the Rust core reads the attributes of the same objects. The
 settings that change an answer are recorded in the result under `settings.options`. Nothing heavy is imported here, so
-that `semcal --help` can show them at once.
+that `semcal --help` shows them at once.
 """
 
 from __future__ import annotations
@@ -15,49 +15,50 @@ from semcal_cli.config.setting import check_settings, setting
 from semcal_cli.errors import InputError, check_torch, one_of
 
 CueName: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
-"""What points and pixels are compared by; auto takes the best of what the files of a drive allow."""
+"""What points and pixels are compared by; auto takes the best cue that the files of a drive allow."""
 Estimator: TypeAlias = Literal["exact", "mine"]
 """How mutual information is estimated: by the histogram of classes, or by a network's lower bound."""
 Device: TypeAlias = Literal["cpu", "cuda"]
-"""Where the network of MINE computes."""
+"""Device that runs the network of MINE."""
 Zoom: TypeAlias = Literal["exact", "paper"]
-"""How a label image is brought to the LiDAR's angular grid: through K and the lens, or as the paper does."""
+"""How a label image is resampled onto the LiDAR's angular grid: through K and the lens, or as in the paper."""
 
 LABELS: tuple[CueName, ...] = ("labels",)
 AUTO: tuple[CueName, ...] = ("auto",)
 MAX_FRAMES = 70
-"""Frames of a longer drive that are used. More of them make an answer hardly better: its error is then that of the
-labels' borders."""
+"""Maximum number of frames used of a longer drive. More hardly improve an answer, because the errors of the labels'
+borders then dominate."""
 MAX_PIXELS = 100_000_000
-"""Most pixels of a picture."""
+"""Maximum number of pixels of an image."""
 MAX_POINTS = 10_000_000
-"""Points of the largest sweep that is read, and rows of a file of their labels or features. A file has at most 64
-bytes a point."""
+"""Maximum number of points in a sweep, and of rows in a file of their labels or features. A file has at most 64 bytes
+per point."""
 MAX_BASELINE_M = 3.0
-"""Largest distance between camera and LiDAR. Where labels hardly tell the translation, poses would leave the rig."""
+"""Maximum distance between camera and LiDAR. It holds poses near the rig where labels hardly constrain the
+translation."""
 EDGE_BAND_PX = 1
-"""Pixels less than this from one of another class count a tenth: pairs that mean nothing but a border near by would
-blur the table of pointwise mutual information. On six drives of ten frames, without a band and with this one, median
-errors are 0.012 and 0.010 degrees with clean labels, 0.011 and 0.009 with things dilated by two pixels, 0.021 and 0.011
-with things eroded by as much, 0.051 and 0.038 with network-like labels; wider bands gain less."""
+"""Pixels closer than this to another class count a tenth: pairs that only show that a border is near would blur the
+table of pointwise mutual information. On six drives of ten frames, the median errors without a band and with this one
+are 0.012 and 0.010 degrees with clean labels, 0.011 and 0.009 with objects dilated by two pixels, 0.021 and 0.011 with
+objects eroded by two, and 0.051 and 0.038 with network-like labels. Wider bands gain less."""
 MIN_OVERLAP = 0.03
-"""Least share of the picture that visible points cover. A pose with less says little."""
+"""Minimum fraction of the image that visible points cover. Less overlap constrains a pose too little."""
 FAR_DEG = 3.0
-"""The refinement converges from 20 degrees and half a metre if its coarsest blocks have this size."""
+"""Size of the coarsest blocks with which the refinement converges from 20 degrees and half a metre."""
 
 
 @dataclass(frozen=True)
 class PnpConfig:
-    """How the robust PnP estimator works."""
+    """Settings of the robust PnP estimator."""
 
     max_error_deg: float = 1.0
-    """Pairs within this angle of the pose are its inliers."""
+    """Pairs whose angular error is below this are inliers."""
     min_inliers: int = 12
-    """A pose needs at least this many inliers."""
+    """Minimum number of inliers of a pose."""
     confidence: float = 0.999
     """Confidence at which RANSAC stops drawing samples."""
     max_iterations: int = 1000
-    """Largest number of samples that RANSAC draws."""
+    """Maximum number of samples that RANSAC draws."""
 
 
 @dataclass(frozen=True)
@@ -65,245 +66,247 @@ class AlignmentConfig:
     """How hypotheses ascend the mutual information over SE(3), on label images in blocks."""
 
     blocks_across: tuple[int, ...] = (120, 60, 120, 240)
-    """Each level has the largest power-of-two block, in pixels, of which at least this many fit across the picture."""
+    """Each level has the largest power-of-two block, in pixels, of which at least this many fit across the image."""
     num_kept: tuple[int, ...] = (8, 6, 6, 6)
-    """Number of the best hypotheses that go on from each level."""
+    """Number of hypotheses that each level keeps, the best ones."""
     blocks_across_given: tuple[int, ...] = (16, 30, 60, 120, 240)
-    """Levels for a given pose, which may be 20 degrees off."""
+    """The same for a given pose that may be 20 degrees off."""
     blocks_across_near: tuple[int, ...] = (60, 120, 240)
-    """Levels for a given pose that is off by a few degrees. What intensity tells is local, and coarse levels may lead
-    away from it."""
+    """The same for a given pose that is off by a few degrees. Intensity constrains a pose only locally, and coarse
+    levels may lead away from it."""
     steps: int = 40
     """Steps of Adam at each level."""
     batch_size: int = 1024
     """Points in a mini-batch."""
     step_size: float = 0.25
-    """Length of the first steps, in blocks. Steps fall along a cosine."""
+    """Length of the first steps, in blocks. It decreases along a cosine."""
     final_step: float = 0.05
-    """Share of the first steps' length that the last ones have."""
+    """Length of the last steps, relative to the first."""
     max_baseline_m: float = MAX_BASELINE_M
-    """Largest distance between camera and LiDAR."""
+    """Maximum distance between camera and LiDAR."""
     max_points: int = 100_000
-    """Points, over all frames and directions, that are looked at."""
+    """Maximum number of points used, over all frames and directions."""
     edge_band_px: ClassVar[int] = 0
-    """Blocks this coarse have no band along the borders of classes."""
+    """Blocks this coarse have no edge band."""
     same_deg: float = 2.0
-    """Hypotheses that come together to within this rotation have found the same pose."""
+    """Hypotheses that end within this rotation of one another have found the same pose."""
 
 
 @dataclass(frozen=True)
 class InitializationConfig:
-    """How the mounting direction is searched for (Alg. 2)."""
+    """Settings of the search for the mounting (Alg. 2)."""
 
     zoom: Zoom = setting(
         "exact",
         "Mapping of label images to the LiDAR's angular grid: through K and the lens, or as in the paper.",
     )
     coarse_cell_deg: float = 3.0
-    """Cell of the exhaustive search. It is smaller for narrow lenses."""
+    """Cell size of the exhaustive search. It is smaller for narrow lenses."""
     fine_cell_deg: float = 1.5
-    """Block of the label images in Powell's refinement. It is smaller for narrow lenses."""
+    """Block size of the label images in Powell's refinement. It is smaller for narrow lenses."""
     max_roll_deg: float = 15.0
-    """In-plane rotations from minus this to plus this are searched; 180 are all."""
+    """In-plane rotations from minus this to plus this are searched; 180 searches all."""
     roll_step_deg: float = 5.0
     search_deg: float | None = setting(
         None,
-        "With --init or --init-rpy-xyz: search all rotations within this angle of it.",
+        "With --init or --init-rpy-xyz: search all rotations within this angle of the given pose.",
         above=0.0,
         most=180.0,
         metavar="DEG",
     )
     around_given_deg: float = 5.0
-    """The search is narrowed to this angle of a given pose where ascents from it end apart."""
+    """Where ascents from a given pose end apart, the search covers this angle around it."""
     meeting_deg: float = 0.5
     """Ascents from a given pose end apart if their rotations differ by more than this."""
     min_cells_of_most: float = 0.1
-    """A placement counts only with this share of the best overlapping one's cells."""
+    """Minimum number of overlapping cells of a placement, relative to the placement that overlaps most."""
     num_hypotheses: int = 24
-    """Largest number of hypotheses that the registration gives."""
+    """Maximum number of hypotheses that the registration returns."""
     separation_deg: float = 15.0
-    """Smallest rotation between two hypotheses of the registration."""
+    """Minimum rotation between two hypotheses of the registration."""
     num_correspondences: int = 2000
-    """Number of pairs of a point and a pixel that PnP takes of a placement."""
+    """Number of point-pixel pairs that PnP uses for each placement."""
     pnp: PnpConfig = field(default_factory=PnpConfig)
     """Settings of PnP."""
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
     """Settings of the ascent over SE(3)."""
     min_overlap: float = MIN_OVERLAP
-    """Least share of the picture that visible points have to cover."""
+    """Minimum fraction of the image that visible points cover."""
     max_frames: int = 10
-    """Frames that are looked at, evenly spaced: more make the mounting no clearer, and the refinement takes all."""
+    """Maximum number of frames used, evenly spaced. More do not make the mounting clearer; the refinement uses all."""
     runner_up_deg: float = 7.5
-    """The runner-up is the best hypothesis at least this far from the winner. Nearer ones mean the same answer."""
+    """The runner-up is the best hypothesis at least this far from the winner. Nearer ones are the same answer."""
 
 
 @dataclass(frozen=True)
 class PyramidConfig:
-    """Which levels of the label pyramid are ascended, and when a pose counts as settled (Alg. 1)."""
+    """Which levels of the label pyramid are used, and when a pose counts as settled (Alg. 1)."""
 
     coarsest_block_deg: float = 0.45
     """The pyramid starts at the largest power-of-two block below this angle. The initial calibration ends there."""
     min_blocks: int = 16
-    """The pyramid starts no coarser than at a block of which this many fit along either side of the picture."""
+    """The coarsest block fits at least this many times along either side of the image."""
     hidden_below_block_deg: float = 0.45
-    """Points that the camera cannot see are dropped at levels finer than this. While the pose is coarse, it is not
-    known well enough which are hidden."""
+    """Points that the camera cannot see are dropped at levels finer than this. A coarse pose does not determine well
+    enough which points are hidden."""
     min_points: int = 100
-    """A level needs at least this many labelled points on labelled pixels."""
+    """Minimum number of labelled points on labelled pixels at a level."""
     max_final_drift: float = setting(
         0.5,
-        "Largest drift of the pose over the last steps that counts as settled.",
+        "Maximum drift of the pose over the last steps that counts as settled.",
         above=0.0,
         option="--mine-settled-px",
         metavar="PX",
     )
-    """In blocks: that of the mean over the last quarter of the finest level from the mean over the quarter before."""
+    """Drift of the mean over the last quarter of the finest level from the mean over the quarter before, in blocks."""
 
 
 @dataclass(frozen=True)
 class ExactConfig:
-    """How the exact mutual information is ascended: Adam over mini-batches, in motions of the points by one block."""
+    """How Adam maximises the exact mutual information over mini-batches. Its variables move the points by one block."""
 
     steps: int = 60
     """Steps of Adam at each level."""
     batch_size: int = 4096
     """Points in a mini-batch."""
     step_size: float = 0.2
-    """Length of the first steps, in blocks. Steps fall along a cosine."""
+    """Length of the first steps, in blocks. It decreases along a cosine."""
     final_step: float = 0.05
-    """Share of the first steps' length that the last ones have."""
+    """Length of the last steps, relative to the first."""
     max_points: int = 200_000
-    """Points, over all frames and directions, that are looked at."""
+    """Maximum number of points used, over all frames and directions."""
     max_baseline_m: float = MAX_BASELINE_M
-    """Largest distance between camera and LiDAR."""
+    """Maximum distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
-    """Pixels less than this from one of another class count a tenth."""
+    """Pixels closer than this to another class count a tenth."""
 
 
 @dataclass(frozen=True)
 class StartsConfig:
-    """From how many poses around a given one information is ascended that has many tops, and how far away."""
+    """How many poses around a given one the ascents start from, and how far away, for objectives with many maxima."""
 
     coarsest_block_deg: float
     """Size of the coarsest blocks."""
     min_blocks: int
-    """The pyramid starts no coarser than at a block of which this many fit along either side of the picture."""
+    """The coarsest block fits at least this many times along either side of the image."""
     num_starts: tuple[int, ...]
-    """Number of poses from which the first levels are ascended; the last number holds from then on."""
+    """Number of starts at each of the first levels; the last number holds for all that follow."""
     spread_deg: tuple[float, float]
     spread_m: tuple[float, float]
     """Distances of the nearest and of the farthest of the other starts from the given pose."""
     farthest_deg: float
     farthest_m: float = 1.0
-    """Poses farther from the given one are dropped: coarse blocks have tops there that beat the right one."""
+    """Poses farther from the given one are dropped: on coarse blocks, false maxima there beat the right one."""
     num_rounds: int = 2
-    """Ascents at each level while starts lead to different tops; the points are chosen anew for each."""
+    """Ascents at each level while starts lead to different maxima; each chooses its points anew."""
     first_frames: int | None = None
-    """Number of frames by which the first level is ascended, which only has to tell where tops are; None takes all."""
+    """Number of frames of the first level, which only has to locate the maxima; None uses all."""
     coarse: ExactConfig | None = None
-    """Steps and points of all levels but the finest, which only have to tell tops apart; None takes those of the
+    """Steps and points of all levels but the finest, which only have to separate the maxima; None uses those of the
     finest."""
 
 
 @dataclass(frozen=True)
 class PolishConfig:
-    """How Newton's method finishes a pose, and when held-out data reject that."""
+    """How Newton's method ends the refinement, and when held-out data reject its pose."""
 
     max_rounds: int = 8
-    """Largest number of times that visible points are chosen."""
+    """Maximum number of times that the visible points are chosen."""
     max_steps: int = 8
     """Newton steps for each choice of points."""
     tolerance_px: float = 0.01
-    """Rounds end when one moved the points by less than this, root mean square."""
+    """Rounds end when one moves the points by less than this, root mean square."""
     settled_px: float = 0.1
-    """A pose has settled if the last round moved the points, or wanted to and gained nothing, by no more than this."""
+    """A pose has settled if the last round moved the points by no more than this, or tried to and gained nothing."""
     max_baseline_m: float = MAX_BASELINE_M
-    """Largest distance between camera and LiDAR."""
+    """Maximum distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
-    """Pixels less than this from one of another class count a tenth."""
+    """Pixels closer than this to another class count a tenth."""
     min_frames: int = 6
-    """With fewer frames than this, regions of the pictures are held out instead of frames."""
+    """With fewer frames than this, regions of the images are held out instead of frames."""
     regions_across: int = 9
-    """Number of regions across a picture, where regions are held out."""
+    """Number of regions across an image, where regions are held out."""
     max_loss: float = 3.0
-    """A polish is rejected if held-out data get worse by more than this many standard errors. On 36 good calibrations
-    of development drives the loss was up to 2.6, with K wrong by 10 % up to 3.8."""
+    """A polish is rejected if held-out data get worse by more than this many standard errors. The loss is up to 2.6 on
+    36 good calibrations of development drives, and up to 3.8 with K wrong by 10 %."""
     max_loss_of_tops: float = 5.0
-    """The same for a pose that is the best of several tops of all data: what is held out has had its part in it, and
-    loses by any other. By segments it was 0 to 3.2 standard errors, 1.9 in the mean, on 11 good synthetic drives."""
+    """The same for a pose that is the best of several maxima of all data. Held-out data took part in that choice, and
+    lose by any other. With segments the loss is 0 to 3.2 standard errors, 1.9 on average, on 11 good synthetic
+    drives."""
 
 
 @dataclass(frozen=True)
 class SensitivityConfig:
-    """Settings of the curvature and the scores of the mutual information at a pose."""
+    """Settings for the curvature and the scores of the mutual information at a pose."""
 
     factor: int = 1
     """Side of a block of the label images, in pixels."""
     edge_band_px: int = EDGE_BAND_PX
-    """Width of the edge band in the settings of the polish."""
+    """Width of the edge band, as in the polish."""
     max_points: int = 2**62
-    """Largest number of points, over all frames."""
+    """Maximum number of points, over all frames."""
     regions_across: int = 9
-    """Number of squares side by side in an image, each with a score of its own."""
+    """Number of squares across an image, each with its own score."""
 
 
 @dataclass(frozen=True)
 class JointConfig:
-    """How pose, intrinsics and the offset of the clock are brought to the top of the mutual information together."""
+    """How the mutual information is maximised over pose, intrinsics and time offset together."""
 
     factors: tuple[int, ...]
     """Sides of the blocks of the levels, coarsest first, pixels."""
     changes: tuple[float, ...]
-    """Changes of the variables after the pose at the start."""
+    """Initial changes of the variables other than the pose."""
     sigmas: tuple[float, ...]
-    """Standard deviations of these variables, by what was known before."""
+    """Standard deviations of the priors of these variables."""
     evidence: float
-    """Nats of a likelihood that a nat of mutual information is worth."""
+    """Nats of log-likelihood per nat of mutual information."""
     edge_band_px: int = EDGE_BAND_PX
-    """Pixels less than this from one of another class count a tenth."""
+    """Pixels closer than this to another class count a tenth."""
     max_coarse_points: int = 200_000
-    """Points, over all frames and directions, that are looked at on blocks of more than two pixels."""
+    """Maximum number of points used on blocks of more than two pixels, over all frames and directions."""
     max_rounds: int = 8
-    """Largest number of times that visible points are chosen at each level."""
+    """Maximum number of times that the visible points are chosen at each level."""
     max_steps: int = 6
     """Newton steps for each choice of points."""
     tolerance: float = 0.02
-    """A level ends when a round moved the points by less than this share of a block."""
+    """A level ends when a round moves the points by less than this fraction of a block."""
     max_baseline_m: float = MAX_BASELINE_M
-    """Largest distance between camera and LiDAR."""
+    """Maximum distance between camera and LiDAR."""
 
 
 FOCAL_SIGMA = 0.02
-"""Standard deviation of focal lengths, as a share of them, that nothing else is stated of."""
+"""Default relative standard deviation of the focal lengths."""
 CENTER_SIGMA_PX = 10.0
-"""The same of the principal point, in pixels."""
+"""Default standard deviation of the principal point, pixels."""
 SIGMA: dict[str, Any] = {"least": 1e-11, "most": 1e3}
-"""Limits of standard deviations of what is known before; squares of others overflow or vanish."""
+"""Limits of the standard deviations of priors; the squares of others overflow or vanish."""
 
 
 @dataclass(frozen=True)
 class JointlyConfig:
-    """What is estimated beside the pose, and what is known of it before."""
+    """What is estimated with the pose, and its priors."""
 
     intrinsics: tuple[str, ...] = ()
-    """Names of the intrinsics, as fx, cy or k1."""
+    """Names of the intrinsics, such as fx, cy or k1."""
     focal_sigma: float | None = setting(None, least=0.0, most=1e3)
-    """Standard deviation of focal lengths, as a share of them, whether they are estimated or not; 0 says that they are
-    exact. None is what the drive states, else `FOCAL_SIGMA` if they are estimated, and `DEFAULT_FOCAL_SIGMA` if not."""
+    """Relative standard deviation of the focal lengths, whether they are estimated or not; 0 means that they are
+    exact. None uses what the drive states. If it states nothing, it uses `FOCAL_SIGMA` for estimated focal lengths and
+    `DEFAULT_FOCAL_SIGMA` for others."""
     center_sigma_px: float | None = setting(None, least=0.0, most=1e3)
-    """The same of the principal point, pixels; None is what the drive states, else `CENTER_SIGMA_PX` or
+    """Standard deviation of the principal point, pixels; None uses what the drive states, or else `CENTER_SIGMA_PX` or
     `DEFAULT_CENTER_SIGMA_PX`."""
     lens_sigma: float = setting(0.1, **SIGMA)
-    """Standard deviation of the numbers of the lens, such as k1, xi or w."""
+    """Standard deviation of the lens parameters, such as k1, xi or w."""
     tangential_sigma: float = setting(0.005, **SIGMA)
-    """The same of p1, p2, s1 to s4, tau_x and tau_y, which tell how well a lens is centred."""
+    """Standard deviation of p1, p2, s1 to s4, tau_x and tau_y, which describe how well a lens is centred."""
     with_delay: bool = False
-    """Whether the offset of the camera's clock is estimated."""
-    delay_sigma_s: float = setting(0.1, "Standard deviation of this offset, in seconds.", **SIGMA)
+    """Whether the time offset is estimated."""
+    delay_sigma_s: float = setting(0.1, "Standard deviation of the time offset, in seconds.", **SIGMA)
 
     @property
     def is_asked(self) -> bool:
-        """Whether anything is estimated beside the pose."""
+        """Whether anything besides the pose is estimated."""
         return bool(self.intrinsics) or self.with_delay
 
 
@@ -313,35 +316,35 @@ class RefinementConfig:
 
     estimator: Estimator = setting(
         "exact",
-        "Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it (needs "
-        "PyTorch: the extra mine).",
+        "Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it. MINE "
+        "needs PyTorch, which the extra mine installs.",
     )
-    device: Device = setting("cpu", "Device of the network of MINE.")
+    device: Device = setting("cpu", "Device that runs the network of MINE.")
     is_polished: bool = True
-    """Whether Newton's method finishes the pose."""
+    """Whether the polish ends the refinement."""
     max_baseline_m: float = setting(
-        MAX_BASELINE_M, "Largest distance between camera and LiDAR.", above=0.0, metavar="M"
+        MAX_BASELINE_M, "Maximum distance between camera and LiDAR.", above=0.0, metavar="M"
     )
     edge_band_px: int = setting(
         EDGE_BAND_PX,
-        "Pixels nearer than this to another class count a tenth; use more for labels with ragged borders.",
+        "Pixels closer than this to another class count a tenth; use more for labels with ragged borders.",
         least=0,
         most=100,
         option="--edge-band",
         metavar="PX",
     )
     jointly: JointlyConfig = field(default_factory=JointlyConfig)
-    """What is estimated beside the pose."""
+    """What is estimated with the pose."""
 
     @property
     def polish(self) -> PolishConfig:
-        """Settings of the polish, with those that all stages share."""
+        """Settings of the polish, including those that all stages share."""
         return PolishConfig(max_baseline_m=self.max_baseline_m, edge_band_px=self.edge_band_px)
 
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """What a user sets of a calibration. Settings of the other classes keep their defaults."""
+    """The settings of a calibration that a user chooses. The other classes keep their defaults."""
 
     seed: int = setting(
         0, "Seed of every random choice: the same seed gives the same bytes.", least=0, most=MAX_SEED
@@ -356,27 +359,27 @@ class CalibrationConfig:
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     """Settings of the refinement."""
     num_seeds: int = setting(1, least=1)
-    """With more than one, the seeds that follow are tried as well, to see where they lead."""
+    """Number of seeds, counted from `seed`. More than one shows whether they lead to the same pose."""
     is_raw: bool = False
-    """Whether labels and intensities are taken as they are: isolated pixels of label images are not mended, and
-    intensities and grey values are numbers instead of levels."""
+    """Whether labels and intensities are used without preprocessing: isolated pixels of label images are not repaired,
+    and intensities and grey values are numbers instead of levels."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """How far a transform may be off."""
 
-    rotation_deg: float = setting(0.3, "About each axis of the camera, and in all.", least=0.0)
-    translation_m: float = setting(0.05, "Along each axis of the camera, and in all.", least=0.0)
+    rotation_deg: float = setting(0.3, "Limit about each axis of the camera, and in total.", least=0.0)
+    translation_m: float = setting(0.05, "Limit along each axis of the camera, and in total.", least=0.0)
     delay_s: float | None = setting(None, least=0.0)
-    """Of the camera's clock, seconds, which is then estimated together with the pose; None leaves it unchecked."""
+    """Limit of the time offset, seconds, which is then estimated with the pose; None leaves it unchecked."""
 
 
 def check_config(config: CalibrationConfig) -> None:
-    """Check the settings that a program gives of a calibration; the command line checks its own options.
+    """Check the settings that a program passes for a calibration; the command line checks its own options.
 
     Raises:
-        InputError: a setting is of another type or out of its range, or MINE is asked for without torch.
+        InputError: a setting has the wrong type or is out of range, or MINE is chosen and torch is not installed.
     """
     if not isinstance(config, CalibrationConfig):
         raise InputError(f"config: found {config!r}, needed a CalibrationConfig")

@@ -1,4 +1,4 @@
-"""Settings of MINE, the paper's estimator. Nothing heavy is imported here, so that `semcal --help` can show them."""
+"""Settings of MINE, the paper's estimator. Nothing heavy is imported here, so that `semcal --help` is fast."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from semcal_cli.config.setting import setting
 class MineConfig:
     """Network, learning rates, scheduler and batches of MINE (Alg. 1).
 
-    Steps of the pose are in motions that each move the points by one block, independently of one another, so that they
-    fit any lens, picture and scene.
+    The pose is stepped in independent motions, each of which moves the points by one block. The same step sizes then
+    suit any lens, image and scene.
     """
 
     steps_per_level: int = setting(
-        80, "Steps of each level of the pyramid.", least=1, most=100_000, option="--mine-steps"
+        80, "Steps at each level of the pyramid.", least=1, most=100_000, option="--mine-steps"
     )
     warm_up_steps: int = setting(
         60,
-        "Steps of the first level before the pose moves; later levels take a third.",
+        "Steps at the first level before the pose moves; later levels take a third of them.",
         least=0,
         most=100_000,
         option="--mine-warm-up",
     )
     batch_size: int = setting(2048, "Points in a mini-batch.", least=1, most=1 << 20, option="--mine-batch")
     max_points: int = 200_000
-    """Points, over all frames and directions, that are looked at."""
+    """Maximum number of points used, over all frames and directions."""
     constant_radius: int = 8
-    """Points at least this number of blocks inside one class are summed up once: steps do not take them out of it."""
+    """Points at least this many blocks inside one class are summed up once, because steps do not move them out of
+    it."""
     num_hidden: int = setting(
-        32, "Units of either hidden layer of the network.", least=1, most=4096, option="--mine-units"
+        32, "Units in each hidden layer of the network.", least=1, most=4096, option="--mine-units"
     )
     num_embedding: int = 16
-    """Dimensions of the space in which vectors of points and of pixels are compared."""
+    """Dimension of the space in which the vectors of points and pixels are compared."""
     learning_rate_theta: float = setting(
         1e-2, "Learning rate of the network.", above=0.0, option="--mine-theta-rate", metavar="R"
     )
@@ -47,18 +48,18 @@ class MineConfig:
         metavar="R",
     )
     final_rate: float = 0.05
-    """Share of the pose's rate that is left at each level's end. The scheduler lowers it along a cosine."""
+    """Learning rate of the pose at the end of each level, relative to its start. It decreases along a cosine."""
     mean_decay: float = 0.9
     """Decay of the running mean in the bias-corrected gradient."""
     max_baseline_m: float = MAX_BASELINE_M
-    """Largest distance between camera and LiDAR."""
+    """Maximum distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
-    """Pixels less than this from one of another class count a tenth."""
+    """Pixels closer than this to another class count a tenth."""
     min_points: int = 50
-    """A level with fewer points tells nothing, and the pose stays as it is."""
+    """A level with fewer points leaves the pose unchanged."""
 
 
 MINE_WITH_VECTORS = MineConfig(
     steps_per_level=120, warm_up_steps=100, batch_size=1024, num_hidden=64, learning_rate_theta=3e-3
 )
-"""Defaults for feature vectors, of which a mini-batch says less than of labels."""
+"""Defaults for feature vectors, of which a mini-batch contains less information than of labels."""

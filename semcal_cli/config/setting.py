@@ -1,7 +1,7 @@
-"""A setting that a user chooses: its help and its limits, which stand beside its default in a configuration.
+"""A setting that a user chooses, with its help and its limits next to its default in a configuration.
 
-The command line makes its options of these, and what a program gives is checked with them. Nothing heavy is imported
-here.
+The command line makes its options from these, and checks the configurations that programs pass with them. Nothing
+heavy is imported here.
 """
 
 from __future__ import annotations
@@ -23,42 +23,42 @@ NEEDED: dict[Any, str] = {
     bool: "True or False",
     tuple: "a tuple of",
 }
-"""What messages say of a type."""
+"""How messages name a type."""
 MAX_SEED = 2**63 - 1
-"""Largest seed of random choices."""
+"""Largest seed."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of a setting beside its name."""
+    """A setting: help, limits and type."""
 
     help: str = ""
-    """Sentence about it."""
+    """Sentence in the help."""
     least: float | None = None
     most: float | None = None
     above: float | None = None
     below: float | None = None
-    """Limits of a number, of which it may not reach the last two; None for no limit."""
+    """Limits of a number, the last two exclusive; None for no limit."""
     option: str = ""
-    """Its option; empty if that has the name of the field."""
+    """Name of the option; empty if it follows from the name of the field."""
     metavar: str = "N"
-    """Word for a number in the help."""
+    """Placeholder for a number in the help."""
     section: str = ""
-    """Heading in the help of a command that has many."""
+    """Heading of the setting in a help of several sections."""
     kind: Any = None
     is_optional: bool = False
     default: Any = None
-    """Type, whether it may be None, and default, which the field tells."""
+    """Type, whether it may be None, and default, all taken from the field."""
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words that it can be; empty for what is no word."""
+        """The words allowed; empty for other types."""
         return get_args(self.kind) if get_origin(self.kind) is Literal else ()
 
     def allows(self, value: Any) -> bool:
-        """Whether a value is of the type and within the limits.
+        """Whether a value has the type and is within the limits.
 
-        Whole numbers are numbers, too; truth values, NaN and infinity are none.
+        A whole number also counts as a number. Truth values, NaN and infinity do not.
         """
         plain = get_origin(self.kind) or self.kind
         if value is None or self.choices:
@@ -81,7 +81,7 @@ class Setting:
         )
 
     def needed(self, found: object) -> str:
-        """Say which values are allowed; of many words, those like what was found come first."""
+        """Say which values are allowed; among many words, those nearest to what was found come first."""
         if self.choices:
             return one_of(str(found), self.choices)
         plain = get_origin(self.kind) or self.kind
@@ -95,11 +95,11 @@ class Setting:
 
 
 def setting(default: Any, help: str = "", **about: Any) -> Any:
-    """Make the field of a dataclass that is a setting.
+    """Make a field of a dataclass that is a setting.
 
     Args:
         default: Its default; None where something else decides.
-        help: Sentence about it; empty if it is no option as it stands.
+        help: Sentence in the help; empty if the field itself is not an option.
         about: Other attributes of `Setting`.
     """
     return field(default=default, metadata={KEY: Setting(help, default=default, **about)})
@@ -107,7 +107,7 @@ def setting(default: Any, help: str = "", **about: Any) -> Any:
 
 @cache
 def settings_of(config: type, *, with_others: bool = False) -> dict[str, Setting]:
-    """List the settings of a configuration by the names of its fields, or all fields with those that no user sets."""
+    """List the settings of a configuration by field name; `with_others` adds the fields that no user sets."""
     hints, found = get_type_hints(config), {}
     for each in fields(config):
         if KEY in each.metadata or with_others:
@@ -120,10 +120,10 @@ def settings_of(config: type, *, with_others: bool = False) -> dict[str, Setting
 
 
 def check_settings(config: Any) -> None:
-    """Check the settings that a program gives, and those of configurations within them.
+    """Check the settings that a program passes, including those of nested configurations.
 
     Raises:
-        InputError: one is of another type, none of its words, or no number within its limits.
+        InputError: a value has the wrong type, is not one of the allowed words, or is out of range.
     """
     of_config: type = type(config)
     for name, about in settings_of(of_config, with_others=True).items():

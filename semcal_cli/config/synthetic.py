@@ -1,4 +1,4 @@
-"""Settings of synthetic drives. Nothing heavy is imported here, so that `semcal synth --help` can show them at once."""
+"""Settings of synthetic drives. Nothing heavy is imported here, so that `semcal synth --help` shows them at once."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ Lens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectio
 Ontology: TypeAlias = Literal["shared", "disjoint"]
 RigMotion: TypeAlias = Literal["none", "steady", "mixed"]
 ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
-"""Way in which the lines of a picture are read, one after another."""
+"""Direction in which a rolling shutter reads the lines of an image."""
 
 SYNTH_MIN_BASELINE_M = 0.1
-"""Smallest distance of a randomly mounted camera from the LiDAR; without parallax a drive tests too little."""
+"""Minimum distance of a randomly mounted camera from the LiDAR; without parallax a drive tests too little."""
 SYNTH_MAX_BASELINE_M = 1.5
-"""Largest distance between camera and LiDAR; the synthetic street leaves this much room around the LiDAR."""
+"""Maximum distance between camera and LiDAR; the synthetic street leaves this much room around the LiDAR."""
 SYNTH_MAX_DELAY_MS = 200.0
-"""Largest time by which pictures are earlier or later than their stamps."""
+"""Maximum time offset, earlier or later."""
 SYNTH_MAX_READOUT_MS = 100.0
-"""Longest readout of a rolling shutter; with the longest delay, it ends 0.3 s after the middle of the sweep."""
+"""Longest readout of a rolling shutter; with the largest time offset, it ends 0.3 s after the middle of the sweep."""
 
 
 drive, lidar, camera, mounting, labels, moving = (
     partial(setting, section=title) for title in ("Drive", "LiDAR", "Camera", "Mounting", "Labels", "Motion")
 )
-"""Make a setting of a section of the help."""
+"""Make a setting in a section of the help."""
 ELEVATION = {"least": -90.0, "most": 90.0}
 ANGLE = {"least": -180.0, "most": 180.0}
 SHARE = {"least": 0.0, "below": 1.0}
@@ -38,19 +38,23 @@ SHARE = {"least": 0.0, "below": 1.0}
 class SynthConfig:
     """Settings that determine a synthetic drive to the last byte. Mounting angles that are None are drawn at random."""
 
-    num_frames: int = drive(20, "Frames, each another street.", least=1, most=999_999, option="--frames")
+    num_frames: int = drive(
+        20, "Number of frames, each in another street.", least=1, most=999_999, option="--frames"
+    )
     seed: int = 0
     """Seed of every random choice."""
-    pattern: Pattern = lidar("spinning", "A spinning LiDAR's grid, or a rosette all around that is no grid.")
-    channels: int = lidar(64, "Beams, evenly spaced in elevation.", least=1, most=512)
+    pattern: Pattern = lidar(
+        "spinning", "Scan pattern: the grid of a spinning LiDAR, or an all-round rosette, which is no grid."
+    )
+    channels: int = lidar(64, "Number of beams, evenly spaced in elevation.", least=1, most=512)
     columns: int = lidar(
-        800, "Firings a turn. A rosette has channels x columns rays a frame.", least=1, most=65_536
+        800, "Firings per turn. A rosette has channels x columns rays per frame.", least=1, most=65_536
     )
     fov_up_deg: float = lidar(10.0, "Elevation of the highest ray.", **ELEVATION)
     fov_down_deg: float = lidar(-30.0, "Elevation of the lowest ray.", **ELEVATION)
     range_noise_m: float = lidar(0.02, "Standard deviation of a range.", least=0.0)
-    dropout: float = lidar(0.05, "Share of the returns that are lost.", **SHARE)
-    max_range_m: float = lidar(120.0, "Largest range of a return.", least=0.0)
+    dropout: float = lidar(0.05, "Fraction of the returns that are lost.", **SHARE)
+    max_range_m: float = lidar(120.0, "Maximum range of a return.", least=0.0)
     lidar_tilt_deg: float = lidar(
         0.0, "Downward tilt of the LiDAR's x axis, and of the camera with it.", **ELEVATION
     )
@@ -59,60 +63,61 @@ class SynthConfig:
     lens: Lens = camera(
         "standard",
         "standard: 90 degrees without distortion; narrow: 35 degrees, plumb_bob; wide: 100 degrees, "
-        "rational_polynomial; fisheye: 200 degrees; omnidirectional: 190 degrees, xi 1.2; equirectangular: all round.",
+        "rational_polynomial; fisheye: 200 degrees; omnidirectional: 190 degrees, xi 1.2; equirectangular: 360.",
     )
     hfov_deg: float | None = camera(
-        None, "Horizontal field of view, if not that of the lens.", least=5.0, most=360.0
+        None, "Horizontal field of view; by default that of the lens.", least=5.0, most=360.0
     )
     camera_azimuth_deg: float | None = mounting(
         None,
-        "Azimuth of the camera: 0 along the LiDAR's x axis, positive to the left. Any direction if not given.",
+        "Azimuth of the camera: 0 along the LiDAR's x axis, positive to the left; by default random.",
         **ANGLE,
     )
     camera_pitch_deg: float | None = mounting(
-        None, "Upward pitch of the camera. Within 8 degrees of level if not given.", **ELEVATION
+        None, "Upward pitch of the camera; by default random, within 8 degrees of level.", **ELEVATION
     )
     camera_roll_deg: float | None = mounting(
-        None, "Roll of the camera to its right. Within 4 degrees of upright if not given.", **ANGLE
+        None, "Roll of the camera to its right; by default random, within 4 degrees of upright.", **ANGLE
     )
     baseline_m: float | None = mounting(
         None,
-        "Distance between the two sensors. At least 0.1 if not given.",
+        "Distance between the two sensors; by default random, at least 0.1.",
         least=0.0,
         below=SYNTH_MAX_BASELINE_M,
     )
     rig_seed: int | None = mounting(
         None,
-        "Draw what these options leave open from this seed: drives of one rig share it.",
+        "Seed of the mounting that these options leave open. Drives with the same value share a rig.",
         least=0,
         most=MAX_SEED,
     )
     max_baseline_m: float = mounting(
-        1.0, "Largest distance that is drawn.", least=0.2, most=SYNTH_MAX_BASELINE_M
+        1.0, "Maximum random distance between the two sensors.", least=0.2, most=SYNTH_MAX_BASELINE_M
     )
-    label_noise: float = labels(0.0, "Share of wrong labels, on both sides.", **SHARE)
+    label_noise: float = labels(0.0, "Fraction of wrong labels, on both sides.", **SHARE)
     ontology: Ontology = labels(
         "shared", "Label points and images with the same named ids, or with ids that have nothing in common."
     )
     motion: RigMotion = moving(
         "none",
-        "steady: straight on at 12 m/s in every frame; mixed: in each frame another speed up to 20 m/s, and another "
-        "turn up to 0.4 rad/s. Points and lines of pictures are measured from where the rig is then.",
+        "steady: straight on at 12 m/s in every frame; mixed: each frame has its own speed up to 20 m/s and its own "
+        "turn rate up to 0.4 rad/s. Each point and each image line is measured from where the rig is at its time.",
     )
     delay_ms: float = moving(
         0.0,
-        "Take the pictures this much later than image_stamp says, which drive.yaml does not tell; negative: earlier.",
+        "Time offset: take the images this much later than image_stamp says; negative: earlier. drive.yaml does not "
+        "state it.",
         least=-SYNTH_MAX_DELAY_MS,
         most=SYNTH_MAX_DELAY_MS,
     )
     readout_ms: float = moving(
         0.0,
-        "Time that a rolling shutter takes from the first line of a picture to the last; 0: a global shutter.",
+        "Time that a rolling shutter takes from the first line of an image to the last; 0: a global shutter.",
         least=0.0,
         most=SYNTH_MAX_READOUT_MS,
     )
     readout_direction: ReadoutDirection = moving(
-        "down", "Way in which a rolling shutter reads the lines; down begins with the uppermost row."
+        "down", "Direction in which a rolling shutter reads the lines; down begins with the top row."
     )
     sweep_s: ClassVar[float] = 0.1
-    """Time that the LiDAR takes for a sweep."""
+    """Duration of a sweep, seconds."""

@@ -1,7 +1,7 @@
-"""Documents: YAML and JSON files of a mapping or a list, read without surprises, and written to the last bit.
+"""Documents: YAML and JSON files that hold a mapping or a list, read strictly and written to the last bit.
 
 YAML follows the 1.2 core schema: `no` and `1:30` are text, `1e-3` is a number. Anchors, aliases and tags are
-refused: semcal's files do not need them, and with them a small file could grow into a large document.
+refused, because semcal's files do not need them and a small file could expand into a large document with them.
 """
 
 import json
@@ -22,7 +22,7 @@ from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, pla
 Format: TypeAlias = Literal["yaml", "json"]
 FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
 LONGEST_LINE = 2**31 - 1
-"""Number of columns after which a written line may be broken: all that PyYAML's library in C can count."""
+"""Number of columns after which a written line may be broken: the largest that libyaml accepts."""
 
 
 def read_document(path: Path) -> dict[Any, Any]:
@@ -107,7 +107,7 @@ def parse(text: str, format: Format) -> Any:
 
 
 def check_texts(document: object) -> None:
-    """Check that a document has no lone surrogates, which no file can hold. They can only come from an escape.
+    """Check that a document has no lone surrogates, which cannot be written as UTF-8. Only an escape can make one.
 
     Raises:
         ValueError: a key or a value has one.
@@ -119,10 +119,10 @@ def check_texts(document: object) -> None:
 
 
 def check_depth(document: object) -> None:
-    """Check that a document of JSON is no deeper than one of YAML may be, whatever depth the interpreter bears.
+    """Check that a JSON document is no deeper than a YAML document may be, whatever the interpreter's limit.
 
     Raises:
-        ValueError: it has more than `MAX_DEPTH` lists and mappings inside one another.
+        ValueError: it nests more than `MAX_DEPTH` lists and mappings.
     """
     level = [document]
     for _ in range(MAX_DEPTH + 1):
@@ -134,7 +134,7 @@ def check_depth(document: object) -> None:
 
 
 def reason(error: Exception, num_lines: int = 0) -> str:
-    """Say in a few words why a text is not well-formed; `num_lines` stand before the text that was parsed."""
+    """Say in a few words why a text is not well-formed; `num_lines` lines precede the parsed text."""
     match error:
         case RecursionError():
             return "nested too deeply"
@@ -147,8 +147,8 @@ def reason(error: Exception, num_lines: int = 0) -> str:
             return line + ", ".join(filter(None, (error.context, error.problem)))
         case yaml.reader.ReaderError():
             return f"character {error.position} is a control character"
-    if "set_int_max_str_digits" in str(error):  # This is Python's advice to programmers.
-        return "found a whole number of too many digits"
+    if "set_int_max_str_digits" in str(error):  # Python's own message advises programmers.
+        return "found a whole number with too many digits"
     return str(error)
 
 
@@ -170,22 +170,22 @@ JSON = json.JSONDecoder(object_pairs_hook=_mapping, parse_constant=_refuse_const
 
 
 def compose_yaml(text: str) -> yaml.Node:
-    """Find the nodes of a YAML text that `parse` accepts, with their places in it."""
+    """Find the nodes of a YAML text that `parse` accepts, with their positions."""
     node = yaml.compose(text, yaml_loader())
     assert node is not None
     return node
 
 
 def scalar_of(node: yaml.Node) -> Any:
-    """Give the value of a scalar of `compose_yaml`, as `parse` gives it."""
+    """Give the value of a scalar of `compose_yaml`, the same as from `parse`."""
     return node.value if getattr(node, "style", None) else plain_value(node.value)
 
 
 def make_dumper(base: Any) -> Any:
-    """Make what writes for readers of YAML 1.1 and 1.2: text that either would read as another type is quoted.
+    """Make a dumper for readers of YAML 1.1 and 1.2: text that either would read as another type is quoted.
 
     Args:
-        base: PyYAML's own writer, or the faster one of its library in C, which writes the same bytes.
+        base: PyYAML's own dumper, or libyaml's faster one, which writes the same bytes.
     """
     dumper: Any = type("Dumper", (base,), {})
     for name, scalar in CORE_SCHEMA.items():
@@ -196,7 +196,7 @@ def make_dumper(base: Any) -> Any:
 
 
 def _represent_list(dumper: Any, data: Iterable[Any]) -> yaml.SequenceNode:
-    """Put numbers side by side, so that each row of a matrix is on one line."""
+    """Write a list of numbers on one line, so that each row of a matrix is a line."""
     flow_style = all(isinstance(item, int | float) for item in data)
     node: yaml.SequenceNode = dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flow_style)
     return node
@@ -208,7 +208,7 @@ _DUMPER = make_dumper(yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDu
 def document_text(document: Mapping[str, Any], format: Format) -> str:
     """Format a document of plain values as text, with keys in the order given and floats exact to the last bit.
 
-    YAML of a document that has a JSON Schema begins with a comment that tells editors where it is.
+    YAML of a document that has a JSON Schema begins with a comment that gives editors its address.
     """
     plain = _plain(document)
     if format == "json":
@@ -220,7 +220,7 @@ def document_text(document: Mapping[str, Any], format: Format) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Reduce a value to types of both formats: plain floats without negative zero, lists, dicts."""
+    """Reduce a value to types that both formats have: plain floats without negative zero, lists, dicts."""
     match value:
         case dict():
             return {key: _plain(item) for key, item in value.items()}
@@ -232,7 +232,7 @@ def _plain(value: Any) -> Any:
 
 
 def output_format(path: Path) -> Format:
-    """Choose the output format by the suffix; a descriptor as /dev/stdout gets YAML.
+    """Choose the output format by the suffix; a descriptor such as /dev/stdout gets YAML.
 
     Raises:
         InputError: the suffix is neither YAML's nor JSON's.

@@ -16,33 +16,33 @@ from semcal_cli.files.reading import check_size, open_file, size_of
 from semcal_cli.files.writing import write_bytes
 
 BYTES_A_PIXEL, MORE_BYTES = 8, 1 << 24
-"""Largest size of a picture's file: bytes for each pixel, and bytes that it may hold besides, such as a preview."""
+"""Maximum size of an image file: bytes per pixel, and bytes for anything else, such as a preview."""
 MAX_HEADER_BYTES = 16 << 20
-"""Bytes at the start of a large file, among which its header is looked for."""
+"""Bytes at the start of a large file in which its header is searched for."""
 PNG, JPEG, BMP = b"\x89PNG", b"\xff\xd8\xff", b"BM"
 """First bytes of the formats."""
 PNG_SIGNATURE_BYTES = 8
 COLORS = ("RGB", "RGBA")
-"""Pillow's modes of PNG whose pixels are colours; pixels of the other modes are one number, or one and alpha."""
+"""Pillow's modes of PNG files whose pixels are colours; other modes have one number per pixel, or one and alpha."""
 
 Size: TypeAlias = tuple[int, int]
 """Columns and rows."""
 
 
 def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
-    """Read a colour image as its pixels are stored, whatever its EXIF orientation.
+    """Read a colour image with its pixels as stored; its EXIF orientation is ignored.
 
-    The size that its header states is judged before the image is decoded.
+    The size in its header is checked before the image is decoded.
 
     Args:
         path: A PNG, JPEG or BMP.
-        size: Columns and rows that the image needs to have; None takes any of at most `MAX_PIXELS` pixels.
+        size: Columns and rows that the image must have; None accepts any size up to `MAX_PIXELS` pixels.
 
     Returns:
         (H, W, 3) blue, green, red.
 
     Raises:
-        InputError: the file is missing, or is not an image, or is one of another size.
+        InputError: the file is missing, is not an image, or has another size.
     """
     import cv2
 
@@ -63,10 +63,10 @@ def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
 
 
 def check_image(path: Path, size: Size) -> None:
-    """Check by its header that an image has these columns and rows, without decoding it.
+    """Check the columns and rows of an image by its header, without decoding it.
 
     Raises:
-        InputError: the file is missing, or is not an image, or is one of another size.
+        InputError: the file is missing, is not an image, or has another size.
     """
     _check_pixels(path, read_size(path), size)
 
@@ -75,14 +75,14 @@ def read_size(path: Path) -> Size:
     """Read the columns and rows of a PNG, JPEG or BMP from its header.
 
     Raises:
-        InputError: the file is missing, or is not an image.
+        InputError: the file is missing or is not an image.
     """
     with open_file(path) as file:
         return stated_size(path, file)
 
 
 def stated_size(path: Path, file: BinaryIO) -> Size:
-    """Read the columns and rows from the header of an open file, which is left at its start.
+    """Read the columns and rows from the header of an open file, and go back to its start.
 
     Raises:
         InputError: the file is not an image.
@@ -96,7 +96,7 @@ def holds_colors(path: Path) -> bool:
     """Tell whether a label image is a PNG of colours, whose pixels are not ids.
 
     Raises:
-        InputError: the file is missing, or cannot be read.
+        InputError: the file is missing or cannot be read.
     """
     with open_file(path) as file:
         if not file.read(len(PNG)).startswith(PNG):
@@ -109,14 +109,14 @@ def holds_colors(path: Path) -> bool:
 
 
 def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
-    """Write a PNG as a whole or not at all: to a temporary file beside it, which is then renamed.
+    """Write a PNG as a whole or not at all: to a temporary file next to it, which is then renamed.
 
     Args:
         image: (H, W) grey, or (H, W, 3) blue, green, red.
         path: File to write; its suffix is .png.
 
     Raises:
-        InputError: the suffix is not .png, or the file cannot be written. An existing file stays untouched then.
+        InputError: the suffix is not .png, or the file cannot be written. An existing file is then untouched.
     """
     import cv2
 
@@ -135,23 +135,23 @@ def _check_pixels(path: Path, found: Size, needed: Size | None) -> None:
 
 
 def _damaged(path: Path) -> InputError:
-    return InputError(f"{path}: found a damaged picture, needed a whole one")
+    return InputError(f"{path}: found a damaged image, needed an intact one")
 
 
 def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
-    """Read the size and Pillow's mode of the picture in an open file."""
+    """Read the size and Pillow's mode of the image in an open file."""
     num_bytes = file.seek(0, os.SEEK_END)
     file.seek(0)
     start = file.read(len(PNG))
     if not start.startswith((PNG, JPEG, BMP)):
-        found = f"{num_bytes:,} bytes of no known format"
+        found = f"{num_bytes:,} bytes of an unknown format"
         raise InputError(f"{path}: found {found}, needed a PNG, JPEG or BMP")
     file.seek(0)
-    # A header that goes on for ever would take memory and time.
+    # An endless header would take memory and time.
     head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))
     try:
         size, mode = _parse_header(head, start)
-    except Exception:  # Pillow lets errors of any kind through, as struct's.
+    except Exception:  # Pillow lets errors of any kind through, such as struct's.
         raise _damaged(path) from None
     if 0 in size:
         raise _damaged(path)
@@ -159,11 +159,11 @@ def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
 
 
 def _parse_header(head: BinaryIO, start: bytes) -> tuple[Size, str]:
-    """Parse a header by Pillow's parts: `PIL.Image.open` warns of sizes that are judged here, by `MAX_PIXELS`."""
+    """Parse a header with Pillow's parsers; `PIL.Image.open` warns of sizes that `MAX_PIXELS` limits here."""
     from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin
 
     if start.startswith(PNG):
-        # The first chunk alone, since Pillow refuses errors in later ones that OpenCV reads past.
+        # Only the first chunk, because Pillow refuses errors in later chunks that OpenCV ignores.
         head.seek(PNG_SIGNATURE_BYTES)
         stream = PngImagePlugin.PngStream(head)
         stream.call(*stream.read())

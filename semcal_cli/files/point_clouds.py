@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     import laspy
 
 BYTES_A_POINT = 64
-"""Bytes that a point may take in a file; see `rust/point_cloud/limit.rs`."""
+"""Maximum bytes per point of a file; see `rust/point_cloud/limit.rs`."""
 A_POINT = f", {BYTES_A_POINT} a point: see --max-points"
-"""Words that say what a limit in bytes applies to."""
+"""What a limit in bytes applies to, for messages."""
 LEAST_BYTES = 1 << 20
 """Bytes that any file may have."""
 CHUNK = 1_000_000
 """Points unpacked at a time, so that a header that promises too many costs nothing."""
 MAX_INFLATION = 100
-"""Largest growth of a LAZ file when it is unpacked; a factor of ten is common."""
+"""Maximum ratio of the unpacked size of a LAZ file to its own; a factor of ten is common."""
 START = struct.Struct("<94xHII")
 """Start of a header: its size, the offset of the points, and the number of VLRs."""
 VLR_BYTES = 54
@@ -37,26 +37,26 @@ VLR_BYTES = 54
 LASZIP = struct.Struct("<12xI16xH")
 """LASzip's record: points in a chunk, and items in a point."""
 MIN_CHUNK_POINTS = 100
-"""Least number of points in a chunk; smaller chunks make more table than data."""
+"""Minimum number of points in a chunk; with smaller chunks, the table is larger than the data."""
 
 FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label"}
-"""Fields of a LAS file that are used beside the place, with their names in a cloud."""
+"""Fields of a LAS file that are used in addition to the coordinates, with their names in a cloud."""
 
 
 def read_point_clouds(
     files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
 ) -> list[_core.PointCloud]:
-    """Read sweeps, each with its file of labels, or else with its own field of labels, if it has one.
+    """Read sweeps, each with its label file, or else with its own label field if it has one.
 
-    The sizes of all files are judged before the first is read.
+    The sizes of all files are checked before the first is read.
 
     Args:
-        files: The files of each sweep.
-        max_points: Points of the largest sweep that is read, no-returns included.
+        files: Point cloud and label file of each sweep.
+        max_points: Maximum number of points of a sweep, including points without a return.
 
     Raises:
-        InputError: a file cannot be read, is too large, is not what its name says, or has another number of points
-            than labels.
+        InputError: a file cannot be read, is too large, is not of the format of its suffix, or its numbers of points
+            and labels differ.
     """
     for points, _ in files:
         if _is_las(points):
@@ -66,12 +66,12 @@ def read_point_clouds(
 
 
 def max_bytes(max_points: int) -> int:
-    """Size of the largest file of a sweep, or of labels or features of its points."""
+    """Maximum size in bytes of a point cloud, and of a file of its labels or features."""
     return max(BYTES_A_POINT * max_points, LEAST_BYTES)
 
 
 class Sweeps:
-    """Reads each sweep with its labels once, for all cameras and cues, and keeps it."""
+    """Reads each sweep with its labels once, and keeps it for all cameras and cues."""
 
     def __init__(self) -> None:
         self._clouds: dict[tuple[str, str | None], _core.PointCloud] = {}
@@ -90,7 +90,7 @@ class Sweeps:
 
     @property
     def num_different(self) -> int:
-        """Number of different clouds read; a cloud with labels for each camera counts once for each."""
+        """Number of different point clouds read, whatever their labels."""
         return len({points for points, _ in self._clouds})
 
 
@@ -109,7 +109,7 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
     import laspy
 
     with _refusing(path), open_file(path) as stream:
-        # The parallel one aborts the process where a damaged file makes two of its threads panic.
+        # The parallel backend aborts the process when a damaged file makes two of its threads panic.
         backend = laspy.LazBackend.Lazrs
         with laspy.open(stream, read_evlrs=False, closefd=False, laz_backend=backend) as file:
             known = set(file.header.point_format.dimension_names)
@@ -128,7 +128,7 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
 
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
-    """Refuse a file where laspy lets errors of struct, NumPy and lazrs through, and panics of lazrs."""
+    """Refuse a file for which laspy lets through errors of struct, NumPy or lazrs, or panics of lazrs."""
     try:
         yield
     except InputError:
@@ -137,16 +137,16 @@ def _refusing(path: Path) -> Iterator[None]:
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{path}: is no readable LAS: {reason}") from None
+        raise InputError(f"{path}: is not a readable LAS file: {reason}") from None
 
 
 def _check_header(path: Path, file: BinaryIO, max_points: int) -> None:
-    """Refuse counts of points, records and chunks that laspy and lazrs would trust."""
+    """Refuse wrong counts of points, records and chunks, which laspy and lazrs would trust."""
     import laspy
 
     start, size = file.read(START.size), size_of(file)
     if len(start) < START.size or not start.startswith(b"LASF"):
-        raise InputError(f"{path}: is no readable LAS: it does not start like one")
+        raise InputError(f"{path}: is not a readable LAS file: it does not begin with LASF")
     header_bytes, offset, num_vlrs = START.unpack(start)
     if offset > size or header_bytes + num_vlrs * VLR_BYTES > offset:
         raise InputError(
@@ -168,7 +168,7 @@ def _check_packing(path: Path, file: BinaryIO, header: laspy.LasHeader) -> None:
     offset, size = header.offset_to_point_data, size_of(file)
     records = header.vlrs.get("LasZipVlr")
     if not records or len(records[0].record_data) < LASZIP.size:
-        raise InputError(f"{path}: is no readable LAZ: it has no record of LASzip's")
+        raise InputError(f"{path}: is not a readable LAZ file: it has no LASzip record")
     chunk_points, num_items = LASZIP.unpack_from(records[0].record_data)
     file.seek(offset)
     (table,) = struct.unpack("<q", file.read(8))

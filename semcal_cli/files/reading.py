@@ -1,4 +1,4 @@
-"""Reading of regular files as a whole, up to a limit, and tests of paths."""
+"""Reading of whole regular files, up to a limit, and tests of paths."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from numpy.lib.format import open_memmap
 from semcal_cli.errors import InputError, mismatch, os_reason
 
 MAX_DOCUMENT_BYTES = 16 << 20
-"""Largest size of a document: a YAML, JSON or XML file, a list of names, or a short text. YAML of this size parses in
-some ten seconds and takes half a gigabyte at worst."""
+"""Maximum size of a document: a YAML, JSON or XML file, a list of names, or a short text. At worst, YAML of this size
+takes about ten seconds and half a gigabyte to parse."""
 MAX_TABLE_BYTES = 64 << 20
-"""Largest size of a text with numbers, one pose or one result on each line."""
+"""Maximum size of a text with numbers, one pose or one result per line."""
 
 _WITHOUT_WAITING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-"""Flags with which the opening of a pipe does not wait for a writer."""
+"""Flags that open a pipe without waiting for a writer."""
 _PIECE_BYTES = 1 << 20
-"""Bytes of which hashes are computed at a time."""
+"""Bytes that are read and hashed at a time."""
 
 
 def is_folder(path: Path) -> bool:
-    """Tell whether a path is a folder, also for names that are too long for the system."""
+    """Tell whether a path is a folder; names that are too long for the system are not."""
     with suppress(OSError):
         return path.is_dir()
     return False
 
 
 def is_same_file(a: Path, b: Path) -> bool:
-    """Tell whether two paths lead to one file, by links or otherwise."""
+    """Tell whether two paths lead to the same file, also through links."""
     return os.path.realpath(a) == os.path.realpath(b)
 
 
 @contextmanager
 def open_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a regular file for reading; pipes and devices are refused, since reading them may not end.
+    """Open a regular file for reading; pipes and devices are refused, because reading them may not end.
 
-    The kind of file is tested before it is opened, since opening a device may have effects, and again afterwards, since
-    something else may then have its name.
+    The kind of file is tested before it is opened, because opening a device may have side effects, and again
+    afterwards, because another file may have taken its name.
 
     Raises:
-        InputError: the file is missing, cannot be read, or is not a regular one.
+        InputError: the file is missing, cannot be read, or is not a regular file.
     """
     try:
         _check_regular(path, path.stat())
@@ -80,13 +80,13 @@ def read_bytes(path: Path, *, limit: int = MAX_DOCUMENT_BYTES) -> bytes:
     """Read a regular file of at most `limit` bytes.
 
     Raises:
-        InputError: the file is missing, cannot be read, or is larger.
+        InputError: the file is missing, cannot be read, or is too large.
     """
     with open_file(path) as file:
         size = size_of(file)
         check_size(path, size, limit)
         content = file.read(size + 1)
-        # The size of a file that the system makes up, as in /proc, is 0.
+        # Files that the system generates, such as those in /proc, have size 0.
         while len(content) <= limit and (more := file.read(min(_PIECE_BYTES, limit + 1))):
             content += more
         check_size(path, len(content), limit)
@@ -97,7 +97,7 @@ def read_start(path: Path, count: int) -> bytes:
     """Read the first `count` bytes of a regular file.
 
     Raises:
-        InputError: the file is missing, or cannot be read.
+        InputError: the file is missing or cannot be read.
     """
     with open_file(path) as file:
         return file.read(count)
@@ -107,7 +107,7 @@ def read_text(path: Path, *, limit: int = MAX_DOCUMENT_BYTES) -> str:
     """Read a UTF-8 file of at most `limit` bytes, with or without a byte order mark.
 
     Raises:
-        InputError: the file is missing, is larger, or is not UTF-8.
+        InputError: the file is missing, is too large, or is not UTF-8.
     """
     try:
         return read_bytes(path, limit=limit).decode("utf-8-sig")
@@ -119,7 +119,7 @@ def hash_file(path: Path) -> str:
     """Compute the SHA-256 of a regular file of any size, in hexadecimal digits.
 
     Raises:
-        InputError: the file is missing, or cannot be read.
+        InputError: the file is missing or cannot be read.
     """
     from hashlib import sha256
 
@@ -157,7 +157,7 @@ _TESTS = (
 
 
 def kind_of(path: Path) -> str | None:
-    """Describe what stands at a path; links are not followed. None if nothing can be seen there."""
+    """Describe what is at a path, without following links. None if nothing is found there."""
     try:
         mode = os.lstat(path).st_mode
     except (OSError, ValueError):
@@ -166,33 +166,33 @@ def kind_of(path: Path) -> str | None:
 
 
 def check_own_file(path: Path) -> None:
-    """Check that a file of our own may be read, replaced or made: nothing else stands at its path.
+    """Check that a file of semcal's own may be read, replaced or created: its path holds a regular file or nothing.
 
-    A link would lead the writing elsewhere, and the opening of a pipe may never end.
+    A link would redirect the output, and opening a pipe may never return.
 
     Raises:
-        InputError: something else stands there.
+        InputError: the path holds something else.
     """
     if (kind := kind_of(path)) not in (FILE, None):
         raise InputError(f"{path}: found {kind}, needed a file or nothing")
 
 
 def map_array(path: Path, max_bytes: int, needed_for: str = "") -> npt.NDArray[Any]:
-    """Map the array of a `.npy` file of at most `max_bytes` bytes, which is read where it is used.
+    """Map the array of a `.npy` file of at most `max_bytes` bytes into memory, without reading it.
 
     Args:
         path: The file.
-        max_bytes: Largest size.
-        needed_for: Words that say what the limit applies to.
+        max_bytes: Maximum size.
+        needed_for: What the limit applies to, for the message.
 
     Raises:
-        InputError: the file is missing, is larger, or holds no array.
+        InputError: the file is missing, is too large, or holds no array.
     """
     with open_file(path) as file:
         check_size(path, size_of(file), max_bytes, needed_for)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return open_memmap(path, mode="r")  # which refuses Python objects
-    except Exception:  # The header of the file is Python, so it can fail in many ways.
+            return open_memmap(path, mode="r")  # Python objects are refused.
+    except Exception:  # The header is a Python literal, which can fail in many ways.
         raise InputError(f"{path}: found no NumPy array, needed one") from None

@@ -1,4 +1,4 @@
-"""Rows of a JSON file that may be larger than the memory: a list of mappings, read piece by piece."""
+"""Rows of a JSON list of mappings that may be larger than memory, read piece by piece."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from semcal_cli.files.reading import check_size, open_file, size_of
 from semcal_cli.files.yaml_values import MAX_DEPTH
 
 MAX_ROWS_BYTES = 4 << 30
-"""Largest size of a list of rows. The largest table of nuScenes has 1.2 GB."""
+"""Maximum size of a list of rows. The largest table of nuScenes has 1.2 GB."""
 MAX_ROW = 1 << 20
-"""Longest row, in characters."""
+"""Maximum length of a row, in characters."""
 PIECE = 1 << 20
-"""Characters that are read at a time."""
+"""Number of characters read at a time."""
 TOO_LONG = f"found a row of more than {MAX_ROW:,} characters, needed a shorter one"
 LONGEST_TOKEN = len("-Infinity")
-"""Characters of the longest word of JSON. One that is cut is an error at its beginning."""
+"""Length of the longest word of JSON. A truncated word is an error at its beginning."""
 _BLANKS = re.compile(r"[ \t\n\r]*")
 
 
 def read_rows(path: Path) -> Iterator[dict[Any, Any]]:
-    """Read the rows of a JSON list of mappings, one after the other.
+    """Read the rows of a JSON list of mappings one by one.
 
     Raises:
         InputError: the file is missing, not UTF-8, too large or not well-formed, or is not a list of mappings.
@@ -47,19 +47,19 @@ def read_rows(path: Path) -> Iterator[dict[Any, Any]]:
 
 
 class _Text:
-    """A text that is read as it is needed, and forgotten afterwards."""
+    """A text that is read piece by piece as needed, and dropped once parsed."""
 
     def __init__(self, file: io.TextIOBase) -> None:
         self._file = file
         self._text, self._place = "", 0
         self.num_lines = 0
-        """Number of lines that are forgotten."""
+        """Number of lines dropped so far."""
 
     def items(self) -> Iterator[Any]:
         """Parse the items of a list.
 
         Raises:
-            ValueError: the text is no list, or is not well-formed.
+            ValueError: the text is not a list, or is not well-formed.
         """
         if self._next() != "[":
             raise ValueError(f"found {describe(self._value())}, needed a list of mappings")
@@ -79,7 +79,7 @@ class _Text:
         try:
             value, self._place = JSON.raw_decode(self._text, start)
         except JSONDecodeError as error:
-            # An error so far on is that of a row that is cut. A string that is cut is one at its beginning.
+            # A truncated row fails this far on. A truncated string fails at its beginning.
             if error.pos >= start + MAX_ROW or (has_more and error.msg.startswith("Unterminated string")):
                 raise ValueError(TOO_LONG) from None
             raise
@@ -92,7 +92,7 @@ class _Text:
         return value
 
     def _next(self) -> str:
-        """Go to the next character that is no blank; an empty text at the end."""
+        """Skip white space and give the next character; empty at the end."""
         while self._reaches(1):
             blanks = _BLANKS.match(self._text, self._place)
             self._place = blanks.end() if blanks else self._place
@@ -105,7 +105,7 @@ class _Text:
             raise JSONDecodeError(complaint, self._text, self._place)
 
     def _reaches(self, count: int) -> bool:
-        """Read on until so many characters lie ahead; tell whether they do."""
+        """Read on until at least `count` characters lie ahead; tell whether they do."""
         while len(self._text) - self._place < count and (more := self._file.read(PIECE)):
             self.num_lines += self._text.count("\n", 0, self._place)
             self._text, self._place = self._text[self._place :] + more, 0

@@ -13,18 +13,18 @@ from semcal_cli.errors import InputError, describe, mismatch
 from semcal_cli.geometry.poses import check_rigid, orthonormal
 
 MAX_TRANSLATION_M = 1e6
-"""Largest translation: no LiDAR is farther from its camera, whatever the unit."""
+"""Maximum translation: no LiDAR is farther from its camera, whatever the unit."""
 
 
 NEWEST_VERSION = 1
-"""Newest version of each document of semcal's, which its key such as `semcal_drive` states. A version changes where an
+"""Newest version of each of semcal's documents, stated by a key such as `semcal_drive`. A version changes where an
 older semcal would misread the document. Each semcal reads all older versions, and refuses newer ones by name."""
 MAX_ENTRIES = 500_000
-"""Most entries of a mapping, with those of mappings in it: pydantic keeps a kilobyte for each that is wrong."""
+"""Maximum number of entries of a mapping and the mappings in it: pydantic keeps a kilobyte for each wrong one."""
 
 
 class StrictModel(BaseModel):
-    """Immutable model without conversions, except from a whole number to a float; unknown keys are errors."""
+    """Immutable model without conversions, except of whole numbers to floats; unknown keys are errors."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
@@ -53,7 +53,7 @@ def validate(model: type[Model], document: object, path: Path) -> Model:
     """Check a document that was read from `path`.
 
     Raises:
-        InputError: the document is wrong; the message is `file: key: what was found, what was needed`.
+        InputError: the document is wrong; the message is `FILE: KEY: found X, needed Y`.
     """
     try:
         return model.model_validate(document)
@@ -63,10 +63,10 @@ def validate(model: type[Model], document: object, path: Path) -> Model:
 
 
 def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
-    """Check that no value belongs to two names.
+    """Check that no value is listed under two names.
 
     Raises:
-        ValueError: a value belongs to two names.
+        ValueError: a value is listed under two names.
     """
     owners: dict[object, str] = {}
     for name, values in names.items():
@@ -77,11 +77,11 @@ def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
 
 
 def check_not_newer(document: Mapping[Any, Any], known: Iterable[str]) -> None:
-    """Refuse a newer version before other keys are looked at, some of which may be unknown.
+    """Refuse a newer version before other keys are checked, some of which may be unknown.
 
     Args:
         document: The document.
-        known: Keys that it may have, among them that of its version.
+        known: Keys that it may have, including that of its version.
 
     Raises:
         ValueError: a newer semcal wrote the document.
@@ -120,7 +120,7 @@ def _orthonormal(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...]
 def length(minimum: int, maximum: int | None = None) -> Any:
     """Annotate a tuple that is read from a list, the only sequence of YAML and JSON, with limits on its length.
 
-    The first wrong item is complained of, so errors of millions of others need not be kept.
+    Only the first wrong item is reported, so that errors of millions of others are not kept.
     """
     return Field(strict=False, min_length=minimum, max_length=maximum, fail_fast=True)
 
@@ -130,16 +130,16 @@ FileName = Annotated[str, AfterValidator(_check_file_name), Field(json_schema_ex
 Vector3: TypeAlias = Annotated[tuple[float, ...], length(3, 3)]
 Vector4: TypeAlias = Annotated[tuple[float, ...], length(4, 4)]
 StatedTransform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
-"""Rigid transform as a file states it, with the rounding of whoever wrote it."""
+"""Rigid transform as a file states it, with its rounding."""
 Transform: TypeAlias = Annotated[StatedTransform, AfterValidator(_orthonormal)]
-"""Rigid transform without rounding; what semcal writes is read back to the last bit."""
+"""Rigid transform whose rounding is removed; one that semcal wrote is read back to the last bit."""
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
 Width: TypeAlias = Annotated[float, Field(ge=0.0, le=1e100)]
-"""Size of an offset: not negative, and small enough not to overflow in other units."""
+"""Non-negative size of an offset, small enough not to overflow in other units."""
 Figure: TypeAlias = Annotated[float, Field(ge=-1e100, le=1e100)]
-"""Figure of any sign, small enough not to overflow where it is squared."""
+"""Figure of any sign, small enough not to overflow when squared."""
 Widths: TypeAlias = Annotated[tuple[Width, ...], length(3, 3)]
 
 _NEEDED = {
@@ -176,7 +176,7 @@ def _complaint(error: ErrorDetails) -> str:
 
 
 def _key(error: ErrorDetails) -> str:
-    parts = [part for part in error["loc"] if part != "[key]"]  # pydantic marks an error in a key like this
+    parts = [part for part in error["loc"] if part != "[key]"]  # pydantic marks an error in a key this way
     return "".join(key_part(part) for part in parts).removeprefix(".")
 
 

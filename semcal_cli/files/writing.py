@@ -1,6 +1,6 @@
 """Writing of files as a whole or not at all, so that a crash leaves no incomplete file.
 
-Outputs that are no regular files, as descriptors, pipes and devices, are written to, not replaced.
+Outputs that are not regular files, such as descriptors, pipes and devices, are written to and not replaced.
 """
 
 import errno
@@ -21,24 +21,24 @@ from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, check_own_file, check_s
 
 STANDARD_INPUT, STANDARD_OUTPUT = Path("/dev/stdin"), Path("/dev/stdout")
 PATIENCE_S, RETRY_S = 5.0, 0.05
-"""Time that a named pipe has to find its reader, as both may have been started together, and time between two looks."""
+"""Time to wait for the reader of a named pipe, which may be starting at the same time, and time between two tries."""
 _NUMBERED = re.compile(r"/(?:dev|proc/self)/fd/([0-9]{1,9})")
 _NAMED = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a UTF-8 file as `write_bytes` does."""
+    """Write a text as UTF-8 with `write_bytes`."""
     write_bytes(text.encode("utf-8"), path)
 
 
 def write_bytes(content: bytes, path: Path) -> None:
-    """Write a file as a whole or not at all: to a temporary file beside it, which is then renamed.
+    """Write a file as a whole or not at all: to a temporary file next to it, which is then renamed.
 
-    A descriptor of this process (such as /dev/stdout), a device or a pipe is never replaced: the content goes into it.
-    A file that is replaced keeps its permissions.
+    A descriptor of this process (such as /dev/stdout), a device or a pipe is written to and never replaced.
+    A replaced file keeps its permissions.
 
     Raises:
-        InputError: the file cannot be written. An existing file stays untouched then.
+        InputError: the file cannot be written. An existing file is then untouched.
         BrokenPipeError: nothing reads the descriptor any more.
     """
     try:
@@ -66,7 +66,7 @@ def _replace(target: Path, content: bytes, mode: int | None) -> None:
             if mode is not None:
                 os.fchmod(file.fileno(), stat.S_IMODE(mode))
             if not temporary.exists():
-                # Python follows the link to the file only where it is given a folder, which then does not count.
+                # Python follows the link to the file only if it is given a folder, which is then ignored.
                 os.link(f"/proc/self/fd/{file.fileno()}", temporary, src_dir_fd=file.fileno())
         temporary.replace(target)
     finally:
@@ -75,15 +75,15 @@ def _replace(target: Path, content: bytes, mode: int | None) -> None:
 
 
 def _temporary_file(path: Path) -> BinaryIO:
-    """Open a file that has no name yet, so that a process that is killed leaves none; with one where none can be."""
-    with suppress(OSError, AttributeError):  # Only Linux has such files, and not all of its file systems do.
+    """Open a file without a name, so that a killed process leaves none behind; a named file if that is impossible."""
+    with suppress(OSError, AttributeError):  # Only Linux has unnamed files, on some of its file systems.
         if Path("/proc/self/fd").exists():
             return os.fdopen(os.open(path.parent, os.O_TMPFILE | os.O_WRONLY, 0o666), "wb")
     return path.open("xb")
 
 
 def _write_to_descriptor(content: bytes, number: int) -> None:
-    """Write to a descriptor of this process, after all that Python has written to its standard streams."""
+    """Write to a descriptor of this process, after everything that Python has written to its standard streams."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
@@ -96,7 +96,7 @@ def _write_to_descriptor(content: bytes, number: int) -> None:
 
 
 def _write_to_special(content: bytes, path: Path) -> None:
-    """Write to a pipe or a device, without waiting for ever for the reader of a pipe."""
+    """Write to a pipe or a device. Waits at most `PATIENCE_S` for the reader of a pipe."""
     deadline, number = monotonic() + PATIENCE_S, None
     while number is None:
         try:
@@ -115,7 +115,7 @@ def _write_to_special(content: bytes, path: Path) -> None:
 def descriptor(path: Path) -> int | None:
     """Find the descriptor of this process that a path names: 1 for /dev/stdout, 3 for /dev/fd/3, or None.
 
-    Its real path does not help: that is the file that the shell opened.
+    The real path of a descriptor does not show this, because it is the file that the shell opened.
     """
     numbered = _NUMBERED.fullmatch(str(path))
     return int(numbered[1]) if numbered else _NAMED.get(str(path))
@@ -125,29 +125,29 @@ def check_descriptor(path: Path) -> None:
     """Check that a path that names a descriptor can be written to; other paths pass.
 
     Raises:
-        InputError: the descriptor is not open, or only for reading.
+        InputError: the descriptor is not open, or is open only for reading.
     """
     number = descriptor(path)
     if number is None:
         return
     try:
-        # Python knows whether it was open at the start; another file may have its number by now.
+        # Python knows whether it was open at the start. Another file may have taken its number since.
         if number == 1 and sys.stdout is None:
             raise OSError
         mode = fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE
     except OSError:
         raise InputError(f"{path}: found a descriptor that is not open, needed one to write to") from None
     if mode == os.O_RDONLY:
-        raise InputError(f"{path}: found a descriptor that is only read from, needed one to write to")
+        raise InputError(f"{path}: found a descriptor that is open only for reading, needed one to write to")
 
 
 def takes_several(path: Path) -> bool:
-    """Tell whether several outputs may follow each other in a path: in a descriptor or a device as /dev/null."""
+    """Tell whether a path can take several outputs one after another, as a descriptor or /dev/null can."""
     return descriptor(path) is not None or path.is_char_device()
 
 
 def is_standard_stream(path: Path) -> bool:
-    """Tell whether a path is the file that the shell opened as standard output or standard error."""
+    """Tell whether a path is the file behind standard output or standard error."""
     for number in (1, 2):
         with suppress(OSError):
             if os.path.samestat(path.stat(), os.fstat(number)):
@@ -156,10 +156,10 @@ def is_standard_stream(path: Path) -> bool:
 
 
 def read_standard_input() -> bytes:
-    """Read standard input to its end, or to the largest size of a document.
+    """Read standard input to its end, up to the maximum size of a document.
 
     Raises:
-        InputError: it is not open, or larger.
+        InputError: it is not open, or is too large.
     """
     if sys.stdin is None:
         raise InputError(f"{STANDARD_INPUT}: found a descriptor that is not open, needed one to read from")
@@ -169,18 +169,18 @@ def read_standard_input() -> bytes:
 
 
 def check_replaceable(path: Path) -> None:
-    """Check that `write_bytes` may make or replace a file, before the work for its content begins.
+    """Check that `write_bytes` may create or replace a file, before its content is computed.
 
     Raises:
-        InputError: nothing may be written to its folder.
+        InputError: its folder is not writable.
     """
     folder = Path(os.path.realpath(path)).parent
     if not os.access(folder, os.W_OK):
-        raise InputError(f"{path}: found no right to write to its folder {folder}, needed it")
+        raise InputError(f"{path}: found no permission to write to its folder {folder}, needed it")
 
 
 def make_folder(path: Path) -> None:
-    """Create a folder, unless it exists.
+    """Create a folder unless it exists.
 
     Raises:
         InputError: the folder cannot be created.
@@ -188,22 +188,22 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be made: {os_reason(error)}") from None
+        raise InputError(f"{path}: cannot be created: {os_reason(error)}") from None
 
 
 @contextmanager
 def locked(file: Path, run: str) -> Iterator[int]:
-    """Lock a file, and with it its folder, for this run; the lock ends with the process that holds it.
+    """Lock a file, and thereby its folder, for this run; the lock ends with the process that holds it.
 
     Args:
         file: File to lock; it is created, with its folder, if it is missing.
-        run: Kind of the run, for the message.
+        run: Kind of run, for the message.
 
     Yields:
-        Descriptor of the file, to append to it.
+        Descriptor of the file, for appending to it.
 
     Raises:
-        InputError: another process holds the lock, or the file is none or cannot be written to.
+        InputError: another process holds the lock, or the file is not a regular file or cannot be written to.
     """
     make_folder(file.parent)
     with open_own(file) as opened:
@@ -211,20 +211,20 @@ def locked(file: Path, run: str) -> Iterator[int]:
             fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(
-                f"{file.parent}: found another {run} at work there, needed a folder of its own"
+                f"{file.parent}: found another {run} running there, needed a folder of its own"
             ) from None
         yield opened.fileno()
 
 
 def open_own(file: Path) -> BinaryIO:
-    """Open a file of our own to append to it; it is created if it is missing.
+    """Open a file of semcal's own for appending; it is created if it is missing.
 
     Raises:
-        InputError: a link, a pipe or a folder stands there, or the file cannot be written to.
+        InputError: the path holds a link, a pipe or a folder, or the file cannot be written to.
     """
     check_own_file(file)
     try:
-        # What takes the file's place now is not followed either, and its opening does not wait for a reader.
+        # A link that takes the file's place now is not followed either, and a pipe is not waited for.
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         return os.fdopen(os.open(file, flags, 0o666), "ab", buffering=0)
     except OSError as error:

@@ -1,7 +1,7 @@
 """Plain values of a YAML text, composed directly from the events of the parser.
 
-PyYAML's own way, a tree of nodes first, takes ten times the time and the memory. The parser is libyaml's where PyYAML
-was built with it, and otherwise PyYAML's own, which is slower.
+PyYAML itself builds a tree of nodes first, which takes ten times the time and memory. The parser is libyaml's where
+PyYAML was built with it, and otherwise PyYAML's own, which is slower.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from yaml.reader import Reader
 from semcal_cli.errors import describe
 
 MAX_DEPTH = 100
-"""Most lists and mappings inside one another."""
+"""Maximum depth of nested lists and mappings."""
 MAX_VALUES = 8_000_000
-"""Most values of a text, keys among them; lists and mappings count twice. A drive of 10,000 frames has 140,000."""
+"""Maximum number of values in a text, including keys; lists and mappings count twice. A drive of 10,000 frames has
+140,000."""
 
 
 class Scalar(NamedTuple):
-    """A type of plain scalars that are no text."""
+    """A type of plain scalars other than text."""
 
     pattern: str
     first: Iterable[str]
-    """Characters that these begin with."""
+    """Characters that they begin with."""
     convert: Callable[[str], Any]
-    """Gives the value."""
+    """Conversion of the text to the value."""
 
 
 def _float(text: str) -> float:
@@ -53,7 +54,7 @@ for _scalar in CORE_SCHEMA.values():
 
 
 def yaml_loader() -> Any:
-    """Choose libyaml's loader where PyYAML was built with it, or PyYAML's own."""
+    """Choose libyaml's loader if PyYAML was built with it, or else PyYAML's own."""
     return yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 
 
@@ -61,8 +62,8 @@ def parse_yaml(text: str) -> Any:
     """Parse a text of one document; an empty text is None.
 
     Raises:
-        yaml.YAMLError: the text is not well-formed, has several documents, repeats a key, or has what the dialect
-            refuses: anchors, aliases and tags.
+        yaml.YAMLError: the text is not well-formed, has several documents, repeats a key, or has anchors, aliases or
+            tags, which are refused.
         ValueError: the text has too many values, or they are nested too deeply.
     """
     if (control := Reader.NON_PRINTABLE.search(text)) is not None:
@@ -125,7 +126,7 @@ _NO_KEY = object()
 
 
 def plain_value(text: str) -> Any:
-    """Give the value of a plain scalar: a number, a truth value, None or a text."""
+    """Give the value of a plain scalar: a number, a truth value, None or text."""
     for matches, convert in _RULES.get(text[:1], ()):
         if matches(text):
             return convert(text)
@@ -138,7 +139,7 @@ def _check_plain(event: Any) -> None:
 
 
 def _refused(event: Event) -> yaml.MarkedYAMLError:
-    return _error("anchors, aliases and tags are not used here", event)
+    return _error("anchors, aliases and tags are not supported", event)
 
 
 def _error(problem: str, event: Event, context: str | None = None) -> yaml.MarkedYAMLError:

@@ -1,6 +1,6 @@
-"""Rigid transforms as 4 x 4 matrices: `p_a = T_a_b @ p_b`, float64, metres; and the difference of two of them.
+"""Rigid transforms as 4 x 4 matrices, `p_a = T_a_b @ p_b`, float64, metres, and the difference of two of them.
 
-The core provides what every calibration needs, since loading SciPy takes longer than many stages do.
+The core computes what every calibration needs, because loading SciPy takes longer than many stages.
 """
 
 import math
@@ -20,13 +20,13 @@ Vector: TypeAlias = NDArray[np.float64]
 """(3,) coordinates."""
 
 RIGID_TOLERANCE = 1e-3
-"""Largest error of a hand-written rotation: three or four decimals pass, a wrong matrix does not."""
+"""Maximum error of a rotation written by hand: three or four decimals pass, a wrong matrix does not."""
 
 ROUND_OFF = 1e-12
-"""Largest error of a rotation that a program computed and wrote to the last bit."""
+"""Maximum error of a rotation that a program computed and wrote to the last bit."""
 
 UPRIGHT = 1e-7
-"""Cosine of a pitch of nearly 90 degrees, at which roll and yaw turn about the same axis."""
+"""Cosine of the pitch below which roll and yaw turn about the same axis."""
 
 OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from a camera's optical frame (right, down, forward) to its body frame (forward, left, up)."""
@@ -53,14 +53,14 @@ def check_rigid(T: Pose) -> None:
 
 
 def as_transform(value: ArrayLike, name: str) -> Pose:
-    """Copy a rigid transform that a program gives, and remove its rounding.
+    """Copy a rigid transform that a program passes, and remove its rounding.
 
     Args:
         value: (4, 4) numbers.
-        name: What messages call it.
+        name: Name of the transform in messages.
 
     Raises:
-        InputError: it is no rigid transform.
+        InputError: it is not a rigid transform.
     """
     try:
         T: Pose = np.array(value, np.float64)
@@ -83,12 +83,12 @@ def _residual(T: Pose) -> float:
 
 
 def orthonormal(T: Pose) -> Pose:
-    """Remove the rounding of a rotation that `check_rigid` accepts; up to `ROUND_OFF` it stays as it is, to the bit."""
+    """Remove the rounding of a rotation that `check_rigid` accepts; one within `ROUND_OFF` is returned unchanged."""
     return T if _residual(T) <= ROUND_OFF else nearest_rigid(T)
 
 
 def nearest_rigid(T: Pose) -> Pose:
-    """Replace an almost-rotation by the nearest rotation (orthogonal Procrustes, by SVD)."""
+    """Replace an approximate rotation by the nearest rotation (orthogonal Procrustes, by SVD)."""
     U, _, Vt = np.linalg.svd(T[:3, :3])
     rigid: Pose = T.copy()
     rigid[:3, :3] = U @ Vt
@@ -113,12 +113,12 @@ def pose_from_quaternion(quaternion_xyzw: Sequence[float], translation: Sequence
 
 
 def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> Pose:
-    """Build T_camera_lidar from the mounting of a camera, as one measures it by hand.
+    """Build T_camera_lidar from the mounting of a camera as measured by hand.
 
     Args:
         rpy_deg: Roll, pitch and yaw of the camera's body frame (x forward, y left, z up) in the LiDAR frame, as in
             URDF: R = Rz(yaw) Ry(pitch) Rx(roll). Yaw turns to the left, pitch looks down, roll leans to the right.
-        center_m: (3,) camera's centre in the LiDAR frame, metres.
+        center_m: (3,) camera centre in the LiDAR frame, metres.
     """
     from scipy.spatial.transform import Rotation
 
@@ -140,7 +140,7 @@ def rpy(T: Pose) -> list[float]:
     R = (T[:3, :3] + 0.0).tolist()  # no -0.0
     cos_pitch = math.hypot(R[0][0], R[1][0])
     pitch = math.atan2(0.0 - R[2][0], cos_pitch)
-    if cos_pitch < UPRIGHT:  # Yaw is set to 0, which is as good as any.
+    if cos_pitch < UPRIGHT:  # Only the sum or difference of roll and yaw is defined.
         return [math.atan2(0.0 - R[1][2], R[1][1]), pitch, 0.0]
     return [math.atan2(R[2][1], R[2][2]), pitch, math.atan2(R[1][0], R[0][0])]
 
@@ -151,7 +151,7 @@ def rotation_vector_deg(T: Pose) -> Vector:
 
 
 def quaternion_xyzw(T: Pose) -> Vector:
-    """Rotation as the unit quaternion (4,) with w >= 0."""
+    """Rotation as a unit quaternion (4,) with w >= 0."""
     return np.array(_core.quaternion(T))
 
 
@@ -164,13 +164,13 @@ def inverse(T_a_b: Pose) -> Pose:
 
 
 def cross_matrix(vector: Vector) -> NDArray[np.float64]:
-    """Matrix (3, 3) that computes the cross product of the vector with another one."""
+    """Matrix (3, 3) [a]_x of the cross product, [a]_x b = a x b."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def camera_center(T_camera_lidar: Pose) -> Vector:
-    """Camera's centre in the LiDAR frame, -R^T t, metres."""
+    """Camera centre in the LiDAR frame, -R^T t, metres."""
     return inverse(T_camera_lidar)[:3, 3]
 
 
@@ -188,14 +188,14 @@ def rotation_error_deg(T_a: Pose, T_b: Pose) -> float:
 
 
 def baseline_m(T_camera_lidar: Pose) -> float:
-    """Distance between the camera's centre and the LiDAR's, metres."""
+    """Distance between the camera centre and the origin of the LiDAR frame, metres."""
     x, y, z = T_camera_lidar[:3, 3].tolist()
     distance_m: float = (x * x + y * y + z * z) ** 0.5
     return distance_m
 
 
 def within_baseline(T_camera_lidar: Pose, max_baseline_m: float) -> Pose:
-    """Move the camera towards the LiDAR until it is within the largest allowed distance."""
+    """Move the camera towards the LiDAR until it is within the maximum distance."""
     distance_m = baseline_m(T_camera_lidar)
     if distance_m <= max_baseline_m:
         return T_camera_lidar
@@ -205,7 +205,7 @@ def within_baseline(T_camera_lidar: Pose, max_baseline_m: float) -> Pose:
 
 
 def check_baseline(name: str, T_camera_lidar: Pose, max_baseline_m: float) -> None:
-    """Check that the camera of a transform is within the largest allowed distance from the LiDAR.
+    """Check that a transform puts the camera within the maximum distance from the LiDAR.
 
     Raises:
         InputError: the camera is farther away; the message begins with `name`.
@@ -233,7 +233,7 @@ class PoseError:
 
     @property
     def offsets(self) -> Vector:
-        """Both along and about the axes of the camera (6,), metres and degrees, as half widths of intervals are."""
+        """Differences along and about the axes of the camera (6,), metres and degrees, like intervals."""
         return np.array([*(0.01 * x for x in self.camera_center_xyz_cm), *self.rotation_xyz_deg])
 
 

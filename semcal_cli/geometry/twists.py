@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from semcal_cli.geometry.poses import Pose, Vector, camera_center, cross_matrix, rotation_difference
 
 Twist = NDArray[np.float64]
-"""(6,) translation first, then a rotation vector, metres and radians."""
+"""(6,) translation, then rotation vector, metres and radians."""
 
 SMALL_ANGLE = 1e-4
-"""Angle in radians below which the second-order term of the inverse Jacobian is rounding."""
+"""Angle in radians below which the second-order term of the inverse Jacobian is smaller than the rounding."""
 SMALL_TURN = 1e-3
-"""Angle in radians up to which the sine of its half over it is computed by its series."""
+"""Angle in radians up to which sin(angle / 2) / angle is computed by its series."""
 
 
 def rotation_matrix(rotation_vector: Vector) -> NDArray[np.float64]:
-    """Matrix exp(phi), (3, 3), of a rotation vector in radians, by way of its unit quaternion.
+    """Matrix exp(phi), (3, 3), of a rotation vector in radians, by its unit quaternion.
 
-    This is SciPy's arithmetic, without the time that SciPy takes to load.
+    The arithmetic is SciPy's, without the time that SciPy takes to load.
     """
     x, y, z = rotation_vector.tolist()
     angle = math.sqrt(x * x + y * y + z * z)
@@ -43,7 +43,7 @@ def rotation_matrix(rotation_vector: Vector) -> NDArray[np.float64]:
 
 
 def apply_twist(T: Pose, twist: Twist) -> Pose:
-    """Rotate a pose by exp(phi), then shift it by rho: the twist's motion, to first order in its translation."""
+    """Rotate a pose by exp(phi), then shift it by rho. This equals exp(xi) T to first order."""
     return apply_motion(T, rotation_matrix(twist[3:]), twist[:3])
 
 
@@ -65,7 +65,7 @@ def displaced(T: Pose, angle_deg: float, distance_m: float, rng: np.random.Gener
 
 
 def apply_motion(T: Pose, rotation: NDArray[np.float64], translation: Vector) -> Pose:
-    """Apply a rotation (3, 3) and then a translation (3,) on the left of a pose."""
+    """Apply a rotation (3, 3), then a translation (3,), on the left of a pose."""
     moved: Pose = np.eye(4)
     moved[:3, :3] = rotation @ T[:3, :3]
     moved[:3, 3] = rotation @ T[:3, 3] + translation
@@ -83,9 +83,9 @@ def inverse_left_jacobian(rotation_vector: Vector) -> NDArray[np.float64]:
 
 
 def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.float64]:
-    """Local coordinates (N, 6), (rho, phi), of poses about a reference; to first order these are twists.
+    """Local coordinates (N, 6), (rho, phi), of poses about a reference, which are twists to first order.
 
-    With the camera's centre c, rho = -R_ref (c - c_ref) and phi = log(R R_ref^T).
+    With the camera centre c, rho = -R_ref (c - c_ref) and phi = log(R R_ref^T).
     """
     T, R_reference = np.asarray(poses), T_reference[:3, :3]
     centers = -np.einsum("nji,nj->ni", T[:, :3, :3], T[:, :3, 3])
@@ -96,7 +96,7 @@ def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.fl
 def camera_motions(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
     """Motions (N, 6) of the camera along and about its own axes, metres and degrees, from local coordinates (N, 6).
 
-    A change of T_camera_lidar from the left by a twist is a motion of the camera by the opposite one.
+    A twist on the left of T_camera_lidar moves the camera by the opposite twist.
     """
     return np.hstack([-coordinates[:, :3], -np.degrees(coordinates[:, 3:])])
 

@@ -1,7 +1,7 @@
 """JSON Schemas of the documents that people write and read, for editors and other tools.
 
-`python -m semcal_cli.schemas` regenerates those of the newest version from the models. The site of the documentation
-publishes all of them, those of earlier versions too, at the addresses that they state as `$id`.
+`python -m semcal_cli.schemas` regenerates the schemas of the newest version from the models. The documentation site
+publishes the schemas of all versions at the addresses that they state as `$id`.
 """
 
 import ast
@@ -30,7 +30,7 @@ MODELS: dict[str, type[StrictModel]] = {
     "semcal_picture_model": PictureCard,
     "semcal_point_model": PointCard,
 }
-"""Model of each document by its first key."""
+"""Model of each document, by its first key."""
 
 
 def schema_file(key: str) -> Path:
@@ -50,7 +50,7 @@ def schema_text(key: str) -> str:
 class _Described(GenerateJsonSchema):
     """Describes each property by the docstring of its field.
 
-    Pydantic's `use_attribute_docstrings` does so, too, but reads the sources at each start of semcal.
+    Pydantic's `use_attribute_docstrings` does the same, but reads the sources at each start of semcal.
     """
 
     def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
@@ -64,7 +64,7 @@ class _Described(GenerateJsonSchema):
 
 
 def _docstrings(model: type) -> dict[str, str]:
-    """Read the docstrings of the fields that a class itself has."""
+    """Read the docstrings of the fields that a class itself defines."""
     (found,) = ast.parse(inspect.getsource(model)).body
     assert isinstance(found, ast.ClassDef)
     return {
