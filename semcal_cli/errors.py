@@ -14,6 +14,8 @@ from pathlib import Path
 
 MAX_LISTED = 8
 MAX_LISTED_LENGTH = 40
+MAX_MORE_DIGITS = 6
+"""Most digits that are added to tell two numbers apart."""
 
 
 class SemcalError(Exception):
@@ -70,6 +72,24 @@ def describe(value: object) -> str:
             return str(value).lower()
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def told_apart(found: float, needed: float, digits: int = 0, unit: str = "") -> tuple[str, str]:
+    """Write what was found and what was needed with the digits that tell them apart.
+
+    Args:
+        found: What was found.
+        needed: What it is compared with, which is written without zeros at its end.
+        digits: Fewest digits after the point.
+        unit: "%" writes shares of 1 as per cent.
+    """
+    scale = 100.0 if unit == "%" else 1.0
+    for places in range(digits, digits + MAX_MORE_DIGITS + 1):
+        text, limit = f"{scale * found:.{places}f}", f"{scale * needed:.{places}f}"
+        if found == needed or float(text) != float(limit):
+            break
+    short = limit.rstrip("0").rstrip(".") if "." in limit else limit
+    return (text if float(text) else text.removeprefix("-")) + unit, short + unit
 
 
 def one_of(wanted: str, known: Iterable[str]) -> str:

@@ -228,7 +228,9 @@ def test_compare(street: Path, street_truth: Pose, made: Path, tmp_path: Path) -
     assert both.stdout.splitlines()[-1] == "within limits: 0.0000 degrees and 0.000 cm apart"
     beyond = invoke("compare", result, far)
     assert beyond.exit_code == FAIL
-    assert re.fullmatch(r"beyond limits: 6\.\d+ cm, allowed 5", beyond.stdout.splitlines()[-1])
+    assert re.fullmatch(
+        r"beyond limits: 6\.\d+ cm, allowed 5, known to \+- 0\.\d+", beyond.stdout.splitlines()[-1]
+    )
     assert "more than both" not in both.stdout
     assert max(map(len, f"{both.stdout}{beyond.stdout}".splitlines())) <= 80
     record = read_calibration(result)
@@ -255,10 +257,10 @@ def test_a_matrix_of_no_stated_direction_is_verified_with_one(
     arguments = ["verify", street, path, "-q"]
     refused = invoke(*arguments)
     assert str(refused.exception) == (
-        f"{path}: found a transform of no stated direction, needed --direction lidar-to-camera (p_camera = T p_lidar) "
-        "or camera-to-lidar"
+        f"{path}: found a transform of no stated direction, needed --init-direction lidar-to-camera (p_camera = T "
+        "p_lidar) or camera-to-lidar"
     )
-    found = invoke(*arguments, "--direction", "camera-to-lidar")
+    found = invoke(*arguments, "--init-direction", "camera-to-lidar")
     assert found.exit_code == PASS, found.output
 
 

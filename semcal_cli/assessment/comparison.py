@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from semcal_cli.assessment.limits import Verdict, width_in_all
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.poses import PoseError, compare_poses
 from semcal_cli.result.camera import camera_differences
@@ -42,6 +44,22 @@ class Comparison:
     """Difference of the poses."""
     axes: tuple[Axis, ...]
     """Difference of each axis: x, y, z of the camera's position, then of its rotation."""
+
+    def half_width(self, unit: str) -> float | None:
+        """Half width of the 95 % interval of the difference in all, "cm" or "deg"; None if neither is known."""
+        axes = [axis for axis in self.axes if axis.unit == unit]
+        known = [(axis.half_width_a, axis.half_width_b) for axis in axes]
+        if (None, None) in known:
+            return None
+        return width_in_all(
+            [axis.difference for axis in axes], [math.hypot(a or 0.0, b or 0.0) for a, b in known]
+        )
+
+    def verdict(self, off: float, allowed: float, unit: str) -> Verdict:
+        """Judge the difference in all: one beyond its limit by less than is known of it is undecided."""
+        if off <= allowed:
+            return "pass"
+        return "fail" if off - (self.half_width(unit) or 0.0) > allowed else "inconclusive"
 
 
 def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:

@@ -21,6 +21,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import delayed, differs, twists_per_s
 from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.pyramid import refine_exactly
 from semcal_cli.result.checks import (
@@ -112,9 +113,10 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> Measure
     shares = counts[counts > 0] / counts.sum()
     # The number of equally frequent classes that would have the same entropy.
     effective = float(np.exp(-np.sum(shares * np.log(shares))))
+    like, least = told_apart(effective, ONE_CLASS.limit(), 2)
     found = (
-        f"{name} are nearly all of one class, they vary like {effective:.2f} equally frequent classes, needed at least "
-        f"{ONE_CLASS.limit():g}"
+        f"{name} are nearly all of one class, they vary like {like} equally frequent classes, needed at least "
+        f"{least}"
     )
     return ONE_CLASS.measured(effective, found)
 
@@ -137,10 +139,8 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
     by, best = compared_by(observations), max(found)
     sentence = f"clouds and pictures {NO_FIT}, and pictures of other frames fit better"
     if own > 0.0:
-        most = WRONG_PAIRING.limit(by)
-        sentence = (
-            f"pictures of other frames fit the clouds {best / own:.0%} as well, needed at most {most:.0%}"
-        )
+        as_well, most = told_apart(best / own, WRONG_PAIRING.limit(by), unit="%")
+        sentence = f"pictures of other frames fit the clouds {as_well} as well, needed at most {most}"
     return [WRONG_PAIRING.measured(_share(best, own), sentence, by)]
 
 
@@ -157,10 +157,8 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
     by, turned_by = compared_by(observations), f"with the camera turned by {best_deg:.0f} degrees"
     found = f"points and pictures {NO_FIT}" + f", and better {turned_by}" * (best_deg > 0.0)
     if own.information > 0.0:
-        found = (
-            f"{turned_by} points and pictures fit {best / own.information:.0%} as well, needed at most "
-            f"{OTHER_AZIMUTH.limit(by):.0%}"
-        )
+        as_well, most = told_apart(best / own.information, OTHER_AZIMUTH.limit(by), unit="%")
+        found = f"{turned_by} points and pictures fit {as_well} as well, needed at most {most}"
     return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 
 

@@ -28,6 +28,7 @@ from semcal_cli.assessment.sensitivity import squares_of, summed
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.result.checks import FRAMES_DISAGREE, MOVED_CAMERA, Measured
@@ -341,14 +342,13 @@ def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:
     """Say how far frames disagree that fit no few poses."""
     found = []
     if suspicion.scatter > suspicion.allowed:
-        ratio, allowed = math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed)
-        found.append(
-            f"they scatter {ratio:.2f} times as widely as their labels explain, needed at most {allowed:.2f}"
-        )
+        ratio, most = told_apart(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)
+        found.append(f"they scatter {ratio} times as widely as their labels explain, needed at most {most}")
     if suspicion.place is not None:
+        apart, most = told_apart(suspicion.apart, suspicion.allowed_apart, 1)
         found.append(
-            f"those from {frame_name(names, suspicion.place)} on are {suspicion.apart:.1f} standard errors from those "
-            f"before, needed at most {suspicion.allowed_apart:.1f}"
+            f"those from {frame_name(names, suspicion.place)} on are {apart} standard errors from those "
+            f"before, needed at most {most}"
         )
     if suspicion.outliers:
         found.append(f"farthest off {frame_list(names, suspicion.outliers)}")

@@ -13,6 +13,7 @@ from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, bending, sens
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import DEFAULT_FOCAL_SIGMA, Camera, IntrinsicsSigma, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks import WRONG_INTRINSICS, Measured
 from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
@@ -178,9 +179,10 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int
         f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, deviations, strict=True) if each > 2.0
     ]
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
+    found_chi2, most = told_apart(chi2, limit)
     found = (
         f"the intrinsics look wrong{which}, freed they would move the points by {moved_px:.0f} pixels or more, "
-        f"chi-square {chi2:.0f} of 5, needed at most {limit:.0f}"
+        f"chi-square {found_chi2} of 5, needed at most {most}"
     )
     return (WRONG_INTRINSICS.measured(min(chi2 / limit, moved_px / limit_px), found),)
 

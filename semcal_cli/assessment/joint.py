@@ -22,7 +22,7 @@ from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.camera import CAMERA_MODELS, OF_K, Camera, intrinsic_value, with_all_coefficients
 from semcal_cli.drive.motion import can_be_unrolled, exposed_as, twists_per_s, unrolled
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import SemcalError
+from semcal_cli.errors import SemcalError, told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera, intrinsic_texts, offset_words
@@ -271,9 +271,10 @@ def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -
         why = "what was found differs from them only by chance"
         if fit.is_beyond_chance:
             by = gain.gain / max(gain.sigma, 1e-12)
+            better, least = told_apart(by, MIN_GAIN, 1)
             why = (
-                f"held-out data agree with what was found by {by:.1f} standard errors better, needed more than "
-                f"{MIN_GAIN:g}"
+                f"held-out data agree with what was found by {better} standard errors better, needed more than "
+                f"{least}"
             )
         notes.append(f"the {' and '.join(both)} of the drive stay, since {why}")
     return tuple(notes)

@@ -32,7 +32,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks import (
     LEAKED_LABELS,
@@ -109,16 +109,18 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
 
     if not observations.has_segments:
         points = _moved_points(observations)
+        better, most = told_apart(points.z, SHIFTED_POINT_LABELS.limit(), 1)
         sentence = (
             f"labels of points{of(points)} fit the clouds better {_entries_words(*points.move)}, "
-            f"by {points.z:.1f} standard errors, needed at most {SHIFTED_POINT_LABELS.limit():g}"
+            f"by {better} standard errors, needed at most {most}"
         )
         measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
     pixels = _moved_pixels(observations, read_picture)
     if pixels is not None:
+        better, most = told_apart(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
         found = (
             f"label images{of(pixels)} fit their pictures better {_move_words(*pixels.move)}, "
-            f"by {pixels.z:.1f} standard errors, needed at most {SHIFTED_LABEL_IMAGES.limit():g}"
+            f"by {better} standard errors, needed at most {most}"
         )
         measured.append(SHIFTED_LABEL_IMAGES.measured(pixels.z, found))
     if not unread:
@@ -270,9 +272,10 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
         return ()
     # At a wrong pose pixels tell little of any point, and by chance as much of both.
     share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
+    as_much, most = told_apart(share, LEAKED_LABELS.limit(), unit="%")
     found = (
-        f"labels of points seem to be made from those of the pictures, pixels tell {share:.0%} as much of points that "
-        f"are hidden behind what they show as of visible points, needed at most {LEAKED_LABELS.limit():.0%}"
+        f"labels of points seem to be made from those of the pictures, pixels tell {as_much} as much of points that "
+        f"are hidden behind what they show as of visible points, needed at most {most}"
     )
     return (LEAKED_LABELS.measured(share, found),)
 

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import Limits
+from semcal_cli.errors import told_apart
 
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
 Unit: TypeAlias = Literal["cm", "deg", "ms"]
@@ -79,13 +81,17 @@ def judge(
         for index, axis in enumerate(AXES):
             width = None if of_part is None else float(of_part[index])
             checks.append(_check(f"{name} {axis}", unit, offsets[index], width, allowed))
-        length = float(np.linalg.norm(offsets))
-        width = None
-        if of_part is not None:  # along the offset; of none, the widest
-            along = np.array(offsets) / length if length > 0.0 else np.eye(3)[of_part.argmax()]
-            width = float(np.linalg.norm(along * of_part))
-        checks.append(_check(f"{name}{IN_ALL}", unit, length, width, allowed))
+        width = None if of_part is None else width_in_all(offsets, of_part)
+        checks.append(_check(f"{name}{IN_ALL}", unit, float(np.linalg.norm(offsets)), width, allowed))
     return tuple(checks)
+
+
+def width_in_all(offsets: npt.ArrayLike, half_widths: npt.ArrayLike) -> float:
+    """Half width of an interval along an offset (3,), from those of the axes (3,); of no offset, the widest."""
+    offset, widths = np.asarray(offsets), np.asarray(half_widths)
+    length = np.linalg.norm(offset)
+    along = offset / length if length > 0.0 else np.eye(3)[widths.argmax()]
+    return float(np.linalg.norm(along * widths))
 
 
 def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> Check:
@@ -106,7 +112,8 @@ def figures(check: Check) -> str:
         return f"not determined, allowed {check.allowed:g} {UNITS[check.unit]}"
     unit = UNITS[check.unit]
     half = f"{unit}, interval not known" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
-    return f"{round(check.offset, 3) + 0.0:.3f} {half}, allowed {check.allowed:g}"
+    offset, allowed = told_apart(check.offset, check.allowed, 3)
+    return f"{offset} {half}, allowed {allowed}"
 
 
 def offsets_in_all(checks: Sequence[Check]) -> list[str]:

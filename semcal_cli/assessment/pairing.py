@@ -23,7 +23,7 @@ from semcal_cli.assessment.information import (
 )
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, told_apart
 from semcal_cli.files.reading import hash_file
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks import ODD_FRAMES, Measured
@@ -124,10 +124,11 @@ def check_pairs(
         return (ODD_FRAMES.measured(share, limit="information"),)
     worst = min(wrong, key=lambda frame: float(own[frame]))
     share = float(own[worst]) / usual if usual > 0.0 else -math.inf
-    as_well = f"{share:.0%} as well as others" if usual > 0.0 else "worse than others"
+    part, needed = told_apart(share, least, unit="%")
+    as_well = f"{part} as well as others" if share >= 0.0 else "worse than by chance"
     sentence = (
         f"points and pixels of {frame_list(names, wrong)} may not belong together, {frame_name(names, worst)} agrees "
-        f"{as_well}, needed at least {least:.0%} or more than with pictures of other frames"
+        f"{as_well}, needed at least {needed} or more than with pictures of other frames"
     )
     return (ODD_FRAMES.measured(share, sentence, "information"),)
 

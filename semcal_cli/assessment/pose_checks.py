@@ -12,6 +12,7 @@ from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import can_be_unrolled, shutter_error_px
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose, baseline_m, compare_poses
 from semcal_cli.result.checks import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SEEDS, SHUTTER
 from semcal_cli.result.sections import Repeatability
@@ -30,9 +31,10 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
     """Check the median displacement of the points by uncompensated motion, in pixels; None if it is unknown."""
     if motion_error_px is None:
         return ()
+    off_px, most = told_apart(motion_error_px, MOTION.limit(), 1)
     found = (
-        f"the LiDAR's motion is not compensated, half of the points are {motion_error_px:.1f} pixels off or more, "
-        f"needed at most {MOTION.limit():.0f}"
+        f"the LiDAR's motion is not compensated, half of the points are {off_px} pixels off or more, "
+        f"needed at most {most}"
     )
     return MOTION.measured(motion_error_px, found).findings
 
@@ -59,8 +61,9 @@ def check_shutter(
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:
         return (), (f"{found}: {SHUTTER.advice}",)
-    cost = f"half of the points are {error_px:.1f} pixels off or more"
-    measured = SHUTTER.measured(error_px, f"{found}, {cost}, needed at most {SHUTTER.limit():.0f}")
+    off_px, most = told_apart(error_px, SHUTTER.limit(), 1)
+    cost = f"half of the points are {off_px} pixels off or more"
+    measured = SHUTTER.measured(error_px, f"{found}, {cost}, needed at most {most}")
     return measured.findings, () if measured.findings else (f"{found}, {cost}: {SHUTTER.advice}",)
 
 
@@ -88,12 +91,14 @@ def check_pose(
     if distance_m >= AT_LIMIT * max_baseline_m:
         found = f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
         findings.append(FAR_CAMERA.finding(found))
-    covered = f"visible points with classes cover {agreement.overlap:.1%} of the picture"
-    found = f"{covered}, needed at least {OVERLAP.limit():.0%}"
+    covered, least = told_apart(agreement.overlap, OVERLAP.limit(), 1, "%")
+    found = f"visible points with classes cover {covered} of the picture, needed at least {least}"
     findings += OVERLAP.measured(agreement.overlap, found).findings
     by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
-    how = f"{by_chance:.0%} as well as unrelated ones do by chance"
-    found = f"points and pictures agree {how}, needed at least 100%"
+    as_well, least = told_apart(by_chance, CHANCE.limit(), unit="%")
+    found = (
+        f"points and pictures agree {as_well} as well as unrelated ones do by chance, needed at least {least}"
+    )
     return (*findings, *CHANCE.measured(by_chance, found).findings)
 
 

@@ -23,6 +23,7 @@ from semcal_cli.assessment.sensitivity import Matrix, Measurement, Sensitivity, 
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
 from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
 from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
 from semcal_cli.result.checks import FUSION_NOT_SETTLED, PRIOR
@@ -294,9 +295,10 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
     far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
+    found_chi2, most_chi2 = told_apart(chi2, most)
     found = (
-        f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {num_axes}, needed at most "
-        f"{most:.0f}"
+        f"{prior.name} is {far} from where labels alone lead, chi-square {found_chi2} of {num_axes}, needed at most "
+        f"{most_chi2}"
     )
     return [PRIOR.finding(found)]
 
@@ -305,9 +307,10 @@ def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
     worst = int(deviations.argmax())
     far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))
+    off, most = told_apart(float(deviations[worst]), PRIOR.limit("one axis"), 1)
     found = (
-        f"{prior.name} is {far} from the pose that all else leads to, {deviations[worst]:.1f} standard deviations, "
-        f"needed at most {PRIOR.limit('one axis'):.0f}"
+        f"{prior.name} is {far} from the pose that all else leads to, {off} standard deviations, "
+        f"needed at most {most}"
     )
     return [*PRIOR.measured(float(deviations[worst]), found, "one axis").findings]
 

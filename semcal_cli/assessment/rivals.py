@@ -20,7 +20,7 @@ from semcal_cli.drive.events import Listener, Progress
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, told_apart
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.search import Initialization, is_rival, led_by
@@ -71,13 +71,12 @@ def check_rivals(
         zip(sigmas_behind(observations, T_camera_lidar, tops), tops, strict=True),
         key=lambda each: each[0],
     )
-    how = f"better, {-behind:.1f} standard errors ahead"
-    if behind > 0.0:
-        how = f"almost as well, {behind:.1f} standard errors behind"
+    apart, needed = told_apart(abs(behind), OTHER_POSE.limit(), 1)
+    how = "almost as well, {} standard errors behind" if behind > 0.0 else "better, {} standard errors ahead"
     away = compare_poses(T_rival, T_camera_lidar)
     found = (
-        f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data {how}, "
-        f"needed {OTHER_POSE.limit():g} behind"
+        f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data "
+        f"{how.format(apart)}, needed {needed} behind"
     )
     return (OTHER_POSE.measured(behind, found),)
 
@@ -98,10 +97,11 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> M
     behind = sigmas_behind(guide, T_camera_lidar, others)
     best = int(np.argmin(behind))
     away = compare_poses(others[best], T_camera_lidar)
+    ahead, most = told_apart(-behind[best], CUES_DISAGREE.limit(), 1)
     found = (
         f"segments and labels of the pictures prefer a pose {away.rotation_deg:.1f} degrees and "
-        f"{away.camera_center_cm:.0f} cm away from that of edges, by {-behind[best]:.1f} standard errors, needed at "
-        f"most {CUES_DISAGREE.limit():g}"
+        f"{away.camera_center_cm:.0f} cm away from that of edges, by {ahead} standard errors, needed at "
+        f"most {most}"
     )
     return CUES_DISAGREE.measured(-behind[best], found)
 

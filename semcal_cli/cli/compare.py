@@ -14,9 +14,10 @@ from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, json_flag, limit
 from semcal_cli.cli.settings import argument, command
 from semcal_cli.config import Limits
+from semcal_cli.errors import told_apart
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.comparison import Axis
+    from semcal_cli.assessment.comparison import Axis, Comparison
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,8 @@ class CompareSettings:
 @command(
     CompareSettings,
     help=f"Compare the transforms of A and B: {KNOWN_TRANSFORMS}. What differs along each axis of the camera stands "
-    "beside the 95 % interval of each. Exit code 3: they differ by more than allowed.",
+    "beside the 95 % interval of each. Exit code 3: they differ by more than allowed. 4: what is known of them cannot "
+    "tell.",
 )
 def compare(settings: CompareSettings) -> None:
     """Compare two transforms."""
@@ -41,6 +43,7 @@ def compare(settings: CompareSettings) -> None:
 
     from semcal_cli.assessment.comparison import compare as difference
     from semcal_cli.assessment.comparison import describe_cameras
+    from semcal_cli.assessment.limits import together
     from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import COLORS
     from semcal_cli.formats import read_extrinsic
@@ -52,17 +55,17 @@ def compare(settings: CompareSettings) -> None:
         ("rotation", error.rotation_deg, "degrees", settings.max_rotation_deg),
         ("camera centre", error.camera_center_cm, "cm", 100.0 * settings.max_translation_m),
     )
-    beyond = [each for each in differences if each[1] > each[3]]
+    verdicts = [found.verdict(off, allowed, unit[:3]) for _, off, unit, allowed in differences]
+    verdict = together(verdicts)
     if (cameras := describe_cameras(known_a, known_b)) is not None:
         click.echo(labelled("camera", cameras), err=True)
-    cases = [
-        Case(name, "pass" if off <= allowed else "fail", f"{off:.3f} {unit}, allowed {allowed:g}")
-        for name, off, unit, allowed in differences
-    ]
-    subject = f"{settings.a}, {settings.b}"
-    report = CiReport("compare", subject, "fail" if beyond else "pass", cases)
+    figures = [_figures(found, *each[1:]) for each in differences]
+    names = [name for name, *_ in differences]
+    cases = [Case(*each) for each in zip(names, verdicts, figures, strict=True)]
+    report = CiReport("compare", f"{settings.a}, {settings.b}", verdict, cases)
     if settings.as_json:
-        click.echo(json.dumps(asdict(found) | {"same": not beyond}, allow_nan=False))
+        more = {"same": verdict == "pass", "verdict": verdict}
+        click.echo(json.dumps(asdict(found) | more, allow_nan=False))
     else:
         console = Console(highlight=False, soft_wrap=True, emoji=False)
         console.print(f"{'':<18}{'A minus B':>14}   {'95 % of A':<12}95 % of B")
@@ -72,13 +75,20 @@ def compare(settings: CompareSettings) -> None:
             console.print(
                 f"{name.split()[-1]} in all".ljust(18) + f"{off:10.4f} {unit[:3]:<3}   allowed {allowed:g}"
             )
-        verdict = f"within limits: {error.rotation_deg:.4f} degrees and {error.camera_center_cm:.3f} cm apart"
-        if beyond:
-            told = (f"{off:.4g} {unit}, allowed {allowed:g}" for _, off, unit, allowed in beyond)
-            verdict = f"beyond limits: {'; '.join(told)}"
-        console.print(verdict, style=COLORS[report.verdict])
+        line = f"within limits: {error.rotation_deg:.4f} degrees and {error.camera_center_cm:.3f} cm apart"
+        if verdict != "pass":
+            told = (text for text, each in zip(figures, verdicts, strict=True) if each == verdict)
+            line = f"{'beyond limits' if verdict == 'fail' else 'undecided'}: {'; '.join(told)}"
+        console.print(line, style=COLORS[verdict])
     report.tell_github()
     sys.exit(EXIT_CODES[report.verdict])
+
+
+def _figures(found: Comparison, off: float, unit: str, allowed: float) -> str:
+    """Tell a difference in all, what is allowed, and what is known of it."""
+    text, most = told_apart(off, allowed, 3)
+    half = found.half_width(unit[:3])
+    return f"{text} {unit}, allowed {most}" + ("" if half is None else f", known to +- {half:.2f}")
 
 
 def _line(axis: Axis) -> str:

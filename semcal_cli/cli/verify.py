@@ -43,7 +43,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
 
     rules = [none_of("--cue features", because="vectors have no exact histogram")]
     calibration: Path = argument()
-    direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
+    init_direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
     max_delay_ms: float | None = option(
         "Largest allowed offset of the camera's clock, which is estimated as well then. Needs `motion:` with poses or "
         "a twist, different speeds, and turns.",
@@ -69,7 +69,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
         Raises:
             InputError: the file is none.
         """
-        return read_initial_pose(self.calibration, self.direction, direction_option="--direction")
+        return read_initial_pose(self.calibration, self.init_direction, direction_option="--init-direction")
 
     @property
     def config(self) -> CalibrationConfig:

@@ -9,7 +9,7 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.errors import CalibrationError, InputError, told_apart
 from semcal_cli.geometry.poses import Pose, Vector, camera_center
 from semcal_cli.initialization.pnp import solve_pnp
 from semcal_cli.threads import thread_pool
@@ -122,8 +122,9 @@ def _grid(observations: Observations) -> _core.Grid:
     outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
     if outside > MAX_SHARE_OUTSIDE:
         low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
+        share, most = told_apart(outside, MAX_SHARE_OUTSIDE, unit="%")
         raise InputError(
-            f"lidar.fov_down_deg, lidar.fov_up_deg: found {outside:.0%} of the points outside of them, needed at most "
-            f"{MAX_SHARE_OUTSIDE:.0%}; the points lie from {low:.1f} to {high:.1f} degrees"
+            f"lidar.fov_down_deg, lidar.fov_up_deg: found {share} of the points outside of them, needed at most "
+            f"{most}; the points lie from {low:.1f} to {high:.1f} degrees"
         )
     return grid

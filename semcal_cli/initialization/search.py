@@ -13,7 +13,7 @@ from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, told_apart
 from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
 from semcal_cli.initialization.registration import Candidate, register
 from semcal_cli.result.checks import NOTHING_TO_COMPARE, OTHER_MOUNTING
@@ -182,9 +182,10 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
     if other is None:
         return ()
     margin = best.margin(other)
+    apart, least = told_apart(margin, MIN_RUNNER_UP_MARGIN, 2)
     found = (
         f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well, "
-        f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}"
+        f"{apart} standard errors apart, needed {least}"
     )
     return OTHER_MOUNTING.measured(margin, found).findings
 

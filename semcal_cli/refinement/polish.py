@@ -15,6 +15,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks import (
     NO_DIRECTION,
@@ -110,9 +111,10 @@ def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishCo
         return (POLISH_NOT_TESTED.finding(found),)
     if not check.accepted:
         by = -check.held_out_gain_nats / max(check.held_out_sigma_nats or 0.0, LEAST_SIGMA)
+        less, most = told_apart(by, max_loss, 1)
         found = (
-            f"the polish was rejected, held-out data agree less after it by {by:.1f} standard errors, needed at most "
-            f"{max_loss:g}"
+            f"the polish was rejected, held-out data agree less after it by {less} standard errors, needed at most "
+            f"{most}"
         )
         return (POLISH_REJECTED.finding(found),)
     if moved_px <= config.settled_px:
@@ -120,10 +122,8 @@ def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishCo
     if not math.isfinite(moved_px):
         found = "the polish found no direction in which the pose changes the agreement"
         return (NO_DIRECTION.finding(found),)
-    found = (
-        f"the polish had not settled, its last round still moved points by {moved_px:.2f} pixels, needed at most "
-        f"{config.settled_px:g}"
-    )
+    moved, most = told_apart(moved_px, config.settled_px, 2)
+    found = f"the polish had not settled, its last round still moved points by {moved} pixels, needed at most {most}"
     return (POLISH_NOT_SETTLED.finding(found),)
 
 

@@ -24,7 +24,7 @@ from semcal_cli import _core
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.errors import CalibrationError, SemcalError
+from semcal_cli.errors import CalibrationError, SemcalError, told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks import REFINEMENT_NOT_SETTLED
 from semcal_cli.result.stage import StageResult
@@ -116,9 +116,10 @@ def refine_pose(
         on_level(level, len(factors))
     drift, most = levels[-1].drift, config.max_final_drift
     converged = drift <= most
+    moved_px, most_px = told_apart(drift, most, 1)
     found = (
-        f"the refinement had not settled, the pose still moved points by {drift:.1f} pixels over the last quarters of "
-        f"the finest level, needed at most {most:g}"
+        f"the refinement had not settled, the pose still moved points by {moved_px} pixels over the last quarters of "
+        f"the finest level, needed at most {most_px}"
     )
     return Refinement(
         T_camera_lidar=pose,

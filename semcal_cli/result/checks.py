@@ -72,7 +72,10 @@ class Limit:
 
     def words(self, value: float) -> str:
         """Format a value with its unit."""
-        return f"{100.0 * value:.3g} %" if self.unit == "%" else f"{value:.3g} {self.unit}".strip()
+        if self.unit == "%":
+            return f"{100.0 * value:.3g} %"
+        number = f"{value:.3g}"
+        return f"{number} {self.unit.removesuffix('s') if number == '1' else self.unit}".strip()
 
 
 def read_limits(text: str) -> dict[str, dict[str, Limit]]:
@@ -164,7 +167,7 @@ OTHER_AZIMUTH = Check(
     topic="other-azimuth",
     advice="add frames from other places, or give --init with a mounting measured by hand",
 )
-OTHER_POSE = Check(topic="other-pose", advice="add frames from other places, or labels of points")
+OTHER_POSE = Check(topic="other-pose", advice="add frames from other places")
 FEW_SCENES = Check(topic="few-scenes", advice="add frames from other places")
 CUES_DISAGREE = Check(
     topic="cues-disagree",
