@@ -108,7 +108,7 @@ def written(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) 
 def test_a_recording_without_poses_gets_them_from_its_sweeps(street: MovingStreet, tmp_path: Path) -> None:
     path = written(tmp_path, street)
     result = run_cli("import", "bag", path, "-o", tmp_path / "drive", "--odometry")
-    assert "estimates the motion of the LiDAR from the sweeps: the drive's motion" in result.stderr
+    assert "estimates the motion of the LiDAR from the sweeps: the drive's motion" in " ".join(result.stderr.split())
     drive = read_drive(tmp_path / "drive")
     assert len(drive.frames) == 12
     assert drive.motion is not None
@@ -120,9 +120,14 @@ def test_a_recording_without_poses_gets_them_from_its_sweeps(street: MovingStree
     assert (tmp_path / "again/poses/drive.txt").read_text().splitlines() == lines
 
 
-def test_a_recordings_own_odometry_is_preferred(street: MovingStreet, tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_true", [True, False])
+def test_a_recordings_own_odometry_is_preferred_and_compared(
+    is_true: bool, street: MovingStreet, tmp_path: Path
+) -> None:
+    """It may say that the rig stands."""
+
     def pose(bag: BagWriter, index: int, stamp: int) -> Any:
-        return bag.odometry(np.eye(4), stamp, "lidar")
+        return bag.odometry(street.pose(stamp / NS) if is_true else np.eye(4), stamp, "lidar")
 
     path = written(tmp_path, street, odom=pose)
     found = {
@@ -130,7 +135,10 @@ def test_a_recordings_own_odometry_is_preferred(street: MovingStreet, tmp_path: 
         for motion in (None, "none")
     }
     assert "/odom tells of the motion of 'lidar'" in found[None]
-    assert "--odometry is not needed; with --motion none, it is taken all the same" in found[None]
+    assert ("/odom agrees with the motion that the sweeps tell" in found[None]) == is_true
+    way = "/odom disagrees with the motion that the sweeps tell by 10 m/s and 11 degrees a second"
+    assert (way in found[None]) == (not is_true)
+    assert ("--motion none takes that of the sweeps" in found[None]) == (not is_true)
     assert "KISS-ICP" in found["none"]
     assert "/odom" not in found["none"]
 
@@ -139,6 +147,7 @@ def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet
     path = street.write(tmp_path / "drive", count=8)
     result = run_cli("odometry", path, "-o", tmp_path / "drive/estimated.txt")
     block = result.stderr.partition("motion: ")[2].strip()
+    assert "agrees" not in result.stderr
     assert block == (
         "{poses: estimated.txt, point_times: relative, sigma: {linear_m_s: 0.1, angular_rad_s: 0.01}}"
     )
@@ -153,6 +162,9 @@ def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet
         return float(np.median([np.linalg.norm(a.points - b.points, axis=1).mean() for a, b in pairs]))
 
     assert "no poses around" not in result.stderr
+    path.write_text(path.read_text() + "motion: {poses: true.txt}\n")
+    again = run_cli("odometry", path, "-o", tmp_path / "drive/again.txt").stderr
+    assert "note: motion.poses of the drive agrees with the motion that the sweeps tell" in " ".join(again.split())
     assert off_m("by") <= UNTWISTED_M < 0.2 < off_m("not")
 
 

@@ -193,7 +193,8 @@ class BagSettings(QuietSettings):
         "Frame whose poses it holds, if its messages do not say so.", metavar="FRAME"
     )
     odometry: bool = option(
-        "Estimate the motion from the sweeps by KISS-ICP if no topic tells it; with --motion none, in any case.",
+        "Estimate the motion from the sweeps by KISS-ICP. A topic that tells it goes first and is compared with it; "
+        "--motion none takes none.",
         default=False,
     )
 

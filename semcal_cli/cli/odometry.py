@@ -25,13 +25,14 @@ def odometry(settings: OdometrySettings) -> None:
     """Estimate how the LiDAR moves in DRIVE, whose sweeps follow one another, by KISS-ICP.
 
     Poses are written in the TUM format, a line each: seconds x y z qx qy qz qw. What is printed goes into drive.yaml,
-    which stays as it is.
+    which stays as it is. If DRIVE has poses, the two motions are compared.
     """
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
 
     check_installed("semcal odometry", "kiss_icp", "odometry")
+    from semcal_cli.datasets.motion_agreement import compare_with_drive
     from semcal_cli.datasets.odometry import NS, SIGMA, drive_motion, estimator, tum_text
     from semcal_cli.files.writing import write_text
 
@@ -39,6 +40,7 @@ def odometry(settings: OdometrySettings) -> None:
     check_outputs(files_read(drive), settings.output)
     with Terminal(quiet=settings.quiet) as terminal:
         motion = drive_motion(drive, terminal.on_event)
+    compared = compare_with_drive(drive, motion.poses)
     note = f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n"
     write_text(note + tum_text(motion.poses), settings.output)
     terminal.print(f"wrote {settings.output}: {len(motion.poses):,} poses")
@@ -52,6 +54,8 @@ def odometry(settings: OdometrySettings) -> None:
         terminal.print(
             f"note: {count:,} sweeps have no poses around them, first {first}: leave their frames out"
         )
+    if compared is not None:
+        terminal.print(f"note: {compared.told('motion.poses of the drive')}")
     name = Path(os.path.relpath(settings.output, drive.root)).as_posix()
     sigma = ", ".join(f"{key}: {value:g}" for key, value in SIGMA.items())
     block = f"poses: {name}, point_times: {motion.point_times}, sigma: {{{sigma}}}"

@@ -169,14 +169,14 @@ class Odometry:
     def _register(self, sweep: _Sweep, step_ns: int) -> list[float]:
         """Register a sweep so long after the one before, and return the twist (6,) a second on the way there."""
         motion, before = _core.Trajectory.constant(self._twist_per_s, 0.0), self._kiss.last_pose
-        self._kiss.last_delta = _displacement(motion, step_ns / NS)
+        self._kiss.last_delta = displacement(motion, 0.0, step_ns / NS)
         points = motion.compensate(sweep.points, sweep.times_s, 0.0).astype(np.float64)
         if least_share(points) < LEAST_SHARE:
             self.doubtful_ns.append(sweep.moment_ns)
         self._kiss.register_frame(points, np.empty(0))
         if step_ns == 0:
             return self._twist_per_s
-        return _twist(before, self._kiss.last_pose, step_ns / NS)
+        return twist_from(before, self._kiss.last_pose, step_ns / NS)
 
 
 def least_share(points: npt.NDArray[np.float64]) -> float:
@@ -288,19 +288,19 @@ def _continued(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
     """Go on by a step, to either side, at the motion through two or three poses with their times."""
     (start_ns, start), (before_ns, _), (end_ns, end) = poses[0], poses[-2], poses[-1]
     step_ns = max(-MAX_GAP_NS // 2, min(end_ns - before_ns, MAX_GAP_NS // 2))
-    motion = _core.Trajectory.constant(_twist(start, end, abs(end_ns - start_ns) / NS), 0.0)
-    return end_ns + step_ns, end @ _displacement(motion, abs(step_ns) / NS)
+    motion = _core.Trajectory.constant(twist_from(start, end, abs(end_ns - start_ns) / NS), 0.0)
+    return end_ns + step_ns, end @ displacement(motion, 0.0, abs(step_ns) / NS)
 
 
-def _twist(start: Pose, end: Pose, seconds: float) -> list[float]:
+def twist_from(start: Pose, end: Pose, seconds: float) -> list[float]:
     """Twist (6,) a second that leads from one pose (4, 4) to another."""
     return _core.Trajectory.through([0.0, seconds], [orthonormal(start), orthonormal(end)]).twist_at(0.0)
 
 
-def _displacement(motion: _core.Trajectory, seconds: float) -> Pose:
-    """Pose (4, 4) after some time, in the frame before: where the motion takes the origin and the axes."""
+def displacement(motion: _core.Trajectory, start_s: float, end_s: float) -> Pose:
+    """Pose (4, 4) at the end of some time in the frame of its start: where the motion takes the origin and the axes."""
     corners = np.eye(4, 3, -1, np.float32)
-    moved = motion.compensate(corners, np.full(4, seconds), 0.0).astype(np.float64)
+    moved = motion.compensate(corners, np.full(4, end_s), start_s).astype(np.float64)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = (moved[1:] - moved[0]).T, moved[0]
     return orthonormal(T)

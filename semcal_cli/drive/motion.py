@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +63,7 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compen
     motion = drive.motion
     if motion is None or motion.speed_m_s is not None:
         return [Compensated(cloud.points, None) for cloud in clouds]
-    trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
+    trajectory = None if motion.poses is None else read_trajectory(drive, motion.poses)
     twist = motion.twist
     steady = () if twist is None else (*twist.linear_m_s, *twist.angular_rad_s)
     moved = []
@@ -148,8 +149,27 @@ def _moment(drive: Drive, frame: Frame) -> float:
     return frame.image_stamp + drive.time_offset_s + 0.5 * drive.camera.readout_s
 
 
-def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
-    path, stamps, poses = drive.resolve(name), list[float](), list[Pose]()
+def read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
+    """Read a file of the LiDAR's poses in the TUM format.
+
+    Raises:
+        InputError: it cannot be read, or is not what it should be.
+    """
+    path = drive.resolve(name)
+    stamps, poses = read_poses(path)
+    try:
+        return _core.Trajectory.through(stamps, poses)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_poses(path: Path) -> tuple[list[float], list[Pose]]:
+    """Read times in seconds, and poses (4, 4), from a file in the TUM format.
+
+    Raises:
+        InputError: it cannot be read, or is not what it should be.
+    """
+    stamps, poses = list[float](), list[Pose]()
     numbered = enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1)
     lines = [(number, line) for number, line in numbered if line.strip() and line.lstrip()[0] != "#"]
     if len(lines) > MAX_POSES:
@@ -172,10 +192,7 @@ def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
         except ValueError as error:
             raise InputError(f"{path}: line {number}: {error}") from None
         stamps.append(values[0])
-    try:
-        return _core.Trajectory.through(stamps, poses)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    return stamps, poses
 
 
 def can_be_unrolled(observations: Observations) -> bool:

@@ -17,7 +17,7 @@ from semcal_cli.datasets.bags.bag import Bag
 from semcal_cli.datasets.bags.cameras import CameraInfo, camera_block, difference, read_camera_info
 from semcal_cli.datasets.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
 from semcal_cli.datasets.bags.clouds import read_sweep
-from semcal_cli.datasets.bags.frames import write_frames, write_motion
+from semcal_cli.datasets.bags.frames import WrittenFrame, write_frames, write_motion
 from semcal_cli.datasets.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.datasets.bags.motion import Trajectory, find_motion, read_frames
 from semcal_cli.datasets.bags.pairs import Pairing
@@ -25,6 +25,7 @@ from semcal_cli.datasets.bags.topics import Request, choose_topics
 from semcal_cli.datasets.bags.transforms import reference
 from semcal_cli.datasets.bags.video import Video
 from semcal_cli.datasets.choice import Options
+from semcal_cli.datasets.motion_agreement import compare_motions
 from semcal_cli.datasets.odometry import DOUBTFUL_NS, Odometry
 from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Written, write_drive
@@ -106,10 +107,10 @@ class _Import:
         )
         self.remarks += [why] if why else []
         wanted = wanted_times(self.bag, self.topics, request)
-        if request.odometry and self.trajectory is None:
-            self.trajectory = self._estimated_motion(wanted)
-        elif request.odometry:
-            self.remarks.append("--odometry is not needed; with --motion none, it is taken all the same")
+        odometry = self._odometry(wanted) if request.odometry else None
+        if odometry is not None and self.trajectory is None:
+            self.trajectory = Trajectory.estimated(odometry.poses())
+            self.remarks += self._doubts(odometry)
         make_folder(self.path.parent)
         refused: Counter[str] = Counter()
         try:
@@ -129,6 +130,8 @@ class _Import:
         if self.trajectory is not None:
             motion, frames, told = write_motion(self.trajectory, found, self.path)
             self.remarks.append(told)
+            if odometry is not None and self._poses_topic is not None:
+                self.remarks.append(self._comparison(self._poses_topic.name, odometry, found))
             if left := len(found) - len(frames):
                 self.left_out["pairs: no poses around them, or no times of points"] += left
         recording = Recording(
@@ -188,7 +191,7 @@ class _Import:
         frames = map(_frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
         return next((frame for frame in frames if frame is not None), "")
 
-    def _estimated_motion(self, wanted: Sequence[int]) -> Trajectory:
+    def _odometry(self, wanted: Sequence[int]) -> Odometry:
         """Estimate the motion from all sweeps between the first and the last wanted time, and around them."""
         odometry, request = Odometry(), self.request
         start_ns, stop_ns = min(wanted) - AROUND_NS, max(wanted) + AROUND_NS
@@ -201,11 +204,24 @@ class _Import:
                 stamp_ns = message.received_ns if request.by_receipt else message.header_ns
                 sweep = read_sweep(message, stamp_ns)
                 odometry.add(sweep.points, None if sweep.seconds is None else sweep.seconds.ravel(), stamp_ns)
-        if odometry.doubtful_ns:
-            count, first_s = len(odometry.doubtful_ns), (odometry.doubtful_ns[0] - self.bag.start_ns) / NS
-            told = f"the motion by the sweeps is doubtful at {count:,} of them, first {first_s:.1f} s after the start"
-            self.remarks.append(f"{told}: frames within {DOUBTFUL_NS / NS:g} s are left out")
-        return Trajectory.estimated(odometry.poses())
+        return odometry
+
+    def _doubts(self, odometry: Odometry) -> list[str]:
+        """Say that frames are left out where the motion by the sweeps is doubtful."""
+        if not odometry.doubtful_ns:
+            return []
+        count, first_s = len(odometry.doubtful_ns), (odometry.doubtful_ns[0] - self.bag.start_ns) / NS
+        told = f"the motion by the sweeps is doubtful at {count:,} of them, first {first_s:.1f} s after the start"
+        return [f"{told}: frames within {DOUBTFUL_NS / NS:g} s are left out"]
+
+    def _comparison(self, name: str, odometry: Odometry, written: Sequence[WrittenFrame]) -> str:
+        """Say whether the topic that tells the motion agrees with the sweeps."""
+        assert self.trajectory is not None
+        moments_ns = [each.moments_ns[0] for each in written]
+        difference = compare_motions(self.trajectory.poses, odometry.poses(), moments_ns)
+        if difference is None:
+            return f"{name} could not be compared with the motion by the sweeps: no frame has poses of both around it"
+        return f"{difference.told(name)}{'' if difference.agrees else '; --motion none takes that of the sweeps'}"
 
     def _candidates(self, spool: Spool, wanted: Sequence[int]) -> list[Candidate]:
         """Read pairs near wanted times, and check on the way that the camera stays the same."""

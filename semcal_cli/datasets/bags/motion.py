@@ -95,6 +95,11 @@ class Trajectory:
                 insort(self._stamps, time)
             self._poses[time] = T @ self._T_frame_lidar
 
+    @property
+    def poses(self) -> dict[int, Pose]:
+        """Poses (4, 4) of the LiDAR by their stamps in nanoseconds, ascending."""
+        return {stamp: self._poses[stamp] for stamp in self._stamps}
+
     def covers(self, *stamps_ns: int) -> bool:
         """Whether poses stand closely before and after each of the stamps."""
         return covered(self._stamps, stamps_ns)
@@ -112,7 +117,7 @@ class Trajectory:
     def tum(self) -> str:
         """Write the poses, one line each (see `tum_text`); the first one says if they are estimated."""
         note = "" if self.source is not None else f"# {self.told}\n"
-        return note + tum_text({stamp: self._poses[stamp] for stamp in self._stamps})
+        return note + tum_text(self.poses)
 
 
 def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:

@@ -1,0 +1,100 @@
+"""Whether two sources of the motion of one LiDAR agree: what a recording says of it, and what the sweeps tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.datasets.odometry import NS, SIGMA, covered, displacement, twist_from
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.motion import read_poses
+from semcal_cli.geometry.poses import Pose
+
+HALF_NS = NS // 5
+"""Time before and after a moment across which the motions are compared; the errors of `SIGMA` are of such a time."""
+MOST_SIGMAS = 5.0
+"""Largest length of a difference that is no disagreement, in standard deviations of an axis. By chance a length is
+above 4 in one of a thousand (Maxwell's distribution); the other source has errors, too."""
+
+
+class MotionDifference(NamedTuple):
+    """Median lengths of the differences of two motions, over some moments."""
+
+    linear_m_s: float
+    """Of the velocity, metres a second."""
+    angular_rad_s: float
+    """Of the angular velocity, radians a second."""
+    num_moments: int
+    """Number of moments that both tell of."""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the errors of odometry explain the difference."""
+        shares = self.linear_m_s / SIGMA["linear_m_s"], self.angular_rad_s / SIGMA["angular_rad_s"]
+        return max(shares) <= MOST_SIGMAS
+
+    def told(self, name: str) -> str:
+        """Say in a sentence whether the motion that has this name agrees with that of the sweeps."""
+        by = f"by {self.linear_m_s:.2g} m/s and {np.degrees(self.angular_rad_s):.2g} degrees a second"
+        where = f"the median over {self.num_moments:,} frames"
+        if self.agrees:
+            return f"{name} agrees with the motion that the sweeps tell: they differ {by}, {where}"
+        return (
+            f"{name} disagrees with the motion that the sweeps tell {by}, {where}: check the transform from its frame "
+            "to the LiDAR, and its clock"
+        )
+
+
+def compare_motions(
+    one: Mapping[int, Pose], other: Mapping[int, Pose], moments_ns: Iterable[int]
+) -> MotionDifference | None:
+    """Compare the motions of the LiDAR in two fixed frames.
+
+    Args:
+        one: Poses (4, 4) by their times in nanoseconds, ascending.
+        other: Likewise.
+        moments_ns: Moments around which they are compared.
+
+    Returns:
+        The difference; None where no moment has poses of both closely around it.
+    """
+    both = [
+        moment_ns
+        for moment_ns in moments_ns
+        if all(covered(list(each), (moment_ns - HALF_NS, moment_ns + HALF_NS)) for each in (one, other))
+    ]
+    if not both:
+        return None
+    differences = _mean_twists(one, both) - _mean_twists(other, both)
+    linear, angular = np.median(np.linalg.norm(differences.reshape(-1, 2, 3), axis=2), axis=0)
+    return MotionDifference(float(linear), float(angular), len(both))
+
+
+def compare_with_drive(drive: Drive, poses: Mapping[int, Pose]) -> MotionDifference | None:
+    """Compare poses (4, 4), by their times in nanoseconds, with the poses of a drive around its images.
+
+    Returns:
+        The difference; None if the drive gives no poses, or none around the same images.
+
+    Raises:
+        InputError: the drive's poses cannot be read.
+    """
+    if drive.motion is None or drive.motion.poses is None:
+        return None
+    stated = zip(*read_poses(drive.resolve(drive.motion.poses)), strict=True)
+    moments_s = [frame.image_stamp for frame in drive.frames if frame.image_stamp is not None]
+    return compare_motions(
+        {round(stamp_s * NS): T for stamp_s, T in stated}, poses, [round(each * NS) for each in moments_s]
+    )
+
+
+def _mean_twists(poses: Mapping[int, Pose], moments_ns: Sequence[int]) -> npt.NDArray[np.float64]:
+    """Compute the mean twist (N, 6) a second around each moment."""
+    trajectory = _core.Trajectory.through([stamp / NS for stamp in poses], list(poses.values()))
+    ends_s = [((moment - HALF_NS) / NS, (moment + HALF_NS) / NS) for moment in moments_ns]
+    ways = [(displacement(trajectory, start_s, end_s), end_s - start_s) for start_s, end_s in ends_s]
+    return np.array([twist_from(np.eye(4), way, seconds) for way, seconds in ways])
