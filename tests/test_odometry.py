@@ -108,7 +108,9 @@ def written(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) 
 def test_a_recording_without_poses_gets_them_from_its_sweeps(street: MovingStreet, tmp_path: Path) -> None:
     path = written(tmp_path, street)
     result = run_cli("import", "bag", path, "-o", tmp_path / "drive", "--odometry")
-    assert "estimates the motion of the LiDAR from the sweeps: the drive's motion" in " ".join(result.stderr.split())
+    assert "estimates the motion of the LiDAR from the sweeps: the drive's motion" in " ".join(
+        result.stderr.split()
+    )
     drive = read_drive(tmp_path / "drive")
     assert len(drive.frames) == 12
     assert drive.motion is not None
@@ -164,7 +166,9 @@ def test_a_drive_of_consecutive_sweeps_is_untwisted_by_them(street: MovingStreet
     assert "no poses around" not in result.stderr
     path.write_text(path.read_text() + "motion: {poses: true.txt}\n")
     again = run_cli("odometry", path, "-o", tmp_path / "drive/again.txt").stderr
-    assert "note: motion.poses of the drive agrees with the motion that the sweeps tell" in " ".join(again.split())
+    assert "note: motion.poses of the drive agrees with the motion that the sweeps tell" in " ".join(
+        again.split()
+    )
     assert off_m("by") <= UNTWISTED_M < 0.2 < off_m("not")
 
 
