@@ -93,7 +93,7 @@ def transforms(document: Any) -> list[Any]:
 
 NAME = r"^semcal: error: kit.yaml: found sensors {}, needed --{} to name (one of them|the LiDAR's own)$"
 READ, INTO = ("convert", "kit.yaml", "--to", "semcal"), ("convert", "drive", "--into")
-ONE_SENSOR = "found one sensor for both camera and LiDAR, 'b' and 'LIDAR_TOP', needed two sensors$"
+ONE_SENSOR = "found one sensor as camera and LiDAR, 'b' and 'LIDAR_TOP', needed two sensors$"
 TRANSFORMS: dict[str, Hostile] = {
     "a part of a word makes a camera no LiDAR": Hostile(
         kit("pos_camera", "gnss"), (*READ, "--frame", "optical"), NAME.format("gnss, pos_camera", "lidar")

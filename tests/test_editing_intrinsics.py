@@ -116,7 +116,7 @@ def test_a_clock_that_was_kept_is_set_in_a_drive(refined: Calibration, tmp_path:
     path, found = put(tmp_path, "drive.yaml", refined.model_copy(update={"clock": clock()}), stated)
     assert found.exit_code == 0, found.output
     assert found.stderr.endswith(
-        f"\nset the clock in {path}: pictures are 23.1 ms later than their stamps say\n"
+        f"\nset the time offset in {path}; pictures are 23.1 ms later than their stamps say\n"
     )
     drive = read_drive(path)
     assert (drive.time_offset_s, drive.camera.K) == (LATER_S, refined.used_camera.K)
@@ -134,7 +134,7 @@ def test_a_file_without_a_place_for_the_clock_is_told(refined: Calibration, tmp_
     path, found = put(tmp_path, "chain.yaml", refined.model_copy(update={"clock": clock()}))
     *_, last = found.stderr.splitlines()
     assert last == (
-        f"left out the clock, which {path} has no place for: pictures are 23.1 ms later than their stamps say"
+        f"left out the time offset: {path} has no key for it; pictures are 23.1 ms later than their stamps say"
     )
 
 
@@ -142,7 +142,7 @@ def test_a_clock_that_no_drive_may_have_is_refused(refined: Calibration, tmp_pat
     far = clock().model_copy(update={"time_offset_s": 1.5})
     path, found = put(tmp_path, "drive.yaml", refined.model_copy(update={"clock": far}))
     assert str(found.exception) == (
-        f"{path}: time_offset_s: found 1.5 to be set, needed -1 to 1: correct image_stamp by it instead"
+        f"{path}: time_offset_s: found the new value 1.5, needed one from -1 to 1; correct image_stamp instead"
     )
     assert path.read_text() == filled(DRIVE_OF_THE_USER, refined.input.camera)
 
@@ -193,7 +193,9 @@ def test_a_file_of_another_camera_is_left_alone(
     path.write_text(text.replace(old, new))
     before = path.read_bytes()
     found = invoke("convert", refined_file, "--into", path)
-    why = "as the camera that was estimated with the transform has it; --to semcal writes the transform alone"
+    why = (
+        "the value of the camera that was estimated with the transform; --to semcal writes only the transform"
+    )
     assert str(found.exception) in (f"{path}: {said}", f"{path}: {said}, {why}")
     assert path.read_bytes() == before
 
@@ -252,8 +254,8 @@ def test_a_camera_info_needs_a_camera_that_was_found(
     path.write_text(filled(INFO, refined.input.camera))
     found = invoke("convert", made / "c.yaml", "--into", path)
     assert str(found.exception) == (
-        f"{path}: found a camera-info, which holds intrinsics alone, needed IN to be a calibration that estimated and "
-        "kept its camera's"
+        f"{path}: found a camera-info file, which holds only intrinsics, needed IN to be a calibration that "
+        "estimated intrinsics and kept them"
     )
 
 

@@ -51,7 +51,9 @@ def test_rellis3d_agrees_with_its_drive(rellis3d: Path) -> None:
 
 
 def test_rellis3d_between_lidars_is_not_taken_for_a_camera(rellis3d: Path) -> None:
-    with pytest.raises(InputError, match="found top-level keys 'vel2os1', needed a transform, of --from "):
+    with pytest.raises(
+        InputError, match="found top-level keys 'vel2os1', needed a transform in a format of --from: "
+    ):
         read_transform(rellis3d / "vel2os1.yaml")
 
 
@@ -75,8 +77,8 @@ def test_unknown_content(path: Path) -> None:
         read_transform(path)
     names = ", ".join(format.name for format in FORMATS if format.has_transform)
     assert str(error.value) == (
-        f"{path}: found top-level keys 'cam0', 'cam1', needed a transform, of --from one of: {names}; "
-        "`semcal convert` takes it"
+        f"{path}: found top-level keys 'cam0', 'cam1', needed a transform in a format of --from: {names}; "
+        "`semcal convert` takes this option"
     )
 
 
@@ -191,7 +193,7 @@ def test_channels_of_nuscenes_need_a_file_beside(tmp_path: Path) -> None:
     found = CliRunner().invoke(semcal, command, input=text)
     assert isinstance(found.exception, InputError)
     assert str(found.exception).startswith(
-        "/dev/stdin: found nothing of that name, needed --camera with the token of "
+        "/dev/stdin: found no 'CAM_FRONT', needed --camera with the token of "
     )
 
 

@@ -185,13 +185,13 @@ def test_a_bare_transform_is_written_alone(tmp_path: Path) -> None:
     assert "camera_matrix" not in run("convert", tmp_path / "T.yaml", "--to", "opencv", *L2C).stdout
     found = run("convert", tmp_path / "T.yaml", "--to", "camera-info")
     assert str(found.exception) == (
-        f"{tmp_path / 'T.yaml'}: found no camera, needed a calibration of semcal's or a drive: --to camera-info "
+        f"{tmp_path / 'T.yaml'}: found no camera, needed a semcal calibration or a drive: --to camera-info "
         "writes intrinsics"
     )
     with pytest.raises(InputError) as error:
         write_transform(T_ANY, None, "camera-info")
     assert str(error.value) == (
-        "--to camera-info: found no camera, needed IN to be a calibration of semcal's or a drive"
+        "--to camera-info: found no camera, needed IN to be a semcal calibration or a drive"
     )
 
 
@@ -199,7 +199,7 @@ def test_a_bare_transform_is_written_alone(tmp_path: Path) -> None:
 def test_a_camera_info_is_no_transform(text: str, street: Path, tmp_path: Path) -> None:
     path = tmp_path / "ost.yaml"
     path.write_text(text)
-    said = f"{path}: found the intrinsics of a camera-info and no transform, needed a file with a transform"
+    said = f"{path}: found camera-info intrinsics and no transform, needed a file with a transform"
     for command in (
         ("convert", path, "--to", "semcal"),
         ("convert", path, "--from", "camera-info", "--to", "kalibr"),

@@ -199,7 +199,10 @@ def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:
     )
     assert found.exit_code == 0, found.output
     assert "semcal: repaired: " in found.stderr
-    assert "found no rotation (determinant 0.9, rows stretched by 0.9 to 1), took the nearest" in found.stderr
+    assert (
+        "found a matrix that is not a rotation (determinant 0.9, singular values 0.9 to 1), used the nearest rotation"
+        in found.stderr
+    )
     assert Rotation.from_matrix((np.load(out) @ T_ANY)[:3, :3]).magnitude() < 0.1
     again = CliRunner().invoke(semcal, [*arguments, "--to", "text", "--to-direction", "lidar-to-camera"])
     rows = np.loadtxt(io.StringIO(again.stdout))

@@ -61,7 +61,7 @@ def test_intrinsics_of_a_part_of_the_picture(tmp_path: Path, found: str, instead
     write(path, ROS_ECHO.replace(found, instead))
     with pytest.raises(InputError) as error:
         read_intrinsics(path, None)
-    assert str(error.value) == f"{path}: {expected}: K is for the full picture"
+    assert str(error.value) == f"{path}: {expected}: K is for the full image"
 
 
 def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_intrinsics(path)
     assert str(error.value) == (
-        f"{path}: found 4 coefficients and no fisheye_model, needed --model, as plumb_bob or fisheye"
+        f"{path}: found 4 coefficients and no fisheye_model, needed --model, such as plumb_bob or fisheye"
     )
     write(path, OPENCV.replace("0.002, 0.3 ]", "0.002 ]\nfisheye_model: 1"))
     assert read_intrinsics(path)["model"] == "fisheye"

@@ -257,8 +257,8 @@ def test_a_matrix_of_no_stated_direction_is_verified_with_one(
     arguments = ["verify", street, path, "-q"]
     refused = invoke(*arguments)
     assert str(refused.exception) == (
-        f"{path}: found a transform of no stated direction, needed --init-direction lidar-to-camera (p_camera = T "
-        "p_lidar) or camera-to-lidar"
+        f"{path}: found a transform without a stated direction, needed --init-direction lidar-to-camera "
+        "(p_camera = T p_lidar) or camera-to-lidar"
     )
     found = invoke(*arguments, "--init-direction", "camera-to-lidar")
     assert found.exit_code == PASS, found.output

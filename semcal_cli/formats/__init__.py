@@ -1,4 +1,4 @@
-"""Transforms from files of any known format, and into them, each with its direction stated as an equation."""
+"""Transforms read from and written to files of any known format; an equation states the direction of each format."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from semcal_cli.result.camera import offset_words
 
 DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
-DOUBTED = "{}: the transform is not trusted, which its reasons explain"
-"""What is said of a transform that is written all the same."""
+DOUBTED = "{}: the transform is not trusted; its reasons say why"
+"""Warning about a transform that is written nevertheless."""
 
 
 def read_extrinsic(
@@ -38,17 +38,17 @@ def read_extrinsic(
 ) -> Extrinsic:
     """Read the transform of a file of any known format, or of a drive's folder, and what semcal wrote with it.
 
-    The file is read once, since it may be standard input.
+    The file is read once, because it may be standard input.
 
     Args:
         path: The file.
         name: Name of its format; None recognises it by its content.
-        options: What the file leaves open.
-        direction_option: Name of the option for the direction of a command that has no other option for what a file
-            leaves open; messages name it.
+        options: Options for what the file leaves open.
+        direction_option: Name that messages give to the option for the direction, for commands that have no other
+            option for what a file leaves open.
 
     Raises:
-        InputError: the content is of no known format, of several, or wrong, or leaves something open.
+        InputError: the content has no known format, has several formats, is wrong, or leaves something open.
     """
     path = Path(path)
     source = Source.read(drive_file(path))
@@ -59,13 +59,13 @@ def read_extrinsic(
         _check_options(format, options or FormatOptions())
         T_camera_lidar = format.read(source, options or FormatOptions())
     except RecursionError:
-        raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
+        raise InputError(f"{path}: is nested too deeply, needed a transform") from None
     except InputError as error:
         if options is not None and direction_option is None:
             raise
         # Commands that read a transform as one input of several have at most one of these options.
         before, found, after = str(error).partition("--direction" if direction_option else "\0")
-        convert = "; `semcal convert` takes it" if OPTION.search(before + after) else ""
+        convert = "; `semcal convert` takes this option" if OPTION.search(before + after) else ""
         raise type(error)(f"{before}{found and direction_option}{after}{convert}") from None
     return Extrinsic(T_camera_lidar, source)
 
@@ -83,7 +83,7 @@ def read_transform(
         T_camera_lidar (4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres.
 
     Raises:
-        InputError: the content is of no known format, of several, or wrong, or leaves something open.
+        InputError: the content has no known format, has several formats, is wrong, or leaves something open.
     """
     return read_extrinsic(path, name, options, direction_option=direction_option).T_camera_lidar
 
@@ -98,21 +98,21 @@ def _recognised(source: Source) -> Format:
     known = ", ".join(format.name for format in found or FORMATS if format.has_transform)
     if found:
         raise InputError(
-            f"{source.path}: found what several formats have, needed --from with one of: {known}"
+            f"{source.path}: found content of several formats, needed --from with one of: {known}"
         )
     raise InputError(
-        f"{source.path}: found {_content(source)}, needed a transform, of --from one of: {known}"
+        f"{source.path}: found {_content(source)}, needed a transform in a format of --from: {known}"
     )
 
 
 def _check_form(source: Source) -> None:
-    """Raise an `InputError` if the suffix announces a document and the content is malformed: that explains more."""
+    """Raise the more helpful `InputError` of a malformed document if the suffix is that of a document."""
     if source.path.suffix.lower() in DOCUMENTS:
         _ = source.document
 
 
 def _content(source: Source) -> str:
-    """Describe the content of a file of no known format in a few words."""
+    """Describe the content of a file of an unknown format in a few words."""
     if source.mapping:
         return f"top-level keys {listed(map(describe, source.mapping))}"
     if not source.content.strip():
@@ -127,8 +127,8 @@ def write_transform(
     """Write a transform in a format, to a file if a path is given, and return the content of the file.
 
     Raises:
-        InputError: the transform is not rigid, the format is not known or needs an option that is not given, or the
-            file cannot be written.
+        InputError: the transform is not rigid, the format is unknown or needs an option that is missing, or the file
+            cannot be written.
     """
     T_camera_lidar = as_transform(T_camera_lidar, "T_camera_lidar")
     path = None if path is None else Path(path)
@@ -139,7 +139,7 @@ def write_transform(
     except UnnamedLensError as error:
         if not format.has_transform:
             raise
-        # The transform is what was asked for first.
+        # The transform matters more than the intrinsics.
         content = format.write(T_camera_lidar, replace(options, intrinsics=None))
         options.note(f"{error}: the transform is written without intrinsics")
     if path is not None:
@@ -156,10 +156,10 @@ def convert(
     read_options: FormatOptions | None = None,
     write_options: FormatOptions | None = None,
 ) -> bytes:
-    """Convert the transform of a file into another format, with the intrinsics of its camera where that holds them.
+    """Convert the transform of a file to another format, with the camera's intrinsics if that format holds them.
 
     Args:
-        source: A file of any known format, or a drive with a reference. Calibrations and drives have a camera, too.
+        source: A file of any known format, or a drive with a reference. Calibrations and drives also have a camera.
         to: Name of the format to write: see `semcal convert --formats`.
         output: File to write; None writes no file.
         from_format: Name of the source's format; None recognises it by its content.
@@ -170,7 +170,7 @@ def convert(
         The content of the file.
 
     Raises:
-        InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
+        InputError: a format is unknown, the source is wrong or leaves something open, or the file cannot be written.
     """
     source, path = Path(source), None if output is None else Path(output)
     read_files = [drive_file(source)]
@@ -190,7 +190,7 @@ def convert(
         found, record = Extrinsic(np.eye(4), content), None
         if found.camera is None or from_format not in (None, semcal.FORMAT.name):
             raise InputError(
-                f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
+                f"{source}: found no camera, needed a semcal calibration or a drive: --to {to} writes intrinsics"
             )
     text = write_transform(found.T_camera_lidar, path, to, replace(written, intrinsics=found.camera))
     if is_doubted(record):
@@ -199,28 +199,30 @@ def convert(
 
 
 def is_doubted(record: Calibration | None) -> bool:
-    """Whether a transform is of a calibration that is not trusted."""
+    """Whether a transform comes from a calibration that is not trusted."""
     return record is not None and record.status == "not_trusted"
 
 
 def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> Format:
-    """Replace the transform in a user's file, and leave every byte outside its values as it is.
+    """Replace the transform in a user's file, without changing a byte outside its values.
 
-    Intrinsics of the options are set, too, where the file has some, and the offset of the clock in a drive. Of a file
-    without a transform the intrinsics alone are set.
+    Intrinsics of the options are also set where the file has some, and so is the time offset in a drive. In a file
+    without a transform, only the intrinsics are set.
 
     Returns:
         The format of the file.
 
     Raises:
-        InputError: files of this format cannot be edited, or the format needs an option that is not given.
+        InputError: files of this format cannot be edited, or the format needs an option that is missing.
     """
     T_camera_lidar, source = as_transform(T_camera_lidar, "T_camera_lidar"), Source.read(path)
     format = _recognised(source)
     put = format.put
     if put is None:
         able = ", ".join(each.name for each in FORMATS if each.put is not None)
-        raise InputError(f"{path}: found {format.name}, which is not edited in place, needed one of: {able}")
+        raise InputError(
+            f"{path}: found format {format.name}, which cannot be edited in place, needed one of: {able}"
+        )
     of_file = replace(options or FormatOptions(), file=path, is_written=True)
     _check_options(format, of_file)
     try:
@@ -232,13 +234,17 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
             "`semcal convert` reads"
         ) from None
     except RecursionError:
-        raise InputError(f"{path}: found what is nested too deep, needed a file with a transform") from None
+        raise InputError(f"{path}: is nested too deeply, needed a file with a transform") from None
     if content != source.content:
         write_bytes(content, path)
     if of_file.time_offset_s is not None:
         is_set = semcal.DRIVE in source.mapping
-        place = f"set the clock in {path}" if is_set else f"left out the clock, which {path} has no place for"
-        of_file.note(f"{place}: {offset_words(of_file.time_offset_s)}")
+        place = (
+            f"set the time offset in {path}"
+            if is_set
+            else f"left out the time offset: {path} has no key for it"
+        )
+        of_file.note(f"{place}; {offset_words(of_file.time_offset_s)}")
     return format
 
 
@@ -255,5 +261,5 @@ def _check_options(format: Format, options: FormatOptions) -> None:
     for name in ("direction", "frame", "camera", "lidar"):
         if said[name] is not None and name not in format.asks:
             raise InputError(
-                f"{prefix}{name}: found {said[name]!r}, needed nothing: {format.name} files leave that not open"
+                f"{prefix}{name}: found {said[name]!r}, needed no such option for {format.name} files"
             )

@@ -1,4 +1,4 @@
-"""Formats with the poses of several sensors on one base: Autoware's sensor kits, and the table of nuScenes' sensors."""
+"""Formats with the poses of several sensors on one base: Autoware's sensor kits, and nuScenes' table of sensors."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def _kits(document: Node) -> list[Node]:
 def _find_in_kit(document: Node, options: FormatOptions) -> Pair:
     """Find the two sensors of the only kit.
 
-    `camera0/camera_link` is a camera's body frame, `camera0/camera_optical_link` its optical one (Autoware
-    documentation, "Creating a sensor model"). The kit holds the LiDAR's base link; if a description puts the frame of
-    its clouds elsewhere (a VLP-16's lies 3.77 cm above it), another joint states that offset, which no kit holds.
+    `camera0/camera_link` is a camera's body frame, `camera0/camera_optical_link` its optical frame (Autoware
+    documentation, "Creating a sensor model"). The kit holds the LiDAR's base link. The frame of its point clouds may
+    differ (a VLP-16's is 3.77 cm above it); a joint of the robot description states that offset, and no kit holds it.
     """
     kits = _kits(document)
     if len(kits) != 1:
@@ -59,11 +59,11 @@ AUTOWARE = base_format(
 )
 
 TABLE, SENSORS = "calibrated_sensor.json", "sensor.json"
-"""nuScenes' table of poses, and the one beside it that names the sensors' channels."""
+"""nuScenes' table of poses, and the table next to it that names the sensors' channels."""
 
 
 def _channels(table: Path) -> dict[Any, Any]:
-    """Names of sensors by token, if their table lies beside the table of poses."""
+    """Names of sensors by token, if their table is next to the table of poses."""
     path = table.with_name(SENSORS)
     if table == STANDARD_INPUT or not path.is_file():
         return {}
@@ -80,8 +80,8 @@ def _record(table: Node, channels: dict[Any, Any], wanted: str | None, option: s
     found = [index for index, both in enumerate(names) if wanted is not None and wanted in both]
     if len(found) != 1:
         known = listed(channel or token for token, channel in names)
-        problem = "nothing of that name" if wanted and not found else f"{len(found) or len(names)} sensors"
-        # Channels are told by another table beside this one.
+        problem = f"no {wanted!r}" if wanted and not found else f"{len(found) or len(names)} sensors"
+        # The channels are in another file, and standard input has none next to it.
         key = "token" if Path(table.file) == STANDARD_INPUT else "token or channel"
         raise InputError(f"{table.where}: found {problem}, needed {option} with the {key} of one of: {known}")
     return table.child(found[0], table.value[found[0]])
@@ -96,9 +96,7 @@ def _find_in_table(table: Node, options: FormatOptions) -> Pair:
     sensors = {str(each.value.get("sensor_token")) for each in (camera, lidar)}
     if camera.value is lidar.value or (len(sensors) == 1 and sensors <= channels.keys()):
         found = f"{options.camera!r} and {options.lidar!r}"
-        raise InputError(
-            f"{table.where}: found one sensor for both camera and LiDAR, {found}, needed two sensors"
-        )
+        raise InputError(f"{table.where}: found one sensor as camera and LiDAR, {found}, needed two sensors")
     return Pair(camera, lidar)
 
 

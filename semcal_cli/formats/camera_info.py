@@ -1,7 +1,7 @@
 """ROS's sensor_msgs/CameraInfo as YAML, as `camera_calibration` writes it: the intrinsics of a camera, no transform.
 
-R and P are of a single camera: the rectified picture is not turned, and has the K of the raw one. In a file of the
-user's they stay as they are, since they say which rectified picture the user wants.
+R and P are those of a single camera: the rectified image is not rotated, and has the K of the raw image. In a user's
+file they are not changed, because they define the rectified image that the user wants.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ LENS_NAMES: dict[CameraModel, str] = {
     "thin_prism": "rational_polynomial",
     "fisheye": "equidistant",
 }
-"""distortion_model of each camera model. One of 12 or 14 coefficients has the name of the rational one."""
+"""distortion_model of each camera model. A model of 12 or 14 coefficients has the name of the rational model."""
 DOCUMENT_END = re.compile(r"^---[ \t]*$", re.MULTILINE)
 
 
@@ -90,7 +90,7 @@ def _refuse_parts(document: Node, width: Any, height: Any) -> None:
         for key, needed in values.items():
             if node.mapping.get(key, 0) not in needed:
                 found = node.child(key, node.mapping[key])
-                raise found.mismatch(f"{' or '.join(map(describe, needed))}: K is for the full picture")
+                raise found.mismatch(f"{' or '.join(map(describe, needed))}: K is for the full image")
 
 
 def _is_camera_info(source: Source) -> bool:
@@ -107,17 +107,21 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
 
 def _read(source: Source, options: FormatOptions) -> Pose:
     raise InputError(
-        f"{source.path}: found the intrinsics of a {NAME} and no transform, needed a file with a transform"
+        f"{source.path}: found {NAME} intrinsics and no transform, needed a file with a transform"
     )
 
 
 def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    """Set the intrinsics: of all that a file has, or of a new one."""
+    """Set the intrinsics in an existing or a new file."""
     camera, where = options.intrinsics, str(options.file) if document else f"--to {NAME}"
     if camera is None:
-        found = f"a {NAME}, which holds intrinsics alone" if document else "no camera"
-        needed = "that estimated and kept its camera's" if document else "of semcal's or a drive"
-        raise InputError(f"{where}: found {found}, needed IN to be a calibration {needed}")
+        found = f"a {NAME} file, which holds only intrinsics" if document else "no camera"
+        needed = (
+            "calibration that estimated intrinsics and kept them"
+            if document
+            else "semcal calibration or a drive"
+        )
+        raise InputError(f"{where}: found {found}, needed IN to be a {needed}")
     check_lens(where, camera, LENS_NAMES)
     if document:
         _set(Node(where, document), camera, options)
@@ -137,7 +141,7 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
 
 
 def _coefficients(camera: Camera) -> list[float]:
-    """Distortion coefficients; plumb_bob has five of them in ROS."""
+    """Distortion coefficients; in ROS, plumb_bob has five."""
     found = coefficients_of(camera)
     return [*found, 0.0] if camera.model == "plumb_bob" and len(found) == 4 else found
 

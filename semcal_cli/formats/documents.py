@@ -1,4 +1,4 @@
-"""Formats of YAML and JSON documents: an entry that holds one pose, or two entries with poses on one base."""
+"""Formats of YAML and JSON documents with one entry that holds the pose, or two entries with poses on one base."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from semcal_cli.formats.pose import PLACE, WXYZ, XYZW, Matrix, Notation, Numbers
 from semcal_cli.geometry.poses import Pose, inverse
 
 Find: TypeAlias = Callable[[Node, FormatOptions], Node]
-"""Finds the entry of a document that holds the pose, and adds it to a document that is written anew."""
+"""Finds the entry of a document that holds the pose, and adds it to a new document."""
 SetLens: TypeAlias = Callable[[dict[str, Any], Camera, FormatOptions, bool], None]
-"""Sets the intrinsics in the entry of a camera, which may be of a new file."""
+"""Sets the intrinsics in the entry of a camera; the flag says whether the file is new."""
 
 
 def under(*keys: str) -> Find:
-    """Find the entry under some keys."""
+    """Find the entry under nested keys."""
 
     def find(document: Node, options: FormatOptions) -> Node:
         for key in keys:
@@ -46,9 +46,9 @@ def entry_format(
     set_lens: SetLens | None = None,
     **others: Any,
 ) -> Format:
-    """Make the format of documents with one entry that holds T_camera_lidar or, if it maps the camera, its inverse.
+    """Make a format of documents with one entry that holds T_camera_lidar or, if `maps_camera`, its inverse.
 
-    Intrinsics are set by `set_lens` in the same entry. The others are fields of `Format`.
+    `set_lens` sets intrinsics in the same entry. `others` are fields of `Format`.
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
@@ -71,7 +71,7 @@ class Pair(NamedTuple):
     camera: Node
     lidar: Node
     T_frame_optical: Pose = np.eye(4)
-    """(4, 4) from the camera's optical frame to the frame of its entry."""
+    """(4, 4) maps the camera's optical frame to the frame of its entry."""
 
 
 def base_format(
@@ -85,10 +85,10 @@ def base_format(
     file: str,
     asks: tuple[str, ...],
 ) -> Format:
-    """Make the format of documents with the poses of sensors on a base, p_base = T p_sensor.
+    """Make a format of documents with the poses of sensors on a base, p_base = T p_sensor.
 
-    A new file cannot be made, since poses of camera and LiDAR mean something only beside each other: the complaint
-    names the base, and the files that a transform can be put into.
+    A new file cannot be made, because the extrinsics do not determine the poses of camera and LiDAR on the base. The
+    message names the base, and the file into which a transform can be put.
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
@@ -109,8 +109,8 @@ def base_format(
 
 
 RELLIS_3D_KEY = "os1_cloud_node-pylon_camera_node"
-"""Key of the LiDAR and camera; other files of the data set have the same layout but relate two LiDARs."""
-# The file does not state its direction; labels and images agree only in this one.
+"""Key of the pose of LiDAR and camera; other files of the data set have the same layout but relate two LiDARs."""
+# The file does not state its direction; labels and images agree only in this direction.
 RELLIS_3D = entry_format(
     "rellis-3d",
     f"p_lidar = T p_camera: transforms.yaml, {RELLIS_3D_KEY}",
@@ -140,7 +140,7 @@ DIRECT_VISUAL_LIDAR = entry_format(
 def camera_format(
     name: str, equation: str, key: str, first_camera: str, *, set_lens: SetLens | None = None, **others: Any
 ) -> Format:
-    """Make the format of files with an entry for each camera, which has p_camera = T p_lidar under a key."""
+    """Make a format of files with an entry for each camera, which holds p_camera = T p_lidar under a key."""
 
     def cameras(document: dict[Any, Any]) -> list[Any]:
         return [camera for camera, entry in document.items() if isinstance(entry, dict) and key in entry]
@@ -167,14 +167,14 @@ def camera_format(
     )
 
 
-# The infos of MMDetection3D and similar projects.
+# The info files of MMDetection3D and similar projects.
 LIDAR2CAM = camera_format(
     "lidar2cam", "lidar2cam of a camera's entry, JSON", "lidar2cam", "CAM_FRONT", as_json=True
 )
 
 
 def _blocks(node: Node) -> list[Node]:
-    """All blocks with Rcl and Pcl, at any depth, as inside ROS 2's `/**: ros__parameters:`."""
+    """All blocks with Rcl and Pcl at any depth, for instance inside ROS 2's `/**: ros__parameters:`."""
     if not isinstance(node.value, dict):
         return []
     inner = [block for key, value in node.value.items() for block in _blocks(node.child(key, value))]
@@ -191,7 +191,7 @@ def _find_block(document: Node, options: FormatOptions) -> Node:
 
 
 class _RotationAndPlace:
-    """A pose as its rotation by rows, and its translation."""
+    """A pose as a rotation by rows and a translation."""
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
         R = node.at("Rcl")
@@ -242,7 +242,7 @@ def _make_rig(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 
 COLMAP = entry_format(
     "colmap",
-    f"p_camera = T p_rig, the rig being the LiDAR: {ROTATION} (w x y z) and {TRANSLATION}",
+    f"p_camera = T p_rig, where the rig is the LiDAR: {ROTATION} (w x y z) and {TRANSLATION}",
     lambda source: bool(_rig_cameras(Node("", source.records))),
     _find_rig_camera,
     COLMAP_POSE,

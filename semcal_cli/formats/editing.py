@@ -1,8 +1,8 @@
-"""Changes of a user's document in place: every byte outside the replaced values stays as it is.
+"""Changes of a user's document in place: no byte outside the replaced values changes.
 
-The change is made to the plain document. Where a value differs then, its text is replaced, and new keys follow the last
-one of their mapping. The new text is read again before anything is written. Libraries that keep comments (ruamel.yaml)
-lay out anew what they write: they lose comments between brackets, indentation and line ends.
+The change is made to the plain document. Where a value then differs, its text is replaced; new keys follow the last key
+of their mapping. The new text is read again before anything is written. Libraries that keep comments (ruamel.yaml)
+change the layout of what they write: they lose comments between brackets, indentation and line ends.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MARK = "\ufeff"
 """Byte order mark."""
 PLAIN_WORD = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 NO_TEXT = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
-"""Words that readers of YAML 1.1 or 1.2 take for something else than text."""
+"""Words that readers of YAML 1.1 or 1.2 do not read as text."""
 
 
 def edited(source: Source, change: Callable[[Any], object]) -> bytes:
@@ -55,13 +55,13 @@ def edited(source: Source, change: Callable[[Any], object]) -> bytes:
             mark = codecs.BOM_UTF8 if source.content.startswith(codecs.BOM_UTF8) else b""
             return mark + after.encode()
     raise InputError(
-        f"{source.path}: found values that no others can replace where they stand, needed each key and each row "
-        "on a line of its own"
+        f"{source.path}: found a layout in which values cannot be replaced, needed each key and each row on a line of "
+        "its own"
     )
 
 
 def _is_same(a: Any, b: Any) -> bool:
-    """Tell whether two values are the same; a number is neither true nor false, and NaN is NaN."""
+    """Tell whether two values are the same; numbers differ from truth values, and NaN equals NaN."""
     if a is b:
         return True
     if isinstance(a, dict) and isinstance(b, dict):
@@ -119,7 +119,7 @@ def _yaml_place(text: str, node: yaml.Node) -> _Place:
         return {index: _yaml_place(text, value) for index, value in enumerate(node.value)}
 
     start, end = int(node.start_mark.index), int(node.end_mark.index)
-    # PyYAML counts what follows a block to it, up to the next sign.
+    # PyYAML ends a block only where the next token begins.
     if isinstance(node, yaml.CollectionNode) and not node.flow_style:
         end = max(place.end for place in items().values())
         return _Place(start, end, items, int(node.start_mark.column))
@@ -130,7 +130,7 @@ def _yaml_place(text: str, node: yaml.Node) -> _Place:
 
 @dataclass
 class _Edits:
-    """Pieces of a text that our reader accepts, and what replaces them."""
+    """Pieces of a text that our parser accepts, and their replacements."""
 
     text: str
     is_json: bool
@@ -142,7 +142,7 @@ class _Edits:
         return _json_place(self.text, 0) if self.is_json else _yaml_place(self.text, compose_yaml(self.text))
 
     def apply(self) -> str:
-        """Make the new text; what is added at one place keeps its order, the innermost first."""
+        """Make the new text; additions at the same place keep their order, the innermost first."""
         parts, at = [], 0
         for start, end, new in sorted(self.pieces, key=lambda piece: piece[0]):
             parts += [self.text[at:start], new]
@@ -150,7 +150,7 @@ class _Edits:
         return "".join([*parts, self.text[at:]])
 
     def change(self, place: _Place, before: Any, after: Any) -> None:
-        """Replace what differs between two values that are not the same."""
+        """Replace the parts in which two different values differ."""
         match before, after:
             case dict(), dict() if before.keys() <= after.keys():
                 pairs = {key: (value, after[key]) for key, value in before.items()}
@@ -166,7 +166,7 @@ class _Edits:
             self._add(place, {key: value for key, value in after.items() if key not in before})
 
     def _replace(self, place: _Place, value: Any) -> None:
-        """Replace a whole value: a list in block style by one of its style, anything else by a text on one line."""
+        """Replace a whole value: a list in block style by one in block style, anything else by text on one line."""
         if place.column is not None and isinstance(value, list):
             rows = [f"- {self._flow(item)}" for item in value]
             new = (self._line_end(place.start) + " " * place.column).join(rows)
@@ -176,7 +176,7 @@ class _Edits:
         self.pieces.append((place.start, place.end, new))
 
     def _add(self, place: _Place, new: dict[str, Any]) -> None:
-        """Add keys after the last one of a mapping, laid out as that one is; rows of a matrix have a line each."""
+        """Add keys after the last key of a mapping, in its layout; each row of a matrix is on its own line."""
         places = list(place.items.values())
         if place.column is not None:
             found = LINE_END.search(self.text, places[-1].end)
@@ -200,7 +200,7 @@ class _Edits:
             self.pieces.append((at, at, f"{separator}{self._text(key)}: {text}"))
 
     def _gap(self, place: _Place, places: list[_Place]) -> str:
-        """Line end and indentation before the last item between brackets; empty if it stands beside another one."""
+        """Line end and indentation before the last item between brackets; empty if it shares a line with another."""
         if not places:
             return ""
         between = self.text[places[-2].end if len(places) > 1 else place.start : places[-1].start]
@@ -211,13 +211,13 @@ class _Edits:
         return ends[-1][0] + line[: len(line) - len(line.lstrip())]
 
     def _line_end(self, at: int) -> str:
-        """End of the line at an index, or of the last line that has one."""
+        """Line end after an index, or the last one in the text."""
         if (found := LINE_END.search(self.text, at)) is not None:
             return found[0]
         return next(reversed(LINE_END.findall(self.text)), "\n")
 
     def _flow(self, value: Any) -> str:
-        """Text of a value on one line, which readers of JSON and of YAML 1.1 and 1.2 take for the same."""
+        """Text of a value on one line, which JSON, YAML 1.1 and YAML 1.2 all read alike."""
         match value:
             case dict():
                 pairs = (f"{self._text(key)}: {self._flow(item)}" for key, item in value.items())
@@ -232,7 +232,7 @@ class _Edits:
         return json.dumps(value)
 
     def _text(self, text: str) -> str:
-        """A text as it is in YAML, if it is a plain word, else in quotation marks."""
+        """A text without quotation marks in YAML if it is a plain word, and otherwise with them."""
         is_plain = PLAIN_WORD.fullmatch(text) is not None and text.lower() not in NO_TEXT
         return text if is_plain and not self.is_json else json.dumps(text, ensure_ascii=False)
 

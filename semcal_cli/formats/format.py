@@ -25,41 +25,40 @@ if TYPE_CHECKING:
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 """Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""
 CameraFrame: TypeAlias = Literal["optical", "body"]
-"""Axes of a camera's frame. Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
+"""Axes of a camera frame. Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
 
 
 @dataclass(frozen=True)
 class FormatOptions:
-    """Options of the user for what a file leaves open."""
+    """The user's options for what a file leaves open."""
 
     direction: Direction | None = None
     frame: CameraFrame | None = None
-    """Axes of the camera's frame in the file."""
+    """Axes of the camera frame in the file."""
     camera: str | None = None
-    """Name in the file of the camera's frame, entry or token."""
+    """Name of the camera's frame, entry or token in the file."""
     lidar: str | None = None
-    """Name in the file of the LiDAR's frame, entry or token."""
+    """Name of the LiDAR's frame, entry or token in the file."""
     file: Path | None = None
     """Path of the file to write or edit, if there is one."""
     intrinsics: Camera | None = None
-    """Camera whose intrinsics are written beside the transform, where the format has a place for them. Into a file of
-    the user's they are set where the file has them already."""
+    """Camera whose intrinsics are written with the transform, if the format can hold them. In a user's file they are
+    set only where the file already has some."""
     time_offset_s: float | None = None
-    """Time by which pictures are later than their stamps, in seconds, to be set in a drive of the user's; None leaves
-    what the drive says."""
+    """Time offset in seconds, to be set in a user's drive; None leaves that of the drive."""
     on_note: Callable[[str], None] | None = None
-    """Called with what was set of the intrinsics and of the clock in a file of the user's, or why nothing was, and
-    with a warning of a transform that is not trusted."""
+    """Called with a line that says which intrinsics and time offset were set in a user's file, or why none were, and
+    with a warning about a transform that is not trusted."""
     on_repair: Callable[[str], None] | None = None
-    """Called for each invalid rotation that the nearest rotation replaces; None refuses such files."""
+    """Called for each invalid rotation that is replaced by the nearest rotation; None refuses such files."""
     is_written: bool = False
-    """Whether the file is written or edited, so that the options of the command begin with `--to-`."""
+    """Whether the file is written or edited, in which case the options of the command begin with `--to-`."""
 
     def __post_init__(self) -> None:
-        """Check what a program gives; the command line checks its own options.
+        """Check the values that a program passes; the command line checks its own options.
 
         Raises:
-            InputError: a value is none of its words, or no name.
+            InputError: a value is not one of the allowed words, or not a name.
         """
         for name, words in (("direction", get_args(Direction)), ("frame", get_args(CameraFrame))):
             if getattr(self, name) not in (None, *words):
@@ -70,11 +69,11 @@ class FormatOptions:
 
     @property
     def prefix(self) -> str:
-        """Start of the names of the options, as messages give them."""
+        """Beginning of the option names in messages."""
         return "--to-" if self.is_written else "--"
 
     def note(self, line: str) -> None:
-        """Say what was set, or why nothing was, if anybody listens."""
+        """Pass a line to `on_note`, if there is one."""
         if self.on_note is not None:
             self.on_note(line)
 
@@ -88,7 +87,7 @@ class Source:
 
     @classmethod
     def read(cls, path: Path) -> Source:
-        """Read a file, or standard input by the name of `STANDARD_INPUT`.
+        """Read a file, or standard input if the path is `STANDARD_INPUT`.
 
         Raises:
             InputError: the file is missing, or too large to hold a transform.
@@ -119,7 +118,7 @@ class Source:
                 f"{self.path}: found {len(self.content):,} bytes of YAML, needed at most {MAX_YAML_BYTES:,}"
             )
         if self.path == STANDARD_INPUT and self.text.lstrip().startswith(("{", "[")):
-            # It has no suffix. What is no JSON may be YAML in braces.
+            # Standard input has no suffix. What is not JSON may be YAML in braces.
             with suppress(InputError):
                 return parse_any(self.text, self.path.with_suffix(".json"))
         return parse_any(self.text, self.path)
@@ -142,14 +141,14 @@ class Source:
 
     @cached_property
     def start(self) -> str:
-        """The text without blanks before it, for recognising formats; empty if the content is no text."""
+        """The text without leading white space, for recognising formats; empty if the content is not text."""
         with suppress(InputError):
             return self.text.lstrip()
         return ""
 
     @property
     def xml(self) -> ET.Element:
-        """Content of the file as XML, without declarations, so that no small file can grow into a large document.
+        """Content of the file as XML without declarations, so that no small file can expand into a large document.
 
         Raises:
             InputError: the content is not well-formed, or declares entities or a document type.
@@ -160,14 +159,14 @@ class Source:
             return ET.fromstring(self.text.lstrip())
         except ET.ParseError as error:
             line = error.position[0]
-            raise InputError(f"{self.path}: line {line}: found no well-formed XML, needed it") from None
+            raise InputError(f"{self.path}: line {line}: is not well-formed XML") from None
         except RecursionError:
-            raise InputError(f"{self.path}: nested too deeply") from None
+            raise InputError(f"{self.path}: is nested too deeply") from None
         except ValueError as error:
             raise InputError(f"{self.path}: {error}") from None
 
     def looks_like_xml(self, element: str) -> bool:
-        """Tell whether the file begins as XML does and has such an element, without parsing it."""
+        """Tell whether the file begins like XML and has such an element, without parsing it."""
         return self.start.startswith("<") and f"<{element}" in self.start
 
     @property
@@ -179,7 +178,7 @@ class Source:
 
 DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 MAX_YAML_BYTES = 1_000_000
-"""Largest size of a YAML file with a transform."""
+"""Maximum size of a YAML file with a transform."""
 
 FRAMES = ("frame", "camera", "lidar")
 """Options that files with named frames leave open."""
@@ -191,29 +190,29 @@ class Format:
 
     name: str
     equation: str
-    """Equation of the stored transform, and the place of its numbers in the file."""
+    """Equation of the stored transform, and where its numbers are in the file."""
     recognises: Callable[[Source], bool]
     read: Callable[[Source, FormatOptions], Pose]
     """Reads T_camera_lidar; raises `InputError` if the file is wrong or leaves something open."""
     make: Callable[[Pose, FormatOptions], bytes] | None = None
-    """Makes a new file of T_camera_lidar; None if `put` does so in an empty document."""
+    """Makes a new file from T_camera_lidar; None if `put` can fill an empty document."""
     put: Callable[[Any, Pose, FormatOptions], None] | None = None
-    """Replaces T_camera_lidar in a document and leaves the rest; None if files of the format cannot be edited."""
+    """Replaces T_camera_lidar in a document and keeps the rest; None if files of the format cannot be edited."""
     asks: tuple[str, ...] = ()
-    """Options among `direction`, `frame`, `camera` and `lidar` that its files leave open."""
+    """Those of `direction`, `frame`, `camera` and `lidar` that its files leave open."""
     has_transform: bool = True
-    """Whether its files hold a transform; one without holds only intrinsics."""
+    """Whether its files hold a transform; the others hold only intrinsics."""
     as_json: bool = False
-    """Whether a new document is JSON whatever the suffix of its file."""
+    """Whether a new document is JSON, whatever the suffix of its file."""
     read_lens: Callable[[Source, str | None, str | None], Intrinsics | None] | None = None
-    """Reads the intrinsics of a camera, by its name and the camera model that the user asks for, if any; None if the
-    file is another one."""
+    """Reads the intrinsics of a camera, given its name and the camera model that the user chooses, if any. Returns None
+    if the file is of another format."""
 
     def write(self, T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         """Make the content of a new file.
 
         Raises:
-            InputError: an option is missing, or no new file can be made.
+            InputError: an option is missing, or the format has no new files.
         """
         options = replace(options, is_written=True)
         if self.make is not None:

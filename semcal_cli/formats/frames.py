@@ -1,6 +1,7 @@
-"""Frames of a file: which of them is the camera's and which the LiDAR's, by whole words of their names, and their axes.
+"""Frames of a file: which is the camera's and which the LiDAR's, by whole words of their names, and their axes.
 
-Parts of words say nothing: `pos_camera` holds `os`, and `hesai_cam` is a camera beside a LiDAR of Hesai's.
+Parts of words do not count: `pos_camera` contains `os`. A name with words of both sensors is ambiguous: `hesai_cam` is
+a camera next to a Hesai LiDAR.
 """
 
 from __future__ import annotations
@@ -17,36 +18,36 @@ from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
 LIDAR, CAMERA, CAMERA_BODY = "lidar", "camera_optical_frame", "camera_link"
 """Default names of the frames."""
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-"""A word: digits and signs separate words, and so do capitals, as in `frontCamera`, `RGBCamera` and `CAM_FRONT`."""
+"""A word: digits and punctuation separate words, and so do capitals, as in `frontCamera` and `RGBCamera`."""
 OPTICAL_WORDS = {"optical"}
 CAMERA_WORDS = {"cam", "cams", "camera", "cameras"} | OPTICAL_WORDS
 LIDAR_WORDS = {"lidar", "lidars", "laser", "laserscan", "laserscanner", "scan", "scanner"} | {
     *("velodyne", "vlp", "hdl", "ouster", "os", "hesai", "pandar", "livox", "robosense", "rslidar")
 }
-"""Words of LiDAR frames; a frame of another name, such as `base_link`, is the LiDAR's only if the user says so."""
+"""Words of LiDAR frames. A frame with another name, such as `base_link`, is the LiDAR's only if the user says so."""
 T_BODY_OPTICAL = np.eye(4)
 T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
 
 
 def has_word(name: str, words: set[str]) -> bool:
-    """Tell whether a name has one of some words."""
+    """Tell whether a name contains one of the words."""
     return bool(words & {word.lower() for word in WORD.findall(name.replace("LiDAR", "Lidar"))})
 
 
 def camera_and_lidar(
     where: str, kind: str, names: Collection[str], options: FormatOptions, *, prefers_optical: bool = False
 ) -> tuple[str, str]:
-    """Choose the camera and the LiDAR among the names of a file: those that the user gives, or the only ones by words.
+    """Choose the camera and the LiDAR among the names of a file: those that the user gives, or the only matching ones.
 
     Args:
-        where: File in messages.
-        kind: What the names name, as in `sensors`.
-        names: All names of the file.
-        options: What the user gives.
-        prefers_optical: Whether the only optical frame goes before other frames of cameras.
+        where: Name of the file in messages.
+        kind: What the names stand for, such as `sensors`.
+        names: All names in the file.
+        options: The user's options.
+        prefers_optical: Whether the only optical frame takes precedence over other camera frames.
 
     Raises:
-        InputError: the file does not have a name that the user gives, or the words of its names leave a choice.
+        InputError: the file does not have a name that the user gives, or its names are ambiguous.
     """
     if len(set(names)) < 2:
         raise InputError(f"{where}: found {kind} {listed(names)}, needed two {kind}")
@@ -78,7 +79,7 @@ def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
     """
     if options.direction is None:
         needed = f"needed {options.prefix}direction lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
-        raise InputError(f"{where}: found a transform of no stated direction, {needed}")
+        raise InputError(f"{where}: found a transform without a stated direction, {needed}")
     return T if options.direction == "lidar-to-camera" else inverse(T)
 
 
@@ -86,8 +87,7 @@ def between(where: str, T_parent_child: Pose, parent: str, child: str, options: 
     """Convert a transform between two named frames, p_parent = T p_child, to T_camera_lidar.
 
     Raises:
-        InputError: the names do not tell which frame is the camera's, or whether it is an optical one, and the user
-            does not state it.
+        InputError: neither the names nor the user's options determine which frame is the camera's, or its axes.
     """
     camera, _ = camera_and_lidar(where, "frames", (parent, child), options)
     T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
@@ -95,23 +95,23 @@ def between(where: str, T_parent_child: Pose, parent: str, child: str, options: 
 
 
 def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
-    """T_frame_optical of a camera's frame, by its name or by the user's option.
+    """T_frame_optical (4, 4) of a camera frame, by its name or by the user's option.
 
     Raises:
-        InputError: neither the name nor an option tells the axes.
+        InputError: neither the name nor an option determines the axes.
     """
     frame = options.frame or ("optical" if has_word(camera, OPTICAL_WORDS) else None)
     if frame is None:
         needed = f"needed {options.prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
-        raise InputError(f"{where}: found the camera's frame {camera!r}, {needed}")
+        raise InputError(f"{where}: found the camera frame {camera!r}, {needed}")
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 
 
 def named(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
-    """T_lidar_frame of the camera's frame to write, and the names of the LiDAR's and the camera's frame."""
+    """T_lidar_frame (4, 4) of the camera frame to write, and the names of the LiDAR frame and the camera frame."""
     for name in filter(None, (options.lidar, options.camera)):
         if not name.isprintable():
-            raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a name that can be printed")
+            raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a printable name")
     is_body = options.frame == "body"
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
     lidar, camera = options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)

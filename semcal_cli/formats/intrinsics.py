@@ -1,4 +1,4 @@
-"""The `camera:` block of a drive from a file of any format that holds intrinsics, for the raw images."""
+"""The `camera:` block of a drive from a file of any format that holds the intrinsics of raw images."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ KNOWN_AS = (
 
 
 def read_intrinsics(path: Path, camera: str | None = None, model: str | None = None) -> dict[str, Any]:
-    """Read the camera block from a file of any known kind.
+    """Read the camera block from a file of any known format.
 
     Args:
         path: The file.
         camera: Name of a camera in a camchain; None for the only one.
-        model: Camera model, which overrides that of the file; an OpenCV FileStorage does not always name one.
+        model: Camera model that overrides that of the file; an OpenCV FileStorage does not always name one.
 
     Raises:
-        InputError: the file is of no known kind, a key is missing or wrong, or `camera` or `model` does not fit.
+        InputError: the file has no known format, a key is missing or wrong, or `camera` or `model` does not fit.
     """
     text = read_text(path)
     source = Source(path, (text if is_storage(text) else first_document(text)).encode())
@@ -38,10 +38,10 @@ def read_intrinsics(path: Path, camera: str | None = None, model: str | None = N
 
 
 def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
-    """Make the camera block of a sensor_msgs/CameraInfo whose fields have been read; `source` is named in errors.
+    """Make the camera block from the fields of a sensor_msgs/CameraInfo; errors name `source`.
 
     Raises:
-        InputError: the lens is not known, or a value is wrong.
+        InputError: the lens is unknown, or a value is wrong.
     """
     return camera_block(source, *ros_intrinsics(Node(source, document)))
 

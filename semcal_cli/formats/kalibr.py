@@ -1,4 +1,4 @@
-"""A Kalibr camchain (github.com/ethz-asl/kalibr/wiki/yaml-formats), with `T_cam_lidar` named after its `T_cam_imu`."""
+"""Kalibr camchains (github.com/ethz-asl/kalibr/wiki/yaml-formats), with `T_cam_lidar` named after their `T_cam_imu`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LENSES: dict[str, dict[str, CameraModel]] = {
     "omni": {"radtan": "omnidirectional", "none": "omnidirectional"},
     "ds": {"none": "double_sphere"},
 }
-"""Camera model of each camera_model and distortion_model. Intrinsics begin with the parameters of the model."""
+"""Camera model of each camera_model and distortion_model. `intrinsics` begins with the parameters of the model."""
 MODELS: dict[CameraModel, tuple[str, str]] = {
     "plumb_bob": ("pinhole", "radtan"),
     "fisheye": ("pinhole", "equidistant"),
@@ -67,7 +67,7 @@ def _known(name: Node, known: dict[str, Any]) -> str:
 
 
 def _entry(where: str, camera: Camera) -> dict[str, Any]:
-    """Make the keys of a camera; `where` is the option or the file that errors name.
+    """Make the keys of a camera; errors name `where`, an option or a file.
 
     Raises:
         UnnamedLensError: Kalibr has no name for the lens, or the lens has more coefficients than Kalibr's.
@@ -93,7 +93,7 @@ def _entry(where: str, camera: Camera) -> dict[str, Any]:
 
 
 def _set_lens(entry: dict[str, Any], camera: Camera, options: FormatOptions, is_new: bool) -> None:
-    """Add the intrinsics to a new entry, or replace those that an entry has; one without any stays so."""
+    """Add the intrinsics to a new entry, or replace those of an existing entry that has some."""
     if is_new:
         entry |= _entry("--to kalibr", camera)
         return

@@ -1,9 +1,9 @@
-"""Calibration files of KITTI, KITTI-360 and OpenCalib: lines of `key: values`, or twelve numbers alone.
+"""Calibration files of KITTI, KITTI-360 and OpenCalib: lines of `key: values`, or just twelve numbers.
 
 KITTI's `Tr` (odometry, calib.txt), or `Tr_velo_to_cam` with `R0_rect` (object): p_camera0 = [R0_rect] T p_velo. Camera
-0 is the rectified one; the others are moved along its x axis, as `P1` to `P3` say (Geiger et al., *Vision meets
-robotics: The KITTI dataset*, 2013, eqs. 3 to 8). In KITTI raw's calib_velo_to_cam.txt (`R` and `T`) and in KITTI-360's
-calib_cam_to_velo.txt, camera 0 is as it was before rectification.
+0 is the rectified one; the others are shifted along its x axis, by `P1` to `P3` (Geiger et al., *Vision meets robotics:
+The KITTI dataset*, 2013, eqs. 3 to 8). In KITTI raw's calib_velo_to_cam.txt (`R` and `T`) and in KITTI-360's
+calib_cam_to_velo.txt, camera 0 is the one before rectification.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ KITTI_360_FILE, KITTI_360_KEY = "calib_cam_to_velo.txt", "camera 0 to LiDAR"
 
 
 class _Twice:
-    """The values of a key that stands on several lines: nobody can tell which are meant."""
+    """The value of a key that is on several lines, which is ambiguous."""
 
     def __repr__(self) -> str:
-        return "it twice"
+        return "several lines"
 
 
 def keyed(path: Path, text: str) -> Node:
-    """Take the lines of a file for a document: the numbers under each key, or a text where not all are numbers."""
+    """Read the lines of a file as a document: the numbers under each key, or text where not all are numbers."""
     values: dict[str, object] = {}
     for key, colon, line in (line.partition(":") for line in text.splitlines()):
         if colon:
@@ -43,10 +43,10 @@ def keyed(path: Path, text: str) -> Node:
 
 
 def read_keyed(path: Path) -> Node:
-    """Read a file.
+    """Read a file of `key: values` lines.
 
     Raises:
-        InputError: the file is missing, or is not text.
+        InputError: the file is missing or is not text.
     """
     return keyed(path, read_text(path))
 
@@ -78,11 +78,11 @@ def beside_camera0(projection: Node) -> Pose:
         with np.errstate(all="ignore"):
             return rigid(projection.where, transform(np.eye(3), np.linalg.solve(P[:, :3], P[:, 3])))
     except np.linalg.LinAlgError:
-        raise InputError(f"{projection.where}: found no K to invert, needed one") from None
+        raise InputError(f"{projection.where}: found a singular K, needed an invertible one") from None
 
 
 def camera0_pose(lines: Node, key: str, options: FormatOptions | None = None) -> Pose:
-    """Read T_camera0_lidar (4, 4) of the rectified camera 0 from the lines of a file, under one of the two keys.
+    """Read T_camera0_lidar (4, 4) of the rectified camera 0 from the lines of a file, under `Tr` or `Tr_velo_to_cam`.
 
     Raises:
         InputError: a number is missing or wrong, or a transform is not rigid.
@@ -109,9 +109,9 @@ def raw_pose(
 
     Args:
         velo: Lines of calib_velo_to_cam.txt, which maps the LiDAR to camera 0 before rectification.
-        cameras: Lines of calib_cam_to_cam.txt; only needed for a camera.
-        camera: A rectified camera, as `image_02`; None for camera 0 before rectification.
-        options: What the user says of the transform.
+        cameras: Lines of calib_cam_to_cam.txt, needed only for a rectified camera.
+        camera: A rectified camera, such as `image_02`; None for camera 0 before rectification.
+        options: Whether rotations are repaired.
 
     Raises:
         InputError: a number is missing or wrong, or a transform is not rigid.
@@ -141,7 +141,7 @@ def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 
 def _check_no_camera(options: FormatOptions) -> None:
     if options.camera is not None:
-        needed = "needed nothing: a new file has camera 0 alone"
+        needed = "needed no name: a new file has only camera 0"
         raise InputError(f"--to-camera: found {options.camera!r}, {needed}")
 
 
@@ -173,7 +173,7 @@ OBJECT = _kitti(
 RAW = Format(
     "kitti-raw",
     "p_camera0 = T p_velo: calib_velo_to_cam.txt, camera 0 before rectification; --camera image_02 for a rectified "
-    "one, by calib_cam_to_cam.txt beside it",
+    "one, by calib_cam_to_cam.txt next to it",
     lambda source: {"R", "T"} <= _keys(source) <= {"calib_time", "R", "T", "delta_f", "delta_c"},
     _read_raw,
     _make_raw,
@@ -181,7 +181,7 @@ RAW = Format(
 )
 KITTI_360 = Format(
     "kitti-360",
-    "p_velo = T p_camera0: calib_cam_to_velo.txt, known by its name; camera 0 before rectification",
+    "p_velo = T p_camera0: calib_cam_to_velo.txt, recognised by its name; camera 0 before rectification",
     lambda source: source.path.name == KITTI_360_FILE,
     lambda source, options: unrectified_camera0_pose(source.path, source.text, options),
     lambda T_camera_lidar, options: f"{_row(inverse(T_camera_lidar))}\n".encode(),

@@ -1,4 +1,4 @@
-"""The lenses of a drive by the names that other tools give them, and cameras that are set in files of the user's."""
+"""The names that other tools give to lenses, and the intrinsics that are set in a user's files."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ NAMES = {
     "width": ("image_width", "width"),
     "height": ("image_height", "height"),
 }
-"""Names of the keys of a camera block in files of ROS and OpenCV; the first that is found counts."""
+"""Names of the keys of a camera block in files of ROS and OpenCV; the first one found counts."""
 LEAST_COUNTS: dict[CameraModel, int] = {
     "plumb_bob": 5,
     "rational_polynomial": 8,
     "thin_prism": 12,
     "fisheye": 4,
 }
-"""Number of coefficients that are written of a lens without distortion, where a file has to have some."""
+"""Number of zeros written for a lens without distortion, where a file must have coefficients."""
 
 
 class Intrinsics(NamedTuple):
-    """What a file says of a camera."""
+    """The camera block of a drive, as read from another tool's file."""
 
     block: dict[str, Any]
-    """The `camera:` block of a drive, not checked yet."""
+    """The `camera:` block of a drive, not yet checked."""
     keys: Mapping[str, str]
-    """The file's own names of the keys of the block, for messages."""
+    """The file's own names for the keys of the block, for messages."""
 
 
 def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intrinsics:
-    """Read K, coefficients and the size of pictures by the names that ROS and OpenCV give them.
+    """Read K, the coefficients and the image size by the names that ROS and OpenCV give them.
 
     Args:
         document: The file.
-        model_of: Tells the camera model of the coefficients, by their node and count.
+        model_of: Determines the camera model from the node and the number of the coefficients.
 
     Raises:
-        InputError: a key is missing or wrong, or the lens is not known.
+        InputError: a key is missing or wrong, or the lens is unknown.
     """
     K, distortion = (document.first(NAMES[key]) for key in ("K", "distortion"))
     numbers, coefficients = K.data(), distortion.data()
@@ -66,7 +66,7 @@ def intrinsic_matrix(fx: float, fy: float, cx: float, cy: float) -> list[list[fl
 
 
 def refuse_camera(where: object, camera: str | None) -> None:
-    """Refuse the name of a camera where a file has one camera without a name.
+    """Refuse a camera name for a file with one unnamed camera.
 
     Raises:
         InputError: a name is given.
@@ -87,19 +87,19 @@ def numbers_of(camera: Camera) -> list[float]:
 
 
 def coefficients_of(camera: Camera) -> list[float]:
-    """Distortion coefficients in OpenCV's order; zeros of a lens without distortion."""
+    """Distortion coefficients in OpenCV's order; zeros for a lens without distortion."""
     return list(camera.distortion) or [0.0] * LEAST_COUNTS[camera.model]
 
 
 def with_count(camera: Camera, count: int) -> Camera:
-    """Give a lens without distortion as many zeros as a file has coefficients, if its model can have so many."""
+    """Give a lens without distortion as many zeros as a file has coefficients, if its model can have that many."""
     if camera.distortion or count not in CAMERA_MODELS[camera.model].counts:
         return camera
     return camera.model_copy(update={"distortion": (0.0,) * count})
 
 
 class UnnamedLensError(InputError):
-    """A format has no name for a lens, or no place for all of its numbers."""
+    """A format has no name for a lens, or cannot hold all of its coefficients."""
 
 
 def check_lens(where: str, camera: Camera, known: Mapping[CameraModel, object]) -> None:
@@ -113,26 +113,26 @@ def check_lens(where: str, camera: Camera, known: Mapping[CameraModel, object]) 
 
 
 def check_same_camera(options: FormatOptions, *stated: tuple[str, object, object]) -> None:
-    """Check that a file of the user's is of the camera that is set in it.
+    """Check that a user's file describes the camera whose intrinsics are set in it.
 
     Args:
         options: Options with the file.
-        stated: Key, value in the file and value of the camera's, of each value that has to be the same.
+        stated: Key, value in the file and value of the camera, for each value that must be the same.
 
     Raises:
-        InputError: the file is of pictures of another size, or of another lens.
+        InputError: the file has another image size or another lens.
     """
     for key, found, needed in stated:
         if found != needed:
             text = str(found)[:40] if isinstance(found, list) else describe(found)
             raise InputError(
-                f"{options.file}: {key}: found {text}, needed {needed!r}, as the camera that was estimated with the "
-                "transform has it; --to semcal writes the transform alone"
+                f"{options.file}: {key}: found {text}, needed {needed!r}, the value of the camera that was estimated "
+                "with the transform; --to semcal writes only the transform"
             )
 
 
 def tell(options: FormatOptions, camera: Camera) -> None:
-    """Say that the intrinsics were set, with focal lengths and principal point."""
+    """Note that the intrinsics were set, with focal lengths and principal point."""
     pixels = zip(("fx", "fy", "cx", "cy"), pixels_of(camera), strict=True)
     figures = ", ".join(f"{name} {value:.6g}" for name, value in pixels)
     options.note(f"set the intrinsics in {options.file}: {figures}")

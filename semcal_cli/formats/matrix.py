@@ -1,4 +1,4 @@
-"""Bare numbers, which need --direction: an array or a text of 3 x 4 or 4 x 4, or a line of TUM's format."""
+"""Bare numbers, which need --direction: a 3 x 4 or 4 x 4 array or text, or a line of TUM's format."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def directed(
     make: Callable[[Pose, FormatOptions], bytes],
     **others: Any,
 ) -> Format:
-    """Make a format whose files do not say which way round their transform is, so that the user has to."""
+    """Make a format whose files do not state the direction of their transform, so that the user must."""
     return Format(
         name,
-        f"p = T p of --direction: {equation}",
+        f"either direction, set by --direction: {equation}",
         recognises,
         lambda source, options: turned(str(source.path), read(source, options), options),
         lambda T_camera_lidar, options: make(turned(f"--to {name}", T_camera_lidar, options), options),
@@ -52,10 +52,8 @@ def _read_array(source: Source, options: FormatOptions) -> Pose:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             array = np.load(io.BytesIO(source.content), allow_pickle=False)
-    except Exception:  # NumPy parses the header as Python, which fails in many ways.
-        raise InputError(
-            f"{source.path}: found a damaged NumPy array, needed a whole one of numbers"
-        ) from None
+    except Exception:  # NumPy parses the header as Python, which can fail in many ways.
+        raise InputError(f"{source.path}: found a damaged NumPy array, needed an intact one") from None
     if not isinstance(array, np.ndarray) or array.shape not in SHAPES or array.dtype.kind not in "fiu":
         found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "several arrays"
         raise InputError(f"{source.path}: found {found}, needed numbers of shape (4, 4) or (3, 4)")
@@ -77,7 +75,7 @@ def _lines(source: Source) -> list[str]:
 
 
 def _counts(source: Source) -> list[int]:
-    """Count of numbers on each line; empty if the text holds anything else."""
+    """Number of numbers on each line; empty if the text holds anything else."""
     with suppress(InputError):
         lines = _lines(source)
         counts = [len(line.split()) for line in lines]

@@ -1,6 +1,6 @@
-"""Checked values of files, and the values of a document, which know where they stand.
+"""Checked values of files, and values of a document that know their file and key.
 
-An `InputError` about a value names file and key, what was found and what was needed.
+An `InputError` about a value names the file and key, what was found and what was needed.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from semcal_cli.files.validation import key_part, validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
 
 MAX_SIDE = 0xFFFF
-"""Largest number of pixels along a side of an image in a drive."""
+"""Maximum number of pixels along a side of an image in a drive."""
 MAX_STAMP_S = 1e10
-"""Largest stamp of a drive, seconds."""
+"""Maximum stamp of a drive, seconds."""
 MAX_MOUNT_M = 1e5
-"""Largest distance between two frames of a rig: a tenth of a drive's limit, so that several in a row stay below."""
+"""Maximum distance between two frames of a rig: a tenth of a drive's limit, so that a chain of several stays below."""
 MAX_WORLD_M = 1e8
-"""Largest distance between two places on Earth."""
+"""Maximum distance between two places on Earth."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class Node:
     """Name of the file in messages."""
     value: Any
     key: str = ""
-    """Keys that lead to the value, as `results.T_lidar_camera`."""
+    """Keys that lead to the value, such as `results.T_lidar_camera`."""
 
     @property
     def where(self) -> str:
-        """File and key, as messages name them."""
+        """File and key, for messages."""
         return f"{self.file}: {self.key}" if self.key else self.file
 
     @property
@@ -70,7 +70,7 @@ class Node:
         return found
 
     def first(self, names: Sequence[str]) -> Node:
-        """Look up the first of several names of a value, which may be empty."""
+        """Look up a value under the first of several names that is present; the value may be null."""
         for name in names:
             if name in self.mapping:
                 return self.child(name, self.mapping[name])
@@ -93,20 +93,20 @@ class Node:
         return image_side(self.where, self.value)
 
     def numbers(self, *counts: int) -> list[float]:
-        """Read a list of finite numbers, of one of some lengths."""
+        """Read a list of finite numbers whose length is one of `counts`, if any are given."""
         if not isinstance(self.value, list) or (counts and len(self.value) not in counts):
             raise self.mismatch(f"{' or '.join(map(str, counts))} numbers" if counts else "numbers")
         return [number(self.where, value) for value in self.value]
 
     def data(self) -> list[Any]:
-        """Look up the finite numbers of a matrix, as they are stated: under its key `data`, or under its name."""
+        """Look up the finite numbers of a matrix, unconverted: under its key `data`, or as the value itself."""
         found = Node(self.file, self.value.get("data"), self.key) if isinstance(self.value, dict) else self
         found.numbers()
         values: list[Any] = found.value
         return values
 
     def matrix(self, rows: int, columns: int) -> npt.NDArray[np.float64]:
-        """Read a matrix (rows, columns) of a list of its numbers by rows."""
+        """Read a matrix (rows, columns) from a list of its numbers by rows."""
         return np.reshape(self.numbers(rows * columns), (rows, columns))
 
 
@@ -139,7 +139,7 @@ def stamp_s(where: str, seconds: float) -> float:
 
 
 def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
-    """Check a rigid transform that reaches at most `farthest_m` along an axis, and remove its rounding."""
+    """Check a rigid transform of at most `farthest_m` along each axis, and remove its rounding."""
     try:
         check_rigid(T)
     except ValueError as error:
@@ -153,14 +153,14 @@ def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
 def pick(
     kind: str, wanted: str | None, known: Sequence[str], where: object, *, usual: str | None = None
 ) -> str:
-    """Choose a sequence, a camera or the like: the wanted one, else the usual one, else the only one.
+    """Choose a sequence, a camera or the like: the wanted one, or else the usual one, or else the only one.
 
     Args:
-        kind: What is chosen, as messages call it.
+        kind: What is chosen, for messages.
         wanted: The name that the user gives, if any.
         known: All names.
-        where: The file or folder that messages name.
-        usual: The name that is taken if none is wanted.
+        where: The file or folder, for messages.
+        usual: Default name.
     """
     choice = usual if wanted is None else wanted
     if not known:
@@ -179,7 +179,7 @@ def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str
     Args:
         path: The file.
         block: The block.
-        keys: Names of the block's keys in the file, where they differ; messages name these.
+        keys: Names of the block's keys in the file, where they differ, for messages.
     """
     try:
         validate(Camera, block, Path("camera"))

@@ -1,12 +1,12 @@
 """OpenCV's FileStorage: `CameraExtrinsicMat` (4 x 4), which users store in both directions, so --direction is needed.
 
-The intrinsics beside it have the names of OpenCV's calibration sample (samples/cpp/.../camera_calibration.cpp), or
+The intrinsics next to it have the names of OpenCV's calibration sample (samples/cpp/.../camera_calibration.cpp), or
 those of an omnidirectional camera (Mei and Rives) as camodocal and KITTI-360 write it.
 
 OpenCV's own parser aborts the process on many damaged files. Its YAML (modules/core/src/persistence_yml.cpp) differs
 from the standard: a first line `%YAML:1.0`, tags on matrices, and, from older versions, no space after a key's colon.
-Its XML (persistence_xml.cpp) writes a key as an element, an item of a sequence as an element `_`, and numbers with
-blanks between.
+Its XML (persistence_xml.cpp) writes a key as an element, an item of a sequence as an element `_`, and numbers separated
+by blanks.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from semcal_cli.geometry.poses import Pose
 KEY = "CameraExtrinsicMat"
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
 MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
-"""Camera model of each number of coefficients, if the lens is no fisheye."""
+"""Camera model of each number of coefficients, if the lens is not a fisheye."""
 OF_STANDARD_YAML = (
     (re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n"), ""),
     (re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>"), ""),
@@ -67,7 +67,7 @@ def _parse_xml(source: Source) -> dict[Any, Any]:
     try:
         document = _value(root)
     except RecursionError:
-        raise InputError(f"{path}: nested too deeply") from None
+        raise InputError(f"{path}: is nested too deeply") from None
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     if root.tag != "opencv_storage" or not isinstance(document, dict):
@@ -78,7 +78,7 @@ def _parse_xml(source: Source) -> dict[Any, Any]:
 
 
 def _value(element: ET.Element) -> Any:
-    """Convert an element to a mapping, a list, a text, a number or a list of numbers."""
+    """Convert an element to a mapping, a list, text, a number or a list of numbers."""
     if len(element):
         if all(child.tag == "_" for child in element):
             return [_value(child) for child in element]
@@ -93,7 +93,7 @@ def _value(element: ET.Element) -> Any:
     if not words or not all(NUMBER.fullmatch(word) for word in words):
         return text.strip('"')
     values = [float(word) for word in words]
-    # A matrix of one number has a list of one.
+    # The data of a matrix is a list, even of one number.
     return values if len(values) > 1 or element.tag == "data" else values[0]
 
 
@@ -142,7 +142,7 @@ def _mei(storage: Node) -> Intrinsics:
 
 def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
     def model_of(distortion: Node, count: int) -> str:
-        """Derive the camera model from the number of coefficients; cv2.fisheye, too, has four."""
+        """Derive the camera model from the number of coefficients; four are also those of cv2.fisheye."""
         if model is not None:
             return model
         if "fisheye_model" in storage.mapping:
@@ -150,7 +150,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
                 return "fisheye"
         elif count == 4:
             found = "found 4 coefficients and no fisheye_model"
-            raise InputError(f"{storage.where}: {found}, needed --model, as plumb_bob or fisheye")
+            raise InputError(f"{storage.where}: {found}, needed --model, such as plumb_bob or fisheye")
         if count not in MODELS:
             counts = ", ".join(map(str, MODELS))
             raise InputError(f"{distortion.where}: found {count} numbers, needed one of: {counts}")
@@ -163,7 +163,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
     if MIRROR in storage.mapping:
         return _mei(storage)
     block, keys = matrix_camera(storage, model_of)
-    # A FileStorage has no whole numbers in a matrix of doubles.
+    # A FileStorage writes whole numbers of a matrix of doubles without decimals.
     block |= {key: np.asarray(block[key], np.float64).tolist() for key in ("K", "distortion")}
     return Intrinsics(block, keys)
 

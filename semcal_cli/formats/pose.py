@@ -19,22 +19,22 @@ PLACE, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 XYZW, WXYZ = ("qx", "qy", "qz", "qw"), ("qw", "qx", "qy", "qz")
 ROUNDING = 1e-6
 LEAST_SCALE = 1e-3
-"""Least ratio of the rows' scales; rows with a smaller one come from no rotation, and none is near."""
+"""Minimum ratio of the singular values of a matrix that is repaired; below it, no rotation is near."""
 
 
 class Notation(Protocol):
     """How the entry of a document holds a pose."""
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
-        """Read the pose (4, 4); raise an `InputError` if a number is wrong, or the transform not rigid."""
+        """Read the pose (4, 4); raise an `InputError` if a number is wrong or the transform is not rigid."""
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        """Replace the pose, in the layout that the entry has."""
+        """Replace the pose, in the layout of the entry."""
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """A pose as a matrix of 4 or 3 rows, or as the list of their numbers."""
+    """A pose as a matrix of 3 or 4 rows, or as a list of their numbers."""
 
     key: str
 
@@ -49,7 +49,7 @@ class Matrix:
         return from_rows(found.where, rows, options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        """Replace the matrix, in the layout that it has: in one list, or without the last row."""
+        """Replace the matrix, in its own layout: one list or rows, with or without the last row."""
         before = entry.get(self.key)
         if is_flat(before):
             entry[self.key] = T.ravel()[: len(before)].tolist()
@@ -58,7 +58,7 @@ class Matrix:
 
 
 def is_flat(rows: object) -> TypeGuard[list[object]]:
-    """Tell whether a matrix is a list of its numbers by rows."""
+    """Tell whether a matrix is one list of its numbers by rows."""
     return isinstance(rows, list) and len(rows) in (12, 16) and not any(isinstance(row, list) for row in rows)
 
 
@@ -67,9 +67,9 @@ class Numbers:
     """A pose as the numbers of `PLACE`, and of `XYZW` or `ANGLES`."""
 
     parts: Mapping[str, tuple[str, ...]]
-    """Names of the numbers under each key, in order; those under the empty key are the entry's own."""
+    """Names of the numbers under each key, in order; those under the empty key are in the entry itself."""
     are_named: bool = False
-    """Whether a part is a mapping of its numbers by name, as x y z w, and not a list."""
+    """Whether a part is a mapping of named numbers, such as x y z w, and not a list."""
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
         """Read the pose (4, 4)."""
@@ -83,7 +83,7 @@ class Numbers:
         return pose_of(node.where if len(self.parts) > 1 else part.where, values, options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
-        """Replace the numbers, and leave others beside them."""
+        """Replace the numbers, and keep other keys."""
         values = numbers_of(T)
         for key, names in self.parts.items():
             numbers = [values[name] for name in names]
@@ -108,7 +108,7 @@ def pose_of(where: str, numbers: Mapping[str, float], options: FormatOptions) ->
         options: Whether a quaternion of another norm is scaled.
 
     Raises:
-        InputError: the quaternion is not of unit norm, or the translation farther than any rig.
+        InputError: the norm of the quaternion is not 1, or the translation exceeds the limit of a rig.
     """
     place = [numbers[name] for name in PLACE]
     if ANGLES[0] in numbers:
@@ -144,7 +144,7 @@ def from_line(node: Node, options: FormatOptions | None = None) -> Pose:
     """Make a transform from 12 numbers by rows.
 
     Raises:
-        InputError: the numbers are others, or not a rigid transform.
+        InputError: these are not 12 numbers, or not a rigid transform.
     """
     return from_rows(node.where, node.numbers(12), options)
 
@@ -153,7 +153,7 @@ def rotation(node: Node, options: FormatOptions | None = None) -> Pose:
     """Read a pure rotation of nine numbers as a transform (4, 4); options may allow its repair.
 
     Raises:
-        InputError: the numbers are no rotation.
+        InputError: the numbers are not a rotation.
     """
     return checked(node.where, transform(node.matrix(3, 3)), options)
 
@@ -164,7 +164,7 @@ def from_rows(
     options: FormatOptions | None = None,
     farthest_m: float = MAX_MOUNT_M,
 ) -> Pose:
-    """Make a transform from the 12 or 16 numbers of its rows, of a translation of at most `farthest_m`.
+    """Make a transform of at most `farthest_m` along each axis from the 12 or 16 numbers of its rows.
 
     Raises:
         InputError: the numbers are not a rigid transform.
@@ -175,10 +175,11 @@ def from_rows(
 
 
 def checked(where: str, T: Pose, options: FormatOptions | None, farthest_m: float = MAX_MOUNT_M) -> Pose:
-    """Check a transform that a file states, and remove its rounding; if repairs are allowed, take the nearest one.
+    """Check a transform that a file states, and remove its rounding; if repairs are allowed, use the nearest rotation.
 
     Raises:
-        InputError: the transform is not rigid, or farther than any rig. With options, it names the one for a repair.
+        InputError: the transform is not rigid, or exceeds the limit of a rig. With `options`, the message names the
+            option for a repair.
     """
     if options is not None and options.on_repair is not None and np.isfinite(T).all():
         _, scales, _ = np.linalg.svd(T[:3, :3])
@@ -186,8 +187,8 @@ def checked(where: str, T: Pose, options: FormatOptions | None, farthest_m: floa
         is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
         if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
             options.on_repair(
-                f"{where}: found no rotation (determinant {np.prod(scales):.4g}, rows stretched by {scales[-1]:.4g} to "
-                f"{scales[0]:.4g}), took the nearest"
+                f"{where}: found a matrix that is not a rotation (determinant {np.prod(scales):.4g}, singular values "
+                f"{scales[-1]:.4g} to {scales[0]:.4g}), used the nearest rotation"
             )
             T = nearest
         return rigid(where, T, farthest_m)
@@ -196,4 +197,4 @@ def checked(where: str, T: Pose, options: FormatOptions | None, farthest_m: floa
     except InputError as error:
         if options is None or "needed a rotation" not in str(error):
             raise
-        raise InputError(f"{error}; --repair takes the nearest rotation") from None
+        raise InputError(f"{error}; --repair uses the nearest rotation") from None

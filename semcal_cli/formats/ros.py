@@ -1,11 +1,11 @@
 """ROS's transforms between two named frames, p_parent = T p_child: a publisher's arguments, or a stamped message.
 
-`static_transform_publisher` stands on a command line or in an XML launch file. Its `--frame-id` is the parent,
-`--child-frame-id` the child. Without names of arguments, as in ROS 1: x y z yaw pitch roll, or x y z qx qy qz qw, then
+`static_transform_publisher` is on a command line or in an XML launch file. Its `--frame-id` is the parent,
+`--child-frame-id` the child. Positional arguments, as in ROS 1, are x y z yaw pitch roll, or x y z qx qy qz qw, then
 parent and child (geometry2, tf2_ros/src/static_transform_broadcaster_program.cpp).
 
-In tf2's TransformStamped as YAML, `header.frame_id` is the parent. Apollo's extrinsics have its layout; their child is
-a camera's optical frame (apollo, modules/drivers/camera/params).
+In tf2's TransformStamped as YAML, `header.frame_id` is the parent. Apollo's extrinsics have the same layout; their
+child is a camera's optical frame (apollo, modules/drivers/camera/params).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from semcal_cli.geometry.poses import Pose, inverse
 
 PUBLISHER = "static_transform_publisher"
 USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}
-"""Values of arguments that are not given."""
+"""Defaults of the arguments."""
 FRAME_NAMES = ("frame-id", "child-frame-id")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
@@ -97,7 +97,7 @@ def _transform(where: str, words: list[str], options: FormatOptions) -> Pose:
 
 
 def _in_order(where: str, words: list[str]) -> dict[str, str]:
-    """Name the arguments of ROS 1, which are told by their order."""
+    """Name the positional arguments of ROS 1."""
     count = next((i for i, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
     names = {6: (*PLACE, *reversed(ANGLES)), 7: (*PLACE, *XYZW)}.get(count)
     if names is None or len(words) < count + 2:
@@ -106,20 +106,20 @@ def _in_order(where: str, words: list[str]) -> dict[str, str]:
 
 
 def _by_name(where: str, words: list[str]) -> dict[str, str]:
-    """Read the arguments that stand behind their names."""
+    """Read the named arguments."""
     given: dict[str, str] = {}
     for name, value in zip(words[::2], words[1::2], strict=False):
         if name == "--ros-args":
             break
         if name.removeprefix("--") in given:
-            raise InputError(f"{where}: {name}: found it twice, needed it once")
+            raise InputError(f"{where}: {name}: found two values, needed one")
         given[name.removeprefix("--")] = value
     known = {*USUAL, *FRAME_NAMES}
     if unknown := [name for name in given if name not in known]:
         needed = f"needed some of: {', '.join(sorted(known))}"
         raise InputError(f"{where}: found argument {unknown[0]!r}, {needed}")
     if missing := [name for name in FRAME_NAMES if name not in given]:
-        raise InputError(f"{where}: found no --{missing[0]}, needed it")
+        raise InputError(f"{where}: found no --{missing[0]}, needed one")
     return given
 
 
@@ -180,7 +180,7 @@ def _read_apollo(source: Source, options: FormatOptions) -> Pose:
 def _put_stamped(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     where = str(options.file)
     if "child_frame_id" in document:
-        # A file that names its frames keeps these names, and which of them is the camera's.
+        # A file that names its frames keeps the names and the direction.
         parent, child = _stamped_frames(Node(where, document))
         camera, _ = camera_and_lidar(where, "frames", (parent, child), options)
         T_lidar_frame = inverse(T_camera_lidar) @ inverse(optical_axes(where, camera, options))
@@ -203,7 +203,7 @@ APOLLO = replace(
     TF2,
     name="apollo",
     equation="p_parent = T p_child as in tf2; the child is a camera's optical frame",
-    # The layout is that of tf2, which reads it wherever the names tell the camera.
+    # The layout is that of tf2, which reads the file wherever the names show which frame is the camera's.
     recognises=lambda source: False,
     read=_read_apollo,
 )

@@ -1,6 +1,6 @@
-"""semcal's own files: p_camera = T_camera_lidar * p_lidar, as stored.
+"""semcal's own files, which store p_camera = T_camera_lidar * p_lidar.
 
-A calibration, a drive with its reference, what `fleet` writes, or a bare transform, as `convert` writes it.
+A calibration, a drive with a reference, a result of `fleet`, or a bare transform as `convert` writes it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class _Transform(StrictModel):
 
 
 class _Part(StrictModel):
-    """The part of a fleet's result that is used; the other keys are for readers."""
+    """The part of a fleet's result that is used here; the other keys are for people."""
 
     @model_validator(mode="before")
     @classmethod
@@ -78,7 +78,7 @@ class _Fleet(_Part):
 
 @dataclass(frozen=True)
 class Extrinsic:
-    """What a file says of where a camera is. Properties raise an `InputError` if a file of semcal's is wrong."""
+    """The extrinsics of a file, and what semcal wrote with them. Properties raise an `InputError` if it is wrong."""
 
     T_camera_lidar: Pose
     """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres."""
@@ -86,14 +86,14 @@ class Extrinsic:
 
     @cached_property
     def record(self) -> Calibration | None:
-        """The calibration that semcal wrote with the transform; None if the file is none."""
+        """The calibration that semcal wrote with the transform; None if the file is not a calibration."""
         if CALIBRATION not in self.source.mapping:
             return None
         return validate(Calibration, self.source.document, self.source.path)
 
     @cached_property
     def half_widths(self) -> tuple[float, ...] | None:
-        """Half widths (6,) of the 95 % intervals, metres and degrees; None if none is known or believed."""
+        """Half widths (6,) of the 95 % intervals, metres and degrees; None if they are unknown or not believed."""
         known: Uncertainty | _Widths | None = None
         if FLEET in self.source.mapping:
             known = validate(_Fleet, self.source.document, self.source.path).uncertainty
@@ -105,7 +105,7 @@ class Extrinsic:
 
     @cached_property
     def camera(self) -> Camera | None:
-        """The camera that the transform belongs to: of the calibration, or of the drive; None if the file has none."""
+        """The camera of the calibration or of the drive, to which the transform belongs; None if the file has none."""
         if self.record is not None:
             return self.record.used_camera
         if DRIVE not in self.source.mapping:
@@ -130,7 +130,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
 def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     if CALIBRATION in document or FLEET in document:
         raise InputError(
-            "--into: found a result, which says how sure its own transform is, needed another file"
+            "--into: found a result, which holds the uncertainty of its own transform, needed another file"
         )
     try:
         check_not_newer(document, (DRIVE, TRANSFORM))
@@ -148,8 +148,8 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     if (offset_s := options.time_offset_s) is not None:
         if abs(offset_s) > MAX_OFFSET_S:
             raise InputError(
-                f"{options.file}: time_offset_s: found {offset_s:g} to be set, needed {-MAX_OFFSET_S:g} to "
-                f"{MAX_OFFSET_S:g}: correct image_stamp by it instead"
+                f"{options.file}: time_offset_s: found the new value {offset_s:g}, needed one from {-MAX_OFFSET_S:g} "
+                f"to {MAX_OFFSET_S:g}; correct image_stamp instead"
             )
         document["time_offset_s"] = offset_s
     document.update(placed)
@@ -171,7 +171,7 @@ def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -
 
 
 def _is_ours(source: Source) -> bool:
-    """Whether a file is of semcal's, or holds nothing but the matrix under the name that states its direction."""
+    """Whether a file is one of semcal's, or holds only the matrix T_camera_lidar, whose name states its direction."""
     keys = source.mapping.keys()
     return bool({CALIBRATION, DRIVE, FLEET, TRANSFORM} & keys) or keys == {"T_camera_lidar"}
 

@@ -1,4 +1,4 @@
-"""URDF: fixed joints between the LiDAR's link and the camera's, p_parent = T p_child of each, `<origin xyz rpy>`."""
+"""URDF: fixed joints between the LiDAR's link and the camera's, each p_parent = T p_child by `<origin xyz rpy>`."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def _between(source: Source, joints: list[ET.Element], start: str, end: str) -> 
                     reached.append(other)
                     came[other] = link, joint
     if end not in came:
-        raise InputError(f"{source.path}: found no joints from {start!r} to {end!r}, needed some")
+        raise InputError(f"{source.path}: found no chain of joints from {start!r} to {end!r}, needed one")
     steps, link = [], end
     while link != start:
         before, joint = came[link]
         if (kind := joint.get("type", "fixed")) != "fixed":
             name = joint.get("name", "")
             raise InputError(
-                f"{source.path}: joint {name!r}: found type {kind!r} between them, needed 'fixed'"
+                f"{source.path}: joint {name!r}: found type {kind!r} between camera and LiDAR, needed 'fixed'"
             )
         T = _origin(source, joint)
         steps.append(T if link == _links(joint)[1] else inverse(T))
@@ -86,7 +86,7 @@ def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 
 FORMAT = Format(
     "urdf",
-    "p_parent = T p_child: <origin xyz rpy> of a <joint>; of several, those between the two links",
+    "p_parent = T p_child: <origin xyz rpy> of a <joint>, or of the chain of joints between the two links",
     lambda source: source.looks_like_xml("joint"),
     _read,
     _make,
