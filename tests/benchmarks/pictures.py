@@ -61,6 +61,12 @@ class Pictures:
         self.page("fleet", self.work / "fleet.html")
         self.view("stored.yaml")
 
+    def make_real(self, real: Path) -> None:
+        """Picture the calibration of a real drive."""
+        self.made.append(f"printed: {self.run('demo', 'kitti', '--real', str(real.resolve()))}")
+        self.keep("kitti", cv2.imread(str(self.work / "kitti" / "overlay.png")))
+        self.page("kitti_report", self.work / "kitti" / "report.html")
+
     def run(self, *arguments: str) -> str:
         """Run a command as on a terminal of 80 columns, and return what it prints."""
         as_terminal = {"COLUMNS": "80", "FORCE_COLOR": "1", "TTY_INTERACTIVE": "0", "TERM": "xterm-256color"}
@@ -150,13 +156,20 @@ def main(
     suffix: str = "",
     frames: int = 8,
     width: int = 1280,
+    real: Path | None = None,
 ) -> Iterator[str]:
-    """Make the pictures, whose names get a suffix; what is pictured is kept in the folder `work`."""
+    """Make the pictures, whose names get a suffix; what is pictured is kept in the folder `work`.
+
+    With --real, a folder of KITTI object, only those of its drive are made.
+    """
     output.mkdir(parents=True, exist_ok=True)
     work.mkdir(parents=True, exist_ok=True)
     with browser() as chrome:
         pictures = Pictures(output, work, program, suffix, chrome)
-        pictures.make(frames, width)
+        if real is None:
+            pictures.make(frames, width)
+        else:
+            pictures.make_real(real)
     yield from pictures.made
 
 
