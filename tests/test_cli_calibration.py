@@ -150,10 +150,10 @@ def test_a_polish_that_held_out_data_reject_is_undone(drive: Path, tmp_path: Pat
     assert not rejected.polish.accepted
     assert rejected.status == "not_trusted"
     assert any(
-        reason.startswith("the polish was rejected, held-out data agree less after it by ")
+        reason.startswith("the polish was rejected; held-out data agree less after it, by ")
         for reason in rejected.reasons
     )
-    assert re.search(r"polished +\d+\.\d\d s   not better, so the pose before it is kept$", err, re.M)
+    assert re.search(r"polished +\d+\.\d\d s   not better, so the previous pose is kept$", err, re.M)
     assert f"{len(rejected.reasons)} doubts speak against the pose" in err
     assert told(err.splitlines(), "doubt") == [*rejected.reasons]
     plain, _ = refine(drive, tmp_path / "out.yaml", cli, "--no-polish")

@@ -108,7 +108,7 @@ def test_features_that_say_nothing(drive: Drive, tmp_path: Path) -> None:
 
 def test_the_exact_histogram_is_refused(drive: Drive, observations: Observations, street_truth: Pose) -> None:
     data = LoadedDrive(drive, observations, ("features",))
-    with pytest.raises(InputError, match="--estimator exact: features are vectors, which have no histogram"):
+    with pytest.raises(InputError, match="--estimator exact: found features, which have no histogram"):
         refine(data, street_truth, RefinementConfig())
 
 

@@ -78,7 +78,7 @@ def test_a_pose_that_still_moves_has_not_settled(
     refinement = refine_pose(street_observations, BAD_START @ street_truth, optimizer, PyramidConfig())
     assert not refinement.converged
     (finding,) = refinement.findings
-    assert finding.sentence.startswith("the refinement had not settled, the pose still moved points by ")
+    assert finding.sentence.startswith("the refinement had not settled; the pose still moved points by ")
 
 
 def test_disjoint_ids_carry_the_same_information(

@@ -1,1 +1,1 @@
-"""The initial calibration, without a start guess (Alg. 2)."""
+"""The initial calibration, without an initial guess (Alg. 2)."""

@@ -1,4 +1,4 @@
-"""A transform that is known beforehand, as a start guess or for verification."""
+"""A transform that is known beforehand, as an initial guess or for verification."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class InitialPose:
     name: str
     """Name in messages."""
     source: Path | None = None
-    """File of the transform; None if it was typed."""
+    """File of the transform; None if it was given on the command line."""
     direction: str | None = None
-    """Direction of the matrix in the file, where the user had to state it."""
+    """Direction of the matrix in the file, if the user had to state it."""
     record: Calibration | None = None
     """The calibration that semcal wrote with the transform, if there is one."""
 

@@ -17,25 +17,25 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_motion
 
 MIN_DEPTH = 0.2
-"""Smallest z of a unit ray, at 78 degrees from the optical axis; beyond, pinhole coordinates grow without bound."""
+"""Minimum z of a unit ray, at 78 degrees from the optical axis; beyond, pinhole coordinates grow without bound."""
 
 VIRTUAL_MIN_DEPTH = math.cos(math.radians(50.0))
-"""Smallest z of a unit ray in a virtual pinhole camera of 100 degrees, in which the pairs of a wide lens are seen."""
+"""Minimum z of a unit ray in a virtual pinhole camera of 100 degrees, which sees the pairs of a wide lens."""
 
 NUM_DIRECTIONS = 64
 """Number of rays along which a virtual camera may look."""
 
 MAX_VIEWS = 4
-"""Largest number of virtual cameras. Several are tried because wrong pairs may cluster in one direction."""
+"""Maximum number of virtual cameras. Several are tried because wrong pairs may cluster in one direction."""
 
 MAX_STEPS = 20
-"""Largest number of steps of the joint refinement; it takes about five from a good start."""
+"""Maximum number of steps of the joint refinement; it takes about five from a good start."""
 
 LEAST_RANGE = 1e-6
-"""Smallest range of a point, in metres, because a point at the camera's centre has no direction."""
+"""Minimum range of a point, in metres, because a point at the camera centre has no direction."""
 
 SETTLED = 1e-10
-"""Largest component of the last step, metres and radians."""
+"""Maximum component of the last step, metres and radians."""
 
 Rays: TypeAlias = npt.NDArray[np.float64]
 """Unit vectors (N, 3) in the camera frame."""
@@ -49,9 +49,9 @@ def solve_pnp(
 ) -> tuple[Pose, int]:
     """Find the pose that maps LiDAR points onto their pixels, with SQPnP in RANSAC and then Levenberg-Marquardt.
 
-    Pixels are first converted to rays, so one solver in normalised coordinates serves every camera model. These
-    coordinates end at 90 degrees, so the pairs of a wide lens are seen through virtual pinhole cameras, and the pose is
-    then refined over all pairs by angles.
+    Pixels are first converted to rays, so that one solver in normalised coordinates serves every camera model. These
+    coordinates end at 90 degrees. The pairs of a wide lens are therefore seen through virtual pinhole cameras, and the
+    pose is then refined over all pairs by angles.
 
     Args:
         points_lidar: (N, 3) float64, metres, LiDAR frame.
@@ -63,7 +63,8 @@ def solve_pnp(
         T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres, and the number of inliers.
 
     Raises:
-        CalibrationError: fewer pairs or inliers than `config.min_inliers`, or points that determine no pose.
+        CalibrationError: there are fewer pairs or inliers than `config.min_inliers`, or the points do not determine a
+            pose.
     """
     lens = core_camera(camera)
     rays = lens.unproject(pixels)
@@ -75,7 +76,7 @@ def solve_pnp(
 
 
 def _solve_wide(points_lidar: npt.NDArray[np.float64], rays: Rays, config: PnpConfig) -> tuple[Pose, int]:
-    """Solve PnP in virtual pinhole cameras, refine each pose over all pairs, and take that with the most inliers."""
+    """Solve PnP in virtual pinhole cameras, refine each pose over all pairs, and take the one with the most inliers."""
     found: list[tuple[Pose, int]] = []
     failure = f"PnP: found {len(rays)} pairs, needed {config.min_inliers}"
     for R_virtual_camera in _views(rays, config):
@@ -132,7 +133,7 @@ def _solve_pinhole(
 
 
 def _views(rays: Rays, config: PnpConfig) -> Iterator[npt.NDArray[np.float64]]:
-    """Give R_virtual_camera (3, 3) of cameras, each towards the most rays that no previous camera has seen."""
+    """Yield R_virtual_camera (3, 3) of cameras, each looking at the most rays that no previous camera has seen."""
     directions = rays[:: -(-len(rays) // NUM_DIRECTIONS) or 1]
     seen = rays @ directions.T > VIRTUAL_MIN_DEPTH
     for _ in range(MAX_VIEWS):
@@ -156,7 +157,7 @@ def _looking_along(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 def _refine_angles(
     points_lidar: npt.NDArray[np.float64], rays: Rays, T_start: Pose, config: PnpConfig
 ) -> tuple[Pose, int]:
-    """Refine a pose by Gauss-Newton on the chords between rays and directions of their points, over the inliers."""
+    """Refine a pose over the inliers by Gauss-Newton on the chords between rays and the directions of their points."""
     max_chord = 2.0 * math.sin(0.5 * math.radians(config.max_error_deg))
     T_camera_lidar = T_start
     for _ in range(MAX_STEPS):
@@ -168,7 +169,7 @@ def _refine_angles(
         if kept.sum() < config.min_inliers:
             raise CalibrationError(f"PnP: found {kept.sum()} inliers, needed {config.min_inliers}")
         slopes = _direction_slopes(directions[kept], ranges[kept]).reshape(-1, 6)
-        # The pseudo-inverse of the normal equations leaves the pose alone along directions that are not determined.
+        # The pseudo-inverse of the normal equations does not change the pose along undetermined directions.
         twist, *_ = np.linalg.lstsq(slopes.T @ slopes, slopes.T @ chords[kept].ravel(), rcond=None)
         T_camera_lidar = apply_motion(T_camera_lidar, cv2.Rodrigues(twist[3:])[0], twist[:3])
         if np.abs(twist).max() < SETTLED:

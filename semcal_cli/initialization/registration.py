@@ -1,4 +1,4 @@
-"""Alg. 2 as the paper has it: register label images with spherical images, take correspondences, and solve PnP."""
+"""Alg. 2 as in the paper: register label images with spherical images, sample correspondences, and solve PnP."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from semcal_cli.initialization.pnp import solve_pnp
 from semcal_cli.threads import thread_pool
 
 MAX_SHARE_OUTSIDE = 0.2
-"""Largest share of the points outside the field of view of the `lidar:` block."""
+"""Maximum fraction of the points outside the field of view of the `lidar:` block."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A hypothesis before it is scored."""
+    """A hypothesis that is not yet scored."""
 
     T_camera_lidar: Pose
     num_pairs: int | None = None
-    """Number of pairs of the registration; None without one."""
+    """Number of pairs of the registration; None without a registration."""
     num_inliers: int | None = None
     """Number of inliers of PnP; None without PnP."""
 
@@ -36,11 +36,11 @@ class Registration:
     images: _core.SphericalImages
     """Spherical label images of all frames (Alg. 2, line 1)."""
     placements: list[_core.Hypothesis]
-    """Placements that are well apart, by their mutual information, best first."""
+    """Placements that are well apart, sorted by mutual information, best first."""
     center: Vector
-    """(3,) point in the LiDAR frame from which directions are taken, metres."""
+    """(3,) point in the LiDAR frame from which directions are measured, metres."""
     observations: Observations
-    """Observations with the center at zero."""
+    """Observations with this point as the origin."""
 
 
 def place(
@@ -71,14 +71,14 @@ def register(
         config: Settings of the search.
         seed: Seed of the choice of correspondences.
         around: T_camera_lidar (4, 4) and an angle in radians. Only rotations within the angle are searched, and the
-            spherical images are taken from the camera's centre.
+            spherical images are centred at the camera.
 
     Returns:
-        Candidates by the mutual information of their placement, best first.
+        Candidates, sorted by the mutual information of their placement, best first.
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
-        InputError: the points do not lie in the field of view of the drive's `lidar:` block.
+        InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
     placed = place(observations, config, around)
     samples = _core.sample_correspondences(
@@ -100,12 +100,12 @@ def register(
         T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ placed.center
         return Candidate(T_camera_lidar, placement.num_pairs, num_inliers)
 
-    # OpenCV solves one after the other on one core.
+    # OpenCV solves each problem on one core.
     with thread_pool() as pool:
         solved = list(pool.map(solve, placed.placements, samples))
     found = [each for each in solved if isinstance(each, Candidate)]
     if not found:
-        failure = solved[-1] if solved else "no placement of the picture"
+        failure = solved[-1] if solved else "no placement of the image"
         raise CalibrationError(f"no initial calibration: {failure}")
     return found
 
@@ -124,7 +124,7 @@ def _grid(observations: Observations) -> _core.Grid:
         low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
         share, most = told_apart(outside, MAX_SHARE_OUTSIDE, unit="%")
         raise InputError(
-            f"lidar.fov_down_deg, lidar.fov_up_deg: found {share} of the points outside of them, needed at most "
-            f"{most}; the points lie from {low:.1f} to {high:.1f} degrees"
+            f"lidar.fov_down_deg, lidar.fov_up_deg: found {share} of the points outside, needed at most "
+            f"{most}; the points are from {low:.1f} to {high:.1f} degrees"
         )
     return grid

@@ -1,4 +1,4 @@
-"""Search for the initial pose over all mounting directions (Alg. 2)."""
+"""Search for the initial pose over all mountings (Alg. 2)."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from semcal_cli.result.sections import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 
 MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
-"""Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
+"""Standard errors of mutual information by which other mountings must be behind a trusted answer."""
 
 GIVEN = "started at the given transform"
-"""What is said of a pose that was not searched for."""
+"""Note on a pose that was not searched for."""
 
 NO_OTHER = NOTHING_TO_COMPARE.finding("no other mounting was left to compare with, needed one that is worse")
 
 FAR_RUNNER_UPS = 2.0
-"""Times `runner_up_deg` by which one other mounting is away while poses ascend, so that one is left to compare with.
-Through a 35-degree lens, levels turn poses by up to 9 degrees."""
+"""Distance in multiples of `runner_up_deg` at which another mounting is kept while poses ascend, so that one remains to
+compare with. With a 35-degree lens, levels turn poses by up to 9 degrees."""
 
 FARTHEST_M = 1.0
-"""Largest distance from a given pose of one that ground and objects lead to. Two classes hardly tell distances: with a
-35-degree lens, they led to a pose 2 m away."""
+"""Maximum distance from a given pose to one that ground and objects lead to. Two classes hardly constrain distances:
+with a 35-degree lens, they led to a pose 2 m away."""
 
 MIN_POINTS_OF_MOST = 0.02
-"""Smallest number of points of a hypothesis, as a share of the largest of any hypothesis. Others are dropped."""
+"""Minimum number of points of a hypothesis, relative to the hypothesis with the most points. Others are dropped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class Initialization(StageResult):
     """Result of the initial calibration. Its pose is that of the first hypothesis."""
 
     hypotheses: tuple[Hypothesis, ...]
-    """Possible poses of the camera, best first."""
+    """Hypotheses, best first."""
     runner_up_margin: float | None
     """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
 
@@ -57,25 +57,25 @@ def search_mountings(
     T_given: Pose | None = None,
     is_possible: Callable[[Pose], bool] = lambda T_camera_lidar: True,
 ) -> Initialization:
-    """Search all mounting directions, or those around a given one (Alg. 2).
+    """Search all mountings, or those around a given pose (Alg. 2).
 
     The label images are registered with the spherical images, and PnP is solved for each of the best placements. The
     registration finds rotations and almost no translation, so the poses then ascend the mutual information over SE(3)
-    on coarse label images. At last the exact mutual information in full resolution ranks them, so that a wrong peak of
-    the coarse images does not win.
+    on coarse label images. Finally, the exact mutual information at full resolution ranks them, so that a false maximum
+    of the coarse images does not win.
 
     Args:
         observations: Labelled points and label images.
         config: Settings of the search.
         seed: Seed of every random choice.
         T_given: (4, 4) T_camera_lidar to start from. The search covers rotations within `config.search_deg` of it, and
-            the spherical images are taken from its camera centre. Without `config.search_deg` nothing is searched and
-            only this pose ascends.
+            the spherical images are centred at its camera. Without `config.search_deg` nothing is searched, and only
+            this pose ascends.
         is_possible: Whether priors allow a pose. Hypotheses that they exclude are left out, unless they exclude all.
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
-        InputError: the points do not lie in the field of view of the drive's `lidar:` block.
+        InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
     observations = few_frames(observations, config.max_frames)
     is_searched = T_given is None or config.search_deg is not None
@@ -104,13 +104,13 @@ def search_mountings(
 def _candidates(
     observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None
 ) -> list[Candidate]:
-    """Find poses to rank: by a registration, or by an ascent from a given pose that is not searched around."""
+    """Find poses to rank: by a registration, or by an ascent from a given pose without a search around it."""
     if T_given is not None and config.search_deg is None:
         return _align_given(observations, Candidate(T_given), config, seed)
     counts = np.sum(
         [np.bincount(each.classes, minlength=NO_CLASS + 1) for each in observations.clouds], axis=0
     )
-    # Points that all carry the same leave no placement of the picture better than another.
+    # With points of one class, no placement of the image is better than another.
     if len(found := np.flatnonzero(counts[:NO_CLASS]).tolist()) < 2:
         of_what = " and ".join(observations.point_class_names[index] for index in found) or "no class"
         raise CalibrationError(f"no initial calibration: found points of {of_what} only, needed two classes")
@@ -119,7 +119,7 @@ def _candidates(
 
 
 def _note(count: int, margin: float | None) -> str:
-    """Tell how many mountings were compared, and whether the best one is clear."""
+    """Say how many mountings were compared, and whether the best one is clear."""
     if margin is None:
         return "mounting found, no other one to compare with"
     if margin >= MIN_RUNNER_UP_MARGIN:
@@ -128,7 +128,7 @@ def _note(count: int, margin: float | None) -> str:
 
 
 def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
-    """Take a given pose (4, 4) as it is, for cues that are searched from several starts around it."""
+    """Take a given pose (4, 4) unchanged, for cues whose refinement starts from several poses around it."""
     agreement = _core.agreement(observations.core, T_given)
     return Initialization(
         T_camera_lidar=T_given,
@@ -141,7 +141,7 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
-    """Find the best hypothesis that is rotated by at least `least_deg` from the first; None without one."""
+    """Find the best hypothesis that is rotated by at least `least_deg` from the first; None if there is none."""
     return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
 
 
@@ -151,7 +151,7 @@ def is_rival(best: Hypothesis, other: Hypothesis, least_deg: float) -> bool:
 
 
 def seen_from(hypotheses: Iterable[Hypothesis], T_best: Pose) -> tuple[Hypothesis, ...]:
-    """Tell how far hypotheses are rotated from another best pose (4, 4)."""
+    """Measure the rotations of hypotheses from another best pose (4, 4)."""
     return tuple(
         each.model_copy(update={"rotation_from_best_deg": rotation_error_deg(each.pose, T_best)})
         for each in hypotheses
@@ -159,7 +159,7 @@ def seen_from(hypotheses: Iterable[Hypothesis], T_best: Pose) -> tuple[Hypothesi
 
 
 def led_by(found: Initialization, first: Hypothesis, observations: Observations) -> Initialization:
-    """Put one of the hypotheses first, for which something else than the search decided."""
+    """Put one of the hypotheses first that was chosen by something other than the search."""
     if first is found.hypotheses[0]:
         return found
     ordered = (first, *(other for other in found.hypotheses if other is not first))
@@ -193,7 +193,7 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
 def _rank(
     observations: Observations, candidates: Sequence[Candidate], min_overlap: float
 ) -> list[tuple[Candidate, _core.Agreement]]:
-    """Rank candidates by the exact mutual information in full resolution, less its bias."""
+    """Rank candidates by the exact mutual information at full resolution, less its bias."""
     scored = [(each, _core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
     covering = [(each, agreement) for each, agreement in scored if agreement.overlap >= min_overlap]
     return sorted(covering or scored, key=lambda pair: pair[1].bias - pair[1].mutual_information)
@@ -216,7 +216,7 @@ def describe(candidate: Candidate, agreement: _core.Agreement, T_best: Pose) -> 
 def _align_given(
     observations: Observations, given: Candidate, config: InitializationConfig, seed: int
 ) -> list[Candidate]:
-    """Ascend from a given pose with the levels for a far start and with those for a near one, and keep the pose itself.
+    """Ascend from a given pose with the levels for a far start and those for a near one, and keep the pose itself.
 
     The exact mutual information ranks the three later. If the two ascents end apart, at least one has not found the
     optimum, and the directions around the pose are searched as well.
@@ -241,8 +241,8 @@ def _align(
 ) -> list[Candidate]:
     """Ascend over SE(3), level by level, and keep the best candidates after each level.
 
-    The first level is fine, because coarse blocks would lose the truth if sweep and image overlap in a narrow band. The
-    coarse level after it moves poses out of local optima.
+    The first level is fine, because coarse blocks would lose the right pose if sweep and image overlap in a narrow
+    band. The coarse level after it moves poses out of local maxima.
     """
     levels = config.alignment
     width, height = observations.camera.width, observations.camera.height
@@ -271,7 +271,7 @@ def _align(
 def _best_apart(ranked: Sequence[Candidate], num_kept: int, config: InitializationConfig) -> list[Candidate]:
     """Drop candidates at the same pose as a better one, and keep the best ones and always a runner-up.
 
-    One near the best may end at the same pose after the next levels, so one farther away is kept as well.
+    A runner-up near the best may end at the same pose after the next levels, so one farther away is kept as well.
     """
     apart: list[Candidate] = []
     for candidate in ranked:

@@ -22,18 +22,21 @@ def make_estimator(
     on_event: Listener = ignore,
     others: Sequence[Pose] = (),
 ) -> tuple[LevelOptimizer, dict[str, object]]:
-    """Make the estimator, and tell its settings; torch is loaded only where it is needed.
+    """Make the estimator, and return it with its settings; torch is loaded only where it is needed.
 
-    With several starts, `others` are poses (4, 4) that stay candidates beside the one to start from.
+    With several starts, `others` are poses (4, 4) that remain candidates besides the pose to start from.
 
     Raises:
-        InputError: the exact mutual information of features is asked for, a network for segments, or torch or a device
-            that is not there.
+        InputError: features need MINE, segments need the exact estimator, torch is missing, or the device is.
     """
     if observations.has_vectors and config.estimator == "exact":
-        raise InputError("--estimator exact: features are vectors, which have no histogram, needed mine")
+        raise InputError(
+            "--estimator exact: found features, which have no histogram, needed --estimator mine"
+        )
     if observations.has_segments and config.estimator == "mine":
-        raise InputError("--estimator mine: segments differ from frame to frame, needed exact")
+        raise InputError(
+            "--estimator mine: found segments, which differ from frame to frame, needed --estimator exact"
+        )
     if config.estimator == "exact":
         exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
         if observations.starts is None:

@@ -1,6 +1,6 @@
-"""The points of a level, of which each step takes a mini-batch, and what the pixels under them carry (Alg. 1).
+"""The points of a level, from which each step draws a mini-batch, and the labels or features under them (Alg. 1).
 
-Both are sampled differentiably in the pose: labels by the Rust core, feature vectors by torch.
+Sampling is differentiable in the pose: the Rust core samples labels, torch samples feature vectors.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from semcal_cli.refinement.network import SeparableNetwork, StatisticsNetwork
 from semcal_cli.refinement.torch_geometry import Projection
 
 Vectors: TypeAlias = npt.NDArray[np.float16]
-"""Features, the channels last."""
+"""Features, with the channels last."""
 
 
 class _Shares(torch.autograd.Function):
@@ -30,7 +30,7 @@ class _Shares(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, T_camera_lidar: Tensor, batch: _core.MiniBatch) -> Tensor:
-        """Give (R, num_y) float64; `T_camera_lidar` is the batch's, (4, 4) float64 on the CPU."""
+        """Return (R, num_y) float64; `T_camera_lidar` is the batch's, (4, 4) float64 on the CPU."""
         ctx.batch = batch
         return torch.from_numpy(batch.shares)
 
@@ -49,11 +49,11 @@ def sample(
 
     Args:
         points: The points of a level.
-        indices: (N,) int64, which of them.
+        indices: (N,) int64 into the points.
         T_camera_lidar: (4, 4) float64, on the CPU.
 
     Returns:
-        The mini-batch, and its shares (R, num_y) float64 of each class, adding up to one, differentiable in
+        The mini-batch, and its shares (R, num_y) float64 of each class, which add up to one and are differentiable in
         `T_camera_lidar`. Points on blocks of one class share a row.
     """
     batch = points.sample(indices.numpy(), T_camera_lidar.detach().numpy())
@@ -62,9 +62,9 @@ def sample(
 
 
 class LabelledPoints:
-    """The labelled points of a level, compared by a network with the class shares of the blocks that they land on.
+    """The labelled points of a level, which a network compares with the class shares of the blocks under them.
 
-    Labels stay in the Rust core as ids and compact shares.
+    The labels remain in the Rust core, as ids and compact shares.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class LabelledPoints:
         Args:
             points: The points that land on labelled pixels at the anchor pose.
             network: The statistics F(x, y) of a point's class and the shares under it.
-            device: Where the network computes.
+            device: Device that runs the network.
         """
         self.network, self.points, self.device = network, points, device
         self.num_points = len(points.classes)
@@ -98,25 +98,25 @@ class LabelledPoints:
             E_p(x,y)[F] and E_p(x)p(y)[exp F], float32 scalars on the network's device.
 
         Raises:
-            CalibrationError: none of the chosen points is on a labelled pixel any more.
+            CalibrationError: none of the chosen points is still on a labelled pixel.
         """
         batch, shares = sample(self.points, chosen, T_camera_lidar)
-        # A row for each vector of shares, and in it the weights of the classes of the points that land there. A point
-        # that is on no labelled pixel any more counts for nothing.
+        # Each row holds, for a vector of shares, the weights of the classes of the points that land there. A point that
+        # has left the labelled pixels has no weight.
         y, weights = shares.float().to(self.device), torch.from_numpy(batch.weights).float().to(self.device)
         if not weights.sum() > 0.0:
             raise CalibrationError("no overlap: the refinement left no labelled point on a labelled pixel")
         weights = weights / weights.sum()
         statistics = self.network(y)
-        # All classes stand for the marginal of x, weighed by how often they are seen.
+        # The marginal of x is a sum over all classes, weighted by their frequency.
         independent = weights.sum(1) @ (statistics.exp() @ weights.sum(0))
         return (weights * statistics).sum(), independent
 
 
 class FeaturePoints:
-    """The points of a level, whose vectors a network compares with those of the blocks of pixels that they land on.
+    """The points of a level, whose vectors a network compares with those of the blocks of pixels under them.
 
-    Vectors of blocks are means of those of their pixels, bilinear between the centres of blocks.
+    The vector of a block is the mean of its pixels' vectors; it is interpolated bilinearly between block centres.
     """
 
     def __init__(
@@ -129,13 +129,13 @@ class FeaturePoints:
         anchor: Pose,
         visible_only: bool,
     ) -> None:
-        """Choose the points that land in the picture at a pose, and average the pictures' vectors over blocks.
+        """Choose the points that land in the image at a pose, and average the images' vectors over blocks.
 
         Args:
-            observations: Points and pictures of all frames, with vectors on both sides.
+            observations: Points and images of all frames, with vectors on both sides.
             network: The statistics F(x, y) of a point's vector and the vector under it.
-            device: Where the network computes.
-            factor: Side of a block in pixels; at least that of the blocks which the vectors are given for.
+            device: Device that runs the network.
+            factor: Side of a block in pixels, at least that of the blocks of the given vectors.
             anchor: (4, 4) T_camera_lidar at which points are chosen.
             visible_only: Whether points that the camera cannot see are dropped.
         """
@@ -179,10 +179,10 @@ class FeaturePoints:
             pixels: (N, 2) float64, (u, v); an integer pixel is a pixel centre.
 
         Returns:
-            (N, C) float32, differentiable in `pixels`. Beyond the border it is what the border has.
+            (N, C) float32, differentiable in `pixels`. Beyond the border, the nearest border vector.
         """
-        # `grid_sample` needs places and all vectors in float32: twice the memory, no faster, and over six seeds of a
-        # drive of 20 frames 0.047 instead of 0.032 degrees, which may be chance.
+        # `grid_sample` needs positions and all vectors in float32: twice the memory, no faster, and 0.047 instead of
+        # 0.032 degrees over six seeds of a drive of 20 frames, which may be chance.
         place = (pixels + 0.5) / self.block_px - 0.5
         last = place.new_tensor([self.columns - 1, self.rows - 1])
         place = torch.minimum(place.clamp(min=0.0), last)
@@ -205,7 +205,7 @@ def feature_vectors(observations: Observations) -> list[tuple[Vectors, Vectors]]
 
 
 def block_means(vectors: Vectors, factor: int) -> Vectors:
-    """Average vectors (H, W, C) over whole blocks of `factor` x `factor`; a map smaller than a block stays as it is.
+    """Average vectors (H, W, C) over whole blocks of `factor` x `factor`; a map smaller than a block is unchanged.
 
     Returns:
         (H // factor, W // factor, C) float16; sums are taken in float32.

@@ -1,6 +1,6 @@
-"""MINE: a network's lower bound on mutual information, ascended together with the pose (Alg. 1).
+"""MINE: a network's lower bound on mutual information, maximised over the network and the pose together (Alg. 1).
 
-The steps of Alg. 1 stand beside the code that takes them. The bound is in `semcal_cli.refinement.network` (eq. 5), the
+The code names the steps of Alg. 1 where it takes them. The bound is in `semcal_cli.refinement.network` (eq. 5), the
 matrix exponential in `semcal_cli.refinement.torch_geometry` (eq. 3).
 """
 
@@ -24,16 +24,16 @@ from semcal_cli.refinement.pyramid import Level
 from semcal_cli.refinement.torch_geometry import exp_se3
 
 TORCH_THREADS = 1
-"""Fixed, because sums over threads round differently: results must not depend on the machine's cores. One, because
-on mini-batches of this size a second thread gains little, and waits ten times over where other work shares the cores.
+"""Fixed, because sums over threads round differently and results must not depend on the number of cores. One, because
+a second thread gains little on mini-batches of this size, and makes them ten times slower where the cores are busy.
 """
 
 
 class MineEstimator:
-    """Ascends the Donsker-Varadhan bound: theta and the twist v of the pose, each at its own learning rate.
+    """Maximises the Donsker-Varadhan bound over theta and the twist v of the pose, each with its own learning rate.
 
-    A step draws one mini-batch from all frames, so its cost does not depend on their number. Observations with features
-    are compared by these, others by their labels. Theta is kept from level to level.
+    A step draws one mini-batch from all frames, so its cost does not depend on their number. Observations are compared
+    by their features if they have some, and otherwise by their labels. Theta is kept from level to level.
     """
 
     def __init__(
@@ -42,10 +42,10 @@ class MineEstimator:
         """Set up the network, its optimiser and random numbers.
 
         Args:
-            observations: Points and pictures of all frames.
+            observations: Points and images of all frames.
             config: Network, learning rates, scheduler and mini-batches.
             seed: Seed of the network's weights and of the mini-batches.
-            device: Where the network computes: `cpu` or `cuda`.
+            device: Device that runs the network: `cpu` or `cuda`.
 
         Raises:
             InputError: the device is `cuda` and there is none.
@@ -63,10 +63,10 @@ class MineEstimator:
         """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes.
 
         Raises:
-            CalibrationError: no labelled point of a mini-batch is on a labelled pixel any more.
+            CalibrationError: no labelled point of a mini-batch is still on a labelled pixel.
         """
         with _fixed_threads():
-            # Points of features, too, move as the core says: their labels are the codes of the features.
+            # The core also computes how points with features move: their labels are the codes of the features.
             anchored = _core.AnchoredPoints(
                 self.observations.core,
                 T_start,
@@ -110,7 +110,7 @@ class MineEstimator:
         of one another. The pose is `exp(preconditioner @ v) @ anchor` (eq. 3).
         """
         config = self.config
-        # Alg. 1: initialise the twist. Each level's v starts at zero, from the pose of the one before.
+        # Alg. 1: initialise the twist. Each level's v starts at zero, from the pose of the previous level.
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
         pose = Adam([v], config.learning_rate_pose, betas=(0.9, 0.99))
         bounds, path = [], []
@@ -118,7 +118,7 @@ class MineEstimator:
             pose.rate = config.learning_rate_pose * rate
             # Alg. 1: draw a mini-batch, sample the labels that its points land on, and estimate the bound.
             chosen = torch.randint(len(points), (config.batch_size,), generator=self.generator)
-            # While theta warms up the pose stays, and needs no gradient.
+            # While theta warms up, the pose is fixed and needs no gradient.
             with torch.set_grad_enabled(rate > 0.0):
                 T_camera_lidar = exp_se3(preconditioner @ v) @ anchor
             expectations = points.expectations(chosen, T_camera_lidar)
@@ -135,7 +135,7 @@ class MineEstimator:
         self.num_warm_up = config.warm_up_steps // 3
         quarter = max(len(path) // 4, 1)
         before, last = torch.stack(path[-2 * quarter :]).view(2, quarter, 6).mean(1)
-        # Products of matrix exponentials are rigid but for rounding.
+        # Products of matrix exponentials are rigid up to rounding.
         T_end = nearest_rigid((exp_se3(preconditioner @ path[-1]) @ anchor).numpy())
         T_end[3] = 0.0, 0.0, 0.0, 1.0
         return Level(
@@ -159,7 +159,7 @@ def check_device(device: str) -> None:
 
 @contextmanager
 def _fixed_threads() -> Iterator[None]:
-    """Let torch compute on `TORCH_THREADS` threads for a while."""
+    """Let torch compute on `TORCH_THREADS` threads inside the `with` statement."""
     before = torch.get_num_threads()
     torch.set_num_threads(TORCH_THREADS)
     try:

@@ -1,7 +1,7 @@
-"""The objective as a torch module, to be embedded: mutual information as a function of the pose and of all else.
+"""The objective as a torch module for your own code: mutual information, differentiable in the pose and all inputs.
 
-Nothing here is used by the calibration itself, whose sampling and gradients are in Rust. It is the same objective in
-plain torch: differentiable in the pose, in label shares and features of points and pixels, and in the weights of a
+The calibration itself does not use it, because its sampling and gradients are in Rust. This is the same objective in
+plain torch: differentiable in the pose, in the label shares and features of points and pixels, and in the weights of a
 statistics network, so that networks that make labels or features can be trained through it.
 """
 
@@ -27,12 +27,12 @@ from semcal_cli.refinement.torch_geometry import Projection
 
 
 class MutualInformation(torch.nn.Module):
-    """I(X; Y), in nats, of what points carry and of what the pixels carry that they land on.
+    """I(X; Y), in nats, between the labels or features of points and those of the pixels under them.
 
     Without a statistics network, X and Y are shares of classes, and the result is the plug-in mutual information of the
-    joint histogram: for one-hot labels, the exact one of the labels; for soft ones, that of ids drawn from the shares,
-    a lower bound. With a network `F(x, y)` they may be any vectors, and the result is the Donsker-Varadhan bound
-    (eq. 5), with y shuffled for the marginals. It is to be maximised over the network's weights, too.
+    joint histogram. For one-hot labels it is exact; for soft labels it is that of ids drawn from the shares, a lower
+    bound. With a network `F(x, y)`, X and Y may be any vectors, and the result is the Donsker-Varadhan bound (eq. 5),
+    with y shuffled for the marginals; maximise it over the network's weights as well.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class MutualInformation(torch.nn.Module):
         statistics: torch.nn.Module | None = None,
         seed: int = 0,
     ) -> None:
-        """Take the points and the pictures of all frames.
+        """Take the points and the images of all frames.
 
         Args:
             camera: The camera of all frames.
@@ -60,7 +60,7 @@ class MutualInformation(torch.nn.Module):
         self.num_frames = len(points)
         for frame, tensors in enumerate(zip(points, x, y, strict=True)):
             for name, tensor in zip(("points", "x", "y"), tensors, strict=True):
-                # Buffers, so that they follow the module to another device; they are data, not its state.
+                # Buffers follow the module to another device. They are data, and not saved with its state.
                 self.register_buffer(f"{name}_{frame}", tensor, persistent=False)
         self.statistics = statistics
         self._generator = torch.Generator().manual_seed(seed)
@@ -68,7 +68,7 @@ class MutualInformation(torch.nn.Module):
 
     @classmethod
     def from_observations(cls, observations: Observations) -> MutualInformation:
-        """Make the objective of the labelled points and the label images of observations, one-hot."""
+        """Make the objective from the labelled points and label images of observations, one-hot."""
         num_x, num_y = len(observations.point_class_names), len(observations.image_class_names)
         points, x = [], []
         for cloud in observations.clouds:
@@ -95,10 +95,10 @@ class MutualInformation(torch.nn.Module):
         ]
 
     def anchor(self, T_camera_lidar: Tensor) -> int:
-        """Choose the points that lie in the picture at a pose. They count until the next call.
+        """Choose the points that are in the image at a pose. They count until the next call.
 
-        A point that leaves the picture keeps counting, with what the nearest border pixel carries: so pushing points
-        out raises nothing.
+        A point that leaves the image keeps counting, with the value of the nearest border pixel, so that pushing points
+        out of the image does not raise the objective.
 
         Args:
             T_camera_lidar: (4, 4) float64.
@@ -111,20 +111,20 @@ class MutualInformation(torch.nn.Module):
         return int(sum(inside.sum() for inside in self._anchored))
 
     def forward(self, T_camera_lidar: Tensor) -> Tensor:
-        """Estimate the mutual information at a pose, where points are chosen if none have been.
+        """Estimate the mutual information at a pose; if no points have been chosen, they are chosen there.
 
         Args:
             T_camera_lidar: (4, 4) float64.
 
         Returns:
-            A scalar in nats, differentiable in the pose, in x and y and in the network's weights.
+            A scalar in nats, differentiable in the pose, in x and y, and in the network's weights.
 
         Raises:
-            CalibrationError: no point has been chosen, or none of them is on a labelled pixel.
+            CalibrationError: no point is in an image, or none is on a labelled pixel.
         """
         x, y = self.pairs(T_camera_lidar)
         if len(y) == 0:
-            raise CalibrationError("no overlap: no point lands on the pictures")
+            raise CalibrationError("no overlap: no point lands on an image")
         return _plug_in(x, y) if self.statistics is None else self._donsker_varadhan(self.statistics, x, y)
 
     def _donsker_varadhan(self, statistics: torch.nn.Module, x: Tensor, y: Tensor) -> Tensor:
@@ -136,13 +136,13 @@ class MutualInformation(torch.nn.Module):
         return bound
 
     def pairs(self, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
-        """Pair the chosen points with the pixels under them at a pose, where points are chosen if none have been.
+        """Pair the chosen points with the pixels under them; if no points have been chosen, they are chosen here.
 
         Args:
             T_camera_lidar: (4, 4) float64.
 
         Returns:
-            What the points carry (N, C_x), and what the pixels carry (N, C_y), bilinear between pixel centres.
+            x of the points (N, C_x), and y of the pixels (N, C_y), bilinear between pixel centres.
         """
         if not self._anchored:
             self.anchor(T_camera_lidar)
@@ -173,7 +173,7 @@ class MutualInformation(torch.nn.Module):
 
 def _plug_in(x: Tensor, y: Tensor) -> Tensor:
     """Mutual information of the joint histogram of shares (N, C_x) and (N, C_y)."""
-    # Pixels without a class leave a share of less than one; pairs add up to their labelled share.
+    # The shares of a pixel without a class are zeros, so that a pair weighs as much as its labelled part.
     joint = x.T @ y
     if not joint.sum() > 0.0:
         raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")

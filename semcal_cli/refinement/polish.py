@@ -1,7 +1,7 @@
-"""The polish: Newton's method on the mutual information of all points in full resolution, if held-out data agree.
+"""The polish: Newton's method on the mutual information of all points at full resolution, if held-out data agree.
 
-A pose is first polished on a part of the data. The rest tells whether it got better or worse there, by the difference
-of pointwise mutual information, paired over parts of the images. An accepted polish is then repeated on all data.
+A pose is first polished on a part of the data. The rest shows whether it got better or worse, by the difference of
+pointwise mutual information, paired over parts of the images. An accepted polish is then repeated on all data.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from semcal_cli.result.sections import HeldOut
 from semcal_cli.result.stage import Finding, StageResult
 
 HELD_OUT = 3
-"""One of this many frames, or regions of the pictures, is held out."""
+"""One of this many frames, or regions of the images, is held out."""
 LEAST_SIGMA = 1e-12
-"""Smallest standard error that a loss is divided by, nats."""
+"""Minimum standard error that a loss is divided by, nats."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Polish(StageResult):
-    """Result of the polish. Its pose is the one before if the polish was rejected."""
+    """Result of the polish. If the polish was rejected, its pose is the previous one."""
 
     held_out: HeldOut
     """Test of the polish on data that it did not use."""
@@ -54,14 +54,14 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     Args:
         observations: Labelled points and label images of all frames.
         T_camera_lidar: (4, 4) to start at.
-        config: How Newton's method goes, and when its result is rejected.
+        config: Settings of Newton's method, and when its result is rejected.
     """
     kept, held_out = split(observations, config)
     polished = newton(kept, T_camera_lidar, config)
     found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
     gain, sigma = found.gain, found.sigma
     max_loss = config.max_loss if observations.starts is None else config.max_loss_of_tops
-    # Without a standard error, nothing speaks for it.
+    # Without a standard error, there is no evidence for the polish.
     is_accepted = math.isfinite(sigma) and gain >= -max_loss * sigma
     T_polished = T_camera_lidar
     if is_accepted:
@@ -74,7 +74,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     )
     moved_px = polished.moved_px
     is_settled = moved_px <= config.settled_px
-    note = "not better, so the pose before it is kept"
+    note = "not better, so the previous pose is kept"
     if is_accepted:
         note = "kept" if is_settled else "kept, still moving at the end"
     return Polish(
@@ -93,10 +93,10 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
 def _held_out_gain(
     kept: Observations, held_out: Observations, T_before: Pose, T_after: Pose, config: PolishConfig
 ) -> _core.HeldOutGain:
-    """Compute what held-out data gain by a polish of the others.
+    """Compute how much held-out data gain from a polish on the other data.
 
-    Classes are judged by the table of the others. Segments, which differ from frame to frame, have their own at each
-    pose: only the pose is held out.
+    Classes are compared by the table of the other data. Segments, which differ from frame to frame, have their own
+    table at each pose, so that only the pose is held out.
     """
     if held_out.has_segments:
         (gain,) = _core.information_gains(held_out.core, T_before, [T_after], config.edge_band_px)
@@ -105,15 +105,15 @@ def _held_out_gain(
 
 
 def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishConfig) -> tuple[Finding, ...]:
-    """List what speaks against a polish: held-out data, or that it has not come to its end."""
+    """List the findings against a polish: held-out data disagree, or it has not settled."""
     if not check.accepted and check.held_out_sigma_nats is None:
-        found = "the polish was rejected, too few pixels were held out to test it"
+        found = "the polish was rejected; too few pixels were held out to test it"
         return (POLISH_NOT_TESTED.finding(found),)
     if not check.accepted:
         by = -check.held_out_gain_nats / max(check.held_out_sigma_nats or 0.0, LEAST_SIGMA)
         less, most = told_apart(by, max_loss, 1)
         found = (
-            f"the polish was rejected, held-out data agree less after it by {less} standard errors, needed at most "
+            f"the polish was rejected; held-out data agree less after it, by {less} standard errors, needed at most "
             f"{most}"
         )
         return (POLISH_REJECTED.finding(found),)
@@ -123,12 +123,12 @@ def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishCo
         found = "the polish found no direction in which the pose changes the agreement"
         return (NO_DIRECTION.finding(found),)
     moved, most = told_apart(moved_px, config.settled_px, 2)
-    found = f"the polish had not settled, its last round still moved points by {moved} pixels, needed at most {most}"
+    found = f"the polish had not settled; its last round still moved points by {moved} pixels, needed at most {most}"
     return (POLISH_NOT_SETTLED.finding(found),)
 
 
 def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:
-    """Divide observations into those to work with and those held out: frames, or regions of the pictures."""
+    """Divide observations into those to work with and those held out: frames, or regions of the images."""
     if observations.num_frames >= config.min_frames:
         is_held_out = np.arange(observations.num_frames) % HELD_OUT == HELD_OUT - 1
         kept, held_out = np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
@@ -136,7 +136,7 @@ def split(observations: Observations, config: PolishConfig) -> tuple[Observation
     height, width = observations.images[0].classes.shape
     side = max(width / config.regions_across, 1.0)
     row, column = ((np.arange(size) // side).astype(np.int64) for size in (height, width))
-    # Diagonal stripes, so that each part has pieces of every row and column.
+    # Diagonal stripes give each part pieces of every row and column.
     region = np.add.outer(row, column) % HELD_OUT == HELD_OUT - 1
     return _masked(observations, region), _masked(observations, ~region)
 
@@ -147,13 +147,13 @@ def newton(
     config: PolishConfig,
     inverse_curvature: npt.NDArray[np.float64] | None = None,
 ) -> _core.Polished:
-    """Find the top from a pose that is about a pixel off by Newton's method, without held-out data.
+    """Find the maximum by Newton's method from a pose that is about a pixel off, without held-out data.
 
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) to start at.
         config: Settings of the polish.
-        inverse_curvature: (6, 6) of a run near by, which saves time.
+        inverse_curvature: (6, 6) of a run nearby, which saves time.
     """
     return _core.polish(observations.core, T_camera_lidar, config, inverse_curvature)
 

@@ -1,16 +1,16 @@
-"""The label pyramid: a pose is optimised level by level, coarse to fine, each from the pose of the one before (Alg. 1).
+"""The label pyramid: a pose is optimised level by level, coarse to fine, each from the previous level's pose (Alg. 1).
 
-What is maximised at a level is the estimator's: the exact mutual information of labels, in Rust, or the
-Donsker-Varadhan bound of a statistics network (`semcal_cli.refinement.mine`). `refine_exactly` is the way in for what
-is assessed: other focal lengths and clocks, parts of a drive, single frames.
+The estimator defines the objective of a level: the exact mutual information of labels, in Rust, or the Donsker-Varadhan
+bound of a statistics network (`semcal_cli.refinement.mine`). `refine_exactly` is the entry for assessments: other focal
+lengths and time offsets, parts of a drive, single frames.
 
-Every level has the same number of steps, whose lengths fall to a twentieth: on mini-batches, when to stop earlier would
-be told by noise. Whether the pose has settled by then is measured.
+Every level has the same number of steps, whose lengths decrease to a twentieth, because on mini-batches noise would
+decide when to stop earlier. Whether the pose has settled by then is measured.
 
-Overlap: the points of a level are those that lie inside the picture at the level's start, with the weights that they
-have there, and while the lens still projects them they keep counting when they leave it, with the class at the nearest
-border. So within a level, pushing points out of the picture cannot raise the objective. (A penalty on the share of
-points that are left, or a class for "outside", would move the optimum.)
+Overlap: the points of a level are those inside the image at its start, with the weights that they have there. A point
+that leaves the image keeps counting, with the class at the nearest border, as long as the lens projects it. Within a
+level, pushing points out of the image therefore cannot raise the objective. (A penalty on the fraction of remaining
+points, or a class for "outside", would move the optimum.)
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from semcal_cli.result.checks import REFINEMENT_NOT_SETTLED
 from semcal_cli.result.stage import StageResult
 
 SEGMENT_SHARE = 2
-"""Segments are compared by this part of the points, since only those near the picture are looked at."""
+"""Divisor of the number of points for segments, because only points near the image are used."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Level:
     drift: float
     """Blocks between the mean poses of the last two quarters of the level's steps."""
     num_points: int
-    """Number of points that were chosen at the level's start."""
+    """Number of points chosen at the level's start."""
     bound_nats: float | None = None
     """The Donsker-Varadhan bound at the level's end, where a network estimates it."""
 
@@ -53,21 +53,21 @@ class LevelOptimizer(Protocol):
     """An estimator of mutual information that optimises the pose at one level of the pyramid."""
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
-        """Take the pose up the gradient of the estimate.
+        """Maximise the estimate over the pose by gradient ascent.
 
         Args:
             factor: Side of the level's blocks in pixels.
-            T_start: (4, 4) float64, T_camera_lidar at which the level's points are chosen, and at which it starts.
+            T_start: (4, 4) float64, T_camera_lidar at which the level starts and its points are chosen.
             visible_only: Whether points that the camera cannot see are dropped.
 
         Returns:
-            Where the level ended. With too few points to tell anything, that is where it started.
+            The end of the level. With too few points, it ends at `T_start`.
         """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Refinement(StageResult):
-    """The refined pose and the way to it. It finds against itself if the pose has not settled."""
+    """The refined pose and its levels, with a finding if the pose has not settled."""
 
     levels: tuple[Level, ...]
     converged: bool
@@ -88,8 +88,8 @@ def refine_pose(
         T_init: (4, 4) float64, T_camera_lidar at which the coarsest level starts.
         optimizer: The estimator of mutual information.
         config: The pyramid.
-        on_level: A callback that gets each level when it ends, and the number of levels.
-        clamp: A map from poses to the nearest allowed ones, applied before and after each level.
+        on_level: A callback that receives each level when it ends, and the number of levels.
+        clamp: A map from poses to the nearest allowed poses, applied before and after each level.
 
     Returns:
         The pose after the finest level, with all levels, and a finding if it has not settled.
@@ -118,7 +118,7 @@ def refine_pose(
     converged = drift <= most
     moved_px, most_px = told_apart(drift, most, 1)
     found = (
-        f"the refinement had not settled, the pose still moved points by {moved_px} pixels over the last quarters of "
+        f"the refinement had not settled; the pose still moved points by {moved_px} pixels over the last quarters of "
         f"the finest level, needed at most {most_px}"
     )
     return Refinement(
@@ -142,14 +142,14 @@ def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:
 
 
 class ExactEstimator:
-    """Ascends the exact mutual information of discrete labels, level by level.
+    """Maximises the exact mutual information of discrete labels, level by level.
 
-    For discrete labels the Donsker-Varadhan bound is reached by a table of pointwise mutual information, so that there
-    is no statistics network to learn.
+    For discrete labels, a table of pointwise mutual information attains the Donsker-Varadhan bound, so that no
+    statistics network is needed.
     """
 
     def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
-        """Keep what the levels have in common.
+        """Set up what all levels share.
 
         Args:
             observations: Labelled points and label images of all frames.
@@ -173,7 +173,7 @@ class ExactEstimator:
 
 
 def exact_config(observations: Observations, config: ExactConfig) -> ExactConfig:
-    """Adapt settings to the cue: a segment has few points of a mini-batch, so that each step takes all points."""
+    """Adapt settings to the cue: a mini-batch has too few points of a segment, so each step takes all points."""
     if not observations.has_segments:
         return config
     num_points = config.max_points // SEGMENT_SHARE
@@ -183,7 +183,7 @@ def exact_config(observations: Observations, config: ExactConfig) -> ExactConfig
 def refine_exactly(
     observations: Observations, T_init: Pose, exact: ExactConfig, pyramid: PyramidConfig
 ) -> Refinement | None:
-    """Refine a pose (4, 4); None if the lens does not reach the points, or no point is left in the image."""
+    """Refine a pose (4, 4) by the exact estimator; None if the refinement fails, for instance without overlap."""
     try:
         return refine_pose(observations, T_init, ExactEstimator(observations, exact, seed=0), pyramid)
     except SemcalError:

@@ -1,4 +1,4 @@
-"""An ascent from several starts near the given one, for information that has many tops near the right one."""
+"""An ascent from several starts around the given pose, for objectives with many maxima near the right one."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Level, exact_config, pyramid_factors
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
-"""Ends of ascents that are nearer to a better one than this have met it, and do not go on."""
+"""An end within this distance of a better one has found the same maximum, and is dropped."""
 JOINING = 4
-"""Side of the blocks, pixels, from which on the given poses join at each level: coarser ones may lead away."""
+"""Side of the blocks, pixels, from which the given poses join at each level; coarser blocks may lead away."""
 TIED_SIGMAS = 2.0
-"""Standard errors by which a farther top must be better than a nearer one. With one frame, tops differ by chance."""
+"""Standard errors by which a farther maximum must be better than a nearer one. With one frame, maxima differ by
+chance."""
 NUM_FINISHED = 3
-"""Number of the best ends that are finished by Newton's method."""
+"""Number of the best ends that are polished."""
 NEAR_A_TOP = 0.5
-"""A pose is finished if it has this share of the best end's information: others are on no slope to a top that is as
-high."""
+"""A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
+of a comparable maximum."""
 
 
 class SeveralStarts:
-    """Ascends the exact mutual information from several poses, and takes the best at each level.
+    """Maximises the exact mutual information from several poses, and takes the best at each level.
 
-    Those that are given, and within reach of the first, stay candidates: they join again from blocks of `JOINING`
-    pixels on. At the finest level the best ones are finished by Newton's method, so that none of the given poses,
-    finished alike, is better than the result.
+    The given poses that are near the first remain candidates: they join again from blocks of `JOINING` pixels on. At
+    the finest level the best poses and the given ones are polished, so that no given pose is better than the result.
     """
 
     def __init__(
@@ -45,20 +45,20 @@ class SeveralStarts:
         starts: StartsConfig,
         others: Sequence[Pose] = (),
     ) -> None:
-        """Keep what the levels have in common.
+        """Set up what all levels share.
 
         Args:
             observations: Points and pixels of all frames.
             config: Steps, mini-batches and limits.
             seed: Seed of the mini-batches and of the starts.
             starts: How many starts there are, and where.
-            others: (4, 4) poses beside the start that stay candidates.
+            others: (4, 4) poses that remain candidates besides the start.
         """
         self.config = exact_config(observations, config)
         self.observations, self.seed, self.starts = observations, seed, starts
         self.given: list[Pose] = list(others)
         self.poses: list[Pose] = []
-        """Poses from which the next level is ascended, best first; none before the first level."""
+        """Starts of the next level, best first; none before the first level."""
         self._num_levels = 0
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
@@ -77,7 +77,7 @@ class SeveralStarts:
             if starts.first_frames is not None and observations.num_cues == 1:
                 observations = few_frames(observations, starts.first_frames)
         else:
-            self.poses[0] = T_start  # The best one, moved to where priors allow it.
+            self.poses[0] = T_start  # The best pose, moved to where priors allow it.
         self.poses = self.poses[: starts.num_starts[min(self._num_levels, len(starts.num_starts) - 1)]]
         if factor <= JOINING:
             self.poses += self.given
@@ -86,7 +86,7 @@ class SeveralStarts:
             ends = self._align(observations, self.poses, factor, visible_only=visible_only)
             found = [end for end in ends if self._is_near(end.T_camera_lidar)]
             if not found:
-                # The level has no top within reach; finer ones may have.
+                # The level has no maximum within reach; finer levels may have one.
                 return Level(factor, T_start, 0.0, ends[0].num_points)
             self.poses = [end.T_camera_lidar for end in _tops(found)]
             if len(self.poses) < 2:
@@ -97,7 +97,7 @@ class SeveralStarts:
         return Level(factor, found[0].T_camera_lidar, drift, found[0].num_points)
 
     def coarse_top(self, T_start: Pose) -> Pose:
-        """Ascend from several starts around a pose (4, 4) on coarse blocks alone, which is fast."""
+        """Ascend from several starts around a pose (4, 4) on coarse blocks only, which is fast."""
         for factor in pyramid_factors(self.observations.camera, pyramid_of(self.starts)):
             if factor >= JOINING:
                 T_start = self.ascend(factor, T_start, visible_only=False).T_camera_lidar
@@ -112,7 +112,7 @@ class SeveralStarts:
         visible_only: bool,
         steps: int = -1,
     ) -> list[_core.Aligned]:
-        """Ascend from poses (4, 4), and sort the ends, the best first; without steps they are only compared."""
+        """Ascend from poses (4, 4) and sort the ends, best first; with zero steps the poses are only compared."""
         config = self.config
         if factor > 1 and self.starts.coarse is not None:
             config = replace(self.starts.coarse, max_baseline_m=config.max_baseline_m)
@@ -124,10 +124,10 @@ class SeveralStarts:
         return sorted(ends, key=lambda end: -end.mutual_information)
 
     def _finished(self, *, visible_only: bool) -> list[_core.Aligned]:
-        """Finish the best ends, and given poses near a top, by Newton's method, and take one in full resolution.
+        """Polish the best ends and the given poses near a maximum, and sort the result, the chosen pose first.
 
-        It is the nearest one to the start of those that are as good as the best, as far as their scatter tells, and no
-        worse than any of the given poses.
+        The chosen pose is the nearest to the start among those that are not significantly worse than the best, and no
+        worse than any given pose.
         """
         polish = PolishConfig(
             max_baseline_m=self.config.max_baseline_m, edge_band_px=self.config.edge_band_px
@@ -163,7 +163,7 @@ class SeveralStarts:
         return sorted([best, *as_good], key=lambda top: self._distance(top.T_camera_lidar))
 
     def _distance(self, T_camera_lidar: Pose) -> float:
-        """Distance from the start, in those of the farthest starts."""
+        """Distance from the start, relative to the farthest starts."""
         away, starts = compare_poses(T_camera_lidar, self.given[0]), self.starts
         return max(
             away.rotation_deg / starts.spread_deg[1], 0.01 * away.camera_center_cm / starts.spread_m[1]
@@ -174,12 +174,12 @@ class SeveralStarts:
 
 
 def pyramid_of(starts: StartsConfig) -> PyramidConfig:
-    """The pyramid that several starts ascend."""
+    """The pyramid of the several starts."""
     return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
 
 
 def _tops(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:
-    """Keep the ends that are not at a better one, best first."""
+    """Drop the ends that are at the same maximum as a better one, best first."""
     kept: list[_core.Aligned] = []
     for end in ends:
         if not any(_is_at(end.T_camera_lidar, better.T_camera_lidar) for better in kept):

@@ -1,6 +1,6 @@
 """Rigid motions (eq. 3) and camera models for torch: differentiable, and equal to those of the Rust core.
 
-The core describes the camera models.
+The core documents the camera models.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from semcal_cli.drive.camera import Camera, CameraModel, core_camera
 TINY = 1e-24
 """Keeps the gradient of a radius finite on the optical axis."""
 POLE = 1e-6
-"""Nearer than this to straight up or down, in radians, every column of an equirectangular picture is the same point."""
+"""Angle from straight up or down, in radians, within which all columns of an equirectangular image are one point."""
 
 
 def exp_se3(twist: Tensor) -> Tensor:
     """Map a twist to a rigid motion, differentiably (eq. 3).
 
     Args:
-        twist: (6,) floats (rho, phi): translation in metres first, then rotation in radians.
+        twist: (6,) floats (rho, phi): translation in metres, then rotation in radians.
 
     Returns:
         (4, 4) of the twist's dtype, the matrix exponential of `sum_i twist_i B_i` with the generators `B_i` of SE(3).
@@ -37,7 +37,7 @@ def generators(like: Tensor) -> Tensor:
     """Make the six generators of SE(3): three translations, then rotations about x, y and z.
 
     Args:
-        like: A tensor of the dtype and on the device that the result has.
+        like: A tensor with the dtype and device of the result.
 
     Returns:
         (6, 4, 4).
@@ -51,7 +51,7 @@ def generators(like: Tensor) -> Tensor:
 
 
 class Projection(torch.nn.Module):
-    """The projection of points of the camera frame to pixels (u, v); an integer pixel is a pixel centre."""
+    """The projection of points in the camera frame to pixels (u, v); an integer pixel is a pixel centre."""
 
     coefficients: Tensor
     focal: Tensor
@@ -73,8 +73,8 @@ class Projection(torch.nn.Module):
             points_camera: (N, 3) float64, metres, camera frame.
 
         Returns:
-            Pixels (N, 2) float64, and (N,) bool, whether the model holds there. Beyond the incidence angle to which it
-            holds, a point has the pixel of the last one in its direction. A pixel may lie outside the picture.
+            Pixels (N, 2) float64, and (N,) bool, whether the model is valid there. A point beyond the maximum incidence
+            angle of the model gets the pixel at that angle. A pixel may be outside the image.
         """
         points, holds = _within(points_camera, self.limit)
         distorted = self._lens(points, self.coefficients)
@@ -84,7 +84,7 @@ class Projection(torch.nn.Module):
 
 
 def _coefficients(camera: Camera) -> list[float]:
-    """List distortion and parameters in the order in which the lens takes them, zeros for what is absent."""
+    """List distortion and parameters in the order of the lens function, with zeros for what is absent."""
     distortion = list(camera.distortion)
     match camera.model:
         case "plumb_bob" | "rational_polynomial":
@@ -104,7 +104,7 @@ def _coefficients(camera: Camera) -> list[float]:
 
 
 def _within(points: Tensor, limit: float) -> tuple[Tensor, Tensor]:
-    """Put points beyond an incidence angle on it, and tell which were within."""
+    """Move points beyond an incidence angle onto it, and return which were within."""
     radius = _norm(points[:, :2])
     holds = torch.atan2(radius, points[:, 2]) <= limit
     unit = points[:, :2] / radius[:, None]
@@ -131,7 +131,7 @@ def _distort(xy: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _thin_prism(points: Tensor, coefficients: Tensor) -> Tensor:
-    """OpenCV's rational polynomial with its thin prism and its tilted sensor."""
+    """OpenCV's rational polynomial with thin prism and tilted sensor."""
     xy = points[:, :2] / points[:, 2:]
     r2 = (xy * xy).sum(-1, keepdim=True)
     s1, s2, s3, s4 = coefficients[8:12]
@@ -162,7 +162,7 @@ def _fisheye(points: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _fov(points: Tensor, coefficients: Tensor) -> Tensor:
-    """Devernay and Faugeras's model: straight lines become arcs of one field of view."""
+    """Devernay and Faugeras's FOV model: r_d = atan(2 r tan(w / 2)) / w."""
     w = coefficients[0]
     radius = _norm(points[:, :2])
     distorted = torch.atan2(2 * torch.tan(w / 2) * radius, points[:, 2]) / w
@@ -184,7 +184,7 @@ def _double_sphere(points: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _equirectangular(points: Tensor, coefficients: Tensor) -> Tensor:
-    """Azimuth, in the turn that begins at the picture's left border, and elevation, positive downwards."""
+    """Azimuth, in the turn that begins at the image's left border, and elevation, positive downwards."""
     (left,) = coefficients
     x, y, z = points.unbind(1)
     level = _norm(points[:, [0, 2]])
@@ -208,4 +208,4 @@ LENSES: dict[CameraModel, Lens] = {
     "fov": _fov,
     "double_sphere": _double_sphere,
 }
-"""From points (N, 3) within the limit, camera frame, and coefficients to distorted coordinates (N, 2)."""
+"""Maps from points (N, 3) within the limit, camera frame, and coefficients to distorted coordinates (N, 2)."""
