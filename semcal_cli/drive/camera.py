@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Literal, NamedTuple, TypeAlias
 
+import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from semcal_cli import _core
@@ -130,6 +131,11 @@ class Camera(StrictModel):
     `image_stamp` is when the first line is read. It is compensated where the drive gives a motion."""
     direction: ReadoutDirection = "down"
     """Way in which a rolling shutter reads the lines; down begins with the uppermost row."""
+
+    @field_validator("K", "distortion", mode="before")
+    @classmethod
+    def _from_array(cls, numbers: object) -> object:
+        return numbers.tolist() if isinstance(numbers, np.ndarray) else numbers
 
     @property
     def size(self) -> tuple[int, int]:

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from typing_extensions import Unpack
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.drive.arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, MisplacedError, mismatch
 from semcal_cli.files.documents import read_document
@@ -201,6 +203,31 @@ class Drive(StrictModel):
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
     _max_points: int = PrivateAttr(default=MAX_POINTS)
+    _arrays: HeldArrays | None = PrivateAttr(default=None)
+
+    @classmethod
+    def from_arrays(cls, **arrays: Unpack[ArrayInput]) -> Drive:
+        """Make a drive of arrays in place of files. Nothing is copied here, and nothing is written.
+
+        The names of the arrays, such as `points[3]`, stand where a drive names files: in messages and in results.
+
+        Args:
+            arrays: The arrays and the keys of a drive.yaml: see `ArrayInput`.
+
+        Raises:
+            InputError: an argument is missing or wrong; the message names it, what was found and what was needed.
+        """
+        document, held = document_of(arrays)
+        path = Path(arrays.get("name", "arrays"))
+        drive = validate(cls, document, path)
+        if (
+            drive.motion is not None
+            and drive.motion.poses is not None
+            and drive.motion.poses not in held.by_name
+        ):
+            raise InputError(f"{path}: motion.poses: found {drive.motion.poses!r}, needed 'poses', the array")
+        drive._path, drive._arrays = path, held
+        return drive
 
     @field_validator("palette")
     @classmethod
@@ -223,6 +250,11 @@ class Drive(StrictModel):
         """Points of the largest sweep that is read."""
         return self._max_points
 
+    @property
+    def arrays(self) -> HeldArrays | None:
+        """The arrays that stand in place of files; None of a drive that was read from files."""
+        return self._arrays
+
     def files(self) -> Iterator[str]:
         """List the names of all files of the drive."""
         for frame in self.frames:
@@ -234,8 +266,8 @@ class Drive(StrictModel):
         """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""
         return self.root / relative
 
-    def file_of(self, frame: Frame, key: str, needed: str) -> Path:
-        """Locate a file that a frame needs to have.
+    def name_of(self, frame: Frame, key: str, needed: str) -> str:
+        """Give the name of a file, or of an array, that a frame needs to have.
 
         Raises:
             InputError: the frame has none; `needed` says what was needed.
@@ -243,7 +275,11 @@ class Drive(StrictModel):
         name: str | None = getattr(frame, key)
         if name is None:
             raise InputError(f"{self.path}: {frame.key(key)}: found nothing, needed {needed}")
-        return self.resolve(name)
+        return name
+
+    def file_of(self, frame: Frame, key: str, needed: str) -> Path:
+        """Locate a file that a frame needs to have; without one an `InputError` is raised as by `name_of`."""
+        return self.resolve(self.name_of(frame, key, needed))
 
 
 def first_stamp(drive: Drive) -> float | None:

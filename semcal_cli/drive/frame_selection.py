@@ -8,10 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import colors, image_label_paths
+from semcal_cli.drive.reading import read_thumbnails
 
 Item = TypeVar("Item")
 
@@ -45,10 +44,7 @@ def select_frames(drive: Drive, max_frames: int) -> Drive:
     """
     if len(drive.frames) <= max_frames:
         return drive
-    camera = drive.camera
-    thumbnails = _core.read_label_thumbnails(
-        image_label_paths(drive), camera.width, camera.height, *THUMBNAIL, colors(drive)
-    )
+    thumbnails = read_thumbnails(drive, *THUMBNAIL)
     chosen = farthest_points(thumbnails.reshape(len(thumbnails), -1), max_frames, num_different)
     return drive.model_copy(update={"frames": tuple(drive.frames[i] for i in chosen)})
 

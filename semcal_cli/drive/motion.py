@@ -6,7 +6,7 @@ The time is that of the middle line; a rolling shutter (`unrolled`) and a late c
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import InputError
+from semcal_cli.files.arrays import Array, Cloud
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion
 
@@ -28,6 +29,7 @@ MIN_SWEEP_S = 0.005
 """Shortest time of a sweep; times that span less have another unit, for no LiDAR turns that fast."""
 MAX_POSES = 1_000_000
 """Most poses of a file. Their reading takes some ten seconds."""
+A_POSE = "needed seconds x y z qx qy qz qw"
 LEAST_DIFFERENCE = 1e-3
 """Difference of two velocities that counts, m/s or rad/s: 50 ms of it are a twentieth of a millimetre."""
 MEAN_SHARE = 0.25
@@ -50,7 +52,7 @@ class Compensated(NamedTuple):
     """Whether the points have no times, so that the sweep was moved as a whole from `points_stamp` to the moment."""
 
 
-def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compensated]:
+def compensated(drive: Drive, clouds: Sequence[Cloud]) -> list[Compensated]:
     """Compensate the motion of the LiDAR in the sweep of each frame (see `rust/motion.rs`).
 
     Points stay where they are if the drive gives no motion with a direction. A cloud without times was compensated
@@ -87,7 +89,7 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compen
     return moved
 
 
-def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float | None:
+def motion_error_px(drive: Drive, clouds: Sequence[Cloud]) -> float | None:
     """Estimate the median displacement of the points, in pixels, by a motion that is not compensated.
 
     Without stamps that match the times of the points, the image is taken at the middle of the sweep. The rotation of
@@ -116,7 +118,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
     return float(np.median(np.concatenate(shifts_px))) * core_camera(drive.camera).pixels_per_radian
 
 
-def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
+def _times(drive: Drive, motion: Motion, frame: Frame, cloud: Cloud) -> npt.NDArray[np.float64]:
     """Give the time of each point (N,), in seconds on the clock of the stamps."""
     path = drive.resolve(frame.points)
     if frame.points_stamp is None:
@@ -150,49 +152,65 @@ def _moment(drive: Drive, frame: Frame) -> float:
 
 
 def read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
-    """Read a file of the LiDAR's poses in the TUM format.
+    """Read the LiDAR's poses from a file in the TUM format, or from the array of that name.
 
     Raises:
         InputError: it cannot be read, or is not what it should be.
     """
     path = drive.resolve(name)
-    stamps, poses = read_poses(path)
+    rows = None if drive.arrays is None else _rows_of_array(name, drive.arrays.by_name[name])
+    stamps, poses = read_poses(path, rows)
     try:
         return _core.Trajectory.through(stamps, poses)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def read_poses(path: Path) -> tuple[list[float], list[Pose]]:
+def read_poses(
+    path: Path, rows: Iterator[tuple[str, list[float]]] | None = None
+) -> tuple[list[float], list[Pose]]:
     """Read times in seconds, and poses (4, 4), from a file in the TUM format.
+
+    Args:
+        path: The file.
+        rows: Numbers of each pose, with what messages call it; None reads them from the file.
 
     Raises:
         InputError: it cannot be read, or is not what it should be.
     """
     stamps, poses = list[float](), list[Pose]()
-    numbered = enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1)
-    lines = [(number, line) for number, line in numbered if line.strip() and line.lstrip()[0] != "#"]
-    if len(lines) > MAX_POSES:
-        raise InputError(f"{path}: found {len(lines):,} poses, needed at most {MAX_POSES:,}")
-    needed = "needed seconds x y z qx qy qz qw"
-    for number, line in lines:
-        words = line.replace(",", " ").split()
-        try:
-            values = [float(word) for word in words]
-        except ValueError:
-            found = "found something that is no number"
-            raise InputError(f"{path}: line {number}: {found}, {needed}") from None
+    for where, values in _rows_of_text(path) if rows is None else rows:
         if len(values) != 8 or not all(map(math.isfinite, values)):
             found = (
                 "found a number that is not finite" if len(values) == 8 else f"found {len(values)} numbers"
             )
-            raise InputError(f"{path}: line {number}: {found}, {needed}")
+            raise InputError(f"{where}: {found}, {A_POSE}")
         try:
             poses.append(pose_from_quaternion(values[4:], values[1:4]))
         except ValueError as error:
-            raise InputError(f"{path}: line {number}: {error}") from None
+            raise InputError(f"{where}: {error}") from None
         stamps.append(values[0])
     return stamps, poses
+
+
+def _rows_of_array(name: str, poses: Array) -> Iterator[tuple[str, list[float]]]:
+    """Give the numbers of each pose of an array (M, 8), with what messages call it."""
+    return ((f"{name}[{index}]", row) for index, row in enumerate(poses.astype(np.float64).tolist()))
+
+
+def _rows_of_text(path: Path) -> Iterator[tuple[str, list[float]]]:
+    """Give the numbers of each line of a file, with what messages call it."""
+    numbered = enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1)
+    lines = [(number, line) for number, line in numbered if line.strip() and line.lstrip()[0] != "#"]
+    if len(lines) > MAX_POSES:
+        raise InputError(f"{path}: found {len(lines):,} poses, needed at most {MAX_POSES:,}")
+    for number, line in lines:
+        where, words = f"{path}: line {number}", line.replace(",", " ").split()
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            raise InputError(f"{where}: found something that is no number, {A_POSE}") from None
+        yield where, values
 
 
 def can_be_unrolled(observations: Observations) -> bool:

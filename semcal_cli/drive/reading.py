@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.drive.arrays import HeldArrays
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import Compensated, compensated, motion_error_px
 from semcal_cli.drive.observations import (
@@ -21,14 +22,15 @@ from semcal_cli.drive.observations import (
     Observations,
 )
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.files.arrays import MAX_ID, Cloud, Labels, cloud_of, image_of, labels_of
 from semcal_cli.files.images import read_image
 from semcal_cli.files.point_clouds import Sweeps
 
 NUM_IDS = 65536
 MAX_CLASSES = NO_CLASS
-Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
-"""Raw ids of pixels or points, or their probabilities, as read."""
 Side: TypeAlias = Literal["points", "image"]
+CLASS_IDS = "a file of class ids"
+"""What is missing where a frame has no label image."""
 
 
 @dataclass(frozen=True)
@@ -104,19 +106,20 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
     return make_observations(drive, clouds, moved, labelled, images, (point_table.names, image_names))
 
 
-def check_labelled(drive: Drive, clouds: Sequence[_core.PointCloud]) -> None:
+def check_labelled(drive: Drive, clouds: Sequence[Cloud]) -> None:
     """Check that all frames have labels of pixels and of points.
 
     Raises:
         InputError: a frame has none; the message names it.
     """
-    image_label_paths(drive)
+    for frame in drive.frames:
+        drive.name_of(frame, "image_labels", CLASS_IDS)
     _point_labels(drive, clouds)
 
 
 def make_observations(
     drive: Drive,
-    clouds: Sequence[_core.PointCloud],
+    clouds: Sequence[Cloud],
     moved: Sequence[Compensated],
     labelled: Sequence[LabelledCloud],
     images: Sequence[LabelledImage],
@@ -195,12 +198,44 @@ def read_label_images(drive: Drive) -> list[Labels]:
     Raises:
         InputError: a file is missing or is not what its name or the drive says.
     """
+    if drive.arrays is not None:
+        return [_labels_of_array(drive, frame) for frame in drive.frames]
     paths, camera = image_label_paths(drive), drive.camera
     soft = [path for path in paths if path.suffix.lower() == ".npz"] if drive.palette is None else []
     hard = [path for path in paths if path not in soft]
     shares: Iterator[Labels] = iter(_core.read_class_shares(soft, (camera.height, camera.width)))
     ids: Iterator[Labels] = iter(_core.read_label_images(hard, camera.width, camera.height, colors(drive)))
     return [next(shares if path in soft else ids) for path in paths]
+
+
+def _labels_of_array(drive: Drive, frame: Frame, place: Any = ...) -> Labels:
+    """Take the labels of a frame's pixels from an array, all or those at some place."""
+    assert drive.arrays is not None
+    name = drive.name_of(frame, "image_labels", CLASS_IDS)
+    return labels_of(name, drive.arrays.by_name[name][place], num_sides=2)
+
+
+def read_thumbnails(drive: Drive, columns: int, rows: int) -> npt.NDArray[np.uint16]:
+    """Read ids (F, rows, columns) of evenly spread pixels of all label images; probabilities give the likeliest ids.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says.
+    """
+    width, height = drive.camera.size
+    if drive.arrays is None:
+        return _core.read_label_thumbnails(
+            image_label_paths(drive), width, height, columns, rows, colors(drive)
+        )
+    place = np.ix_(
+        *((2 * np.arange(n) + 1) * size // (2 * n) for n, size in ((rows, height), (columns, width)))
+    )
+    found = []
+    for labels in (_labels_of_array(drive, frame, place) for frame in drive.frames):
+        if isinstance(labels, _core.ClassShares):
+            classes = labels.classes
+            labels = np.where(classes == NO_CLASS, MAX_ID, classes).astype(np.uint16)
+        found.append(labels.reshape(rows, columns))
+    return np.array(found)
 
 
 def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None:
@@ -214,7 +249,10 @@ def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None
 
 def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
     """Read the image of a frame as `read_frame_image` does; a frame without one is an `InputError`, too."""
-    return read_image(drive.file_of(frame, "image", "a picture"), drive.camera.size)
+    name = drive.name_of(frame, "image", "a picture")
+    if drive.arrays is not None:
+        return image_of(drive.arrays.by_name[name])
+    return read_image(drive.resolve(name), drive.camera.size)
 
 
 def mend(observations: Observations) -> Observations:
@@ -233,19 +271,31 @@ def mend(observations: Observations) -> Observations:
     return replace(observations.with_images(images), speckle=num_mended / num_pixels)
 
 
-def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[_core.PointCloud]:
+def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[Cloud]:
     """Read the sweeps of all frames, in parallel, with labels where there are any.
 
     Raises:
         InputError: a file is missing or is not what its name says.
     """
+    sweeps, arrays = Sweeps() if sweeps is None else sweeps, drive.arrays
+    if arrays is not None:
+        keys = [((arrays, frame.points), frame.point_labels) for frame in drive.frames]
+        return sweeps.taken(
+            keys, drive.frames, lambda frames: [_cloud_of_arrays(arrays, each) for each in frames]
+        )
     labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
     points = [drive.resolve(frame.points) for frame in drive.frames]
-    files = list(zip(points, labels, strict=True))
-    return (Sweeps() if sweeps is None else sweeps).read(files, drive.max_points)
+    return sweeps.read(list(zip(points, labels, strict=True)), drive.max_points)
 
 
-def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labels]:
+def _cloud_of_arrays(arrays: HeldArrays, frame: Frame) -> Cloud:
+    held, labels = arrays.by_name, frame.point_labels
+    times = next(iter(arrays.times_of(frame.points).values()), None)
+    of_labels = None if labels is None else (labels, held[labels])
+    return cloud_of(frame.points, held[frame.points], times, of_labels)
+
+
+def _point_labels(drive: Drive, clouds: Sequence[Cloud]) -> list[Labels]:
     labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
     found = [each for each in labels if each is not None]
     if len(found) < len(clouds):
@@ -263,7 +313,7 @@ def image_label_paths(drive: Drive) -> list[Path]:
     Raises:
         InputError: a frame has none.
     """
-    return [drive.file_of(frame, "image_labels", "a file of class ids") for frame in drive.frames]
+    return [drive.file_of(frame, "image_labels", CLASS_IDS) for frame in drive.frames]
 
 
 def count_labels(drive: Drive, side: Side, labels: Labels) -> tuple[dict[str, int], int]:

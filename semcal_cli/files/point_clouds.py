@@ -5,16 +5,17 @@ from __future__ import annotations
 import io
 import os
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, TypeAlias, TypeVar
 
 import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import InputError, check_installed
+from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.reading import check_size, open_file, size_of
 
 if TYPE_CHECKING:
@@ -38,6 +39,10 @@ LASZIP = struct.Struct("<12xI16xH")
 """LASzip's record: points in a chunk, and items in a point."""
 MIN_CHUNK_POINTS = 100
 """Minimum number of points in a chunk; with smaller chunks, the table is larger than the data."""
+
+Key: TypeAlias = tuple[Hashable, Hashable]
+"""What a sweep is kept under: its points and its labels."""
+Source = TypeVar("Source")
 
 FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label"}
 """Fields of a LAS file that are used in addition to the coordinates, with their names in a cloud."""
@@ -74,18 +79,22 @@ class Sweeps:
     """Reads each sweep with its labels once, and keeps it for all cameras and cues."""
 
     def __init__(self) -> None:
-        self._clouds: dict[tuple[str, str | None], _core.PointCloud] = {}
+        self._clouds: dict[Key, Cloud] = {}
 
-    def read(
-        self, files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
-    ) -> list[_core.PointCloud]:
+    def read(self, files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS) -> list[Cloud]:
         """Read sweeps as `read_point_clouds` does, with the same arguments and errors."""
         keys = [
             (os.path.realpath(points), None if labels is None else os.path.realpath(labels))
             for points, labels in files
         ]
-        missing = {key: file for key, file in zip(keys, files, strict=True) if key not in self._clouds}
-        self._clouds.update(zip(missing, read_point_clouds(list(missing.values()), max_points), strict=True))
+        return self.taken(keys, files, lambda missing: read_point_clouds(missing, max_points))
+
+    def taken(
+        self, keys: Sequence[Key], sources: Sequence[Source], read: Callable[[list[Source]], Sequence[Cloud]]
+    ) -> list[Cloud]:
+        """Give the sweep of each key: that which is kept, or else what is read of its source."""
+        missing = {key: source for key, source in zip(keys, sources, strict=True) if key not in self._clouds}
+        self._clouds.update(zip(missing, read(list(missing.values())), strict=True))
         return [self._clouds[key] for key in keys]
 
     @property

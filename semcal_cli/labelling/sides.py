@@ -18,6 +18,7 @@ from semcal_cli import _core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError, about
+from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.images import read_image
 from semcal_cli.files.reading import hash_file
 from semcal_cli.labelling.hub import hub_name
@@ -143,7 +144,7 @@ def _point_side(
     classes: Classes,
     ignore: tuple[int, ...],
     settings: Mapping[str, object],
-    label_points: Callable[[_core.PointCloud], npt.NDArray[Any]],
+    label_points: Callable[[Cloud], npt.NDArray[Any]],
     *,
     no_return: int,
 ) -> Side:

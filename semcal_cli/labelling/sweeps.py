@@ -11,6 +11,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.errors import InputError
+from semcal_cli.files.arrays import Cloud
 from semcal_cli.labelling.card import NeighborsConfig, PointCard
 from semcal_cli.labelling.model import Model
 
@@ -38,7 +39,7 @@ class SweepLabeller:
         )
         self.view = _core.RangeView(card.rows, card.columns, elevations, azimuths, card.outside == "clamp")
 
-    def ids(self, cloud: _core.PointCloud) -> npt.NDArray[np.uint16]:
+    def ids(self, cloud: Cloud) -> npt.NDArray[np.uint16]:
         """Label the points of a sweep.
 
         Returns:
@@ -57,7 +58,7 @@ class SweepLabeller:
         neighbors = card.neighbors or OWN_PIXEL
         return self.view.carry_back(projection, cloud.points, pixels, neighbors)
 
-    def tensor(self, cloud: _core.PointCloud, points: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
+    def tensor(self, cloud: Cloud, points: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
         """Make the network's input (1, C, rows, columns) of the point of each pixel (P,)."""
         card = self.model.card
         is_filled = points != _core.NO_PIXEL

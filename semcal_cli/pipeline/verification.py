@@ -26,7 +26,6 @@ from semcal_cli.drive.events import Listener, ignore
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.reading import hash_file
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
@@ -42,6 +41,7 @@ from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polis
 from semcal_cli.result.applied import apply_result, cues_applied
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.checks import OWN_DRIVE
+from semcal_cli.result.provenance import hash_named
 from semcal_cli.result.stage import Finding, StageResult
 
 NEAR_DEG, NEAR_M = 5.0, 0.5
@@ -232,7 +232,7 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
 def _made_from(drive: Drive, record: Calibration) -> Finding | None:
     """Say that a calibration was made from most of the sweeps of a drive, by their contents: it agrees with itself."""
     known = set(record.input.sha256.values())
-    num_own = sum(hash_file(drive.resolve(frame.points)) in known for frame in drive.frames)
+    num_own = sum(hash_named(drive, frame.points) in known for frame in drive.frames)
     if 2 * num_own <= min(len(record.input.frames), len(drive.frames)):
         return None
     found = f"{num_own} of the {len(drive.frames)} sweeps are those that the transform was calibrated from"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from semcal_cli.drive.camera import Camera, without_last_zeros
 from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.files.arrays import hash_array
 from semcal_cli.files.reading import hash_file
 from semcal_cli.result.sections import Input, InputFrame
 
@@ -25,7 +26,7 @@ def describe_input(
     keys: Sequence[str],
     known: dict[str, str] | None = None,
 ) -> Input:
-    """Describe the drive, its camera and frames, and compute the SHA-256 of each file that was read.
+    """Describe the drive, its camera and frames, and compute the SHA-256 of each file or array that was read.
 
     Args:
         drive: The drive.
@@ -38,20 +39,40 @@ def describe_input(
         InputError: a file cannot be read.
     """
     frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
-    known = {} if known is None else known
-    hashes = {drive.path.name: _sha256(drive.path, known)}
+    known, arrays = {} if known is None else known, drive.arrays
     names = [getattr(frame, key) for frame in drive.frames for key in keys]
     if drive.motion is not None:
         names.append(drive.motion.poses)
-    hashes |= {name: _sha256(drive.resolve(name), known) for name in names if name is not None}
+    if arrays is None:
+        hashes = {drive.path.name: _sha256(drive.path, known)}
+    else:
+        hashes = dict[str, str]()
+        names += [name for frame in drive.frames for name in arrays.times_of(frame.points)]
+    hashes |= {name: hash_named(drive, name, known) for name in names if name is not None}
     if init is not None:
         hashes |= hash_files([drive_file(init)], relative_to, known)
     return Input(
-        drive=os.path.relpath(drive.path, relative_to),
+        drive=os.path.relpath(drive.path, relative_to) if arrays is None else str(drive.path),
         camera=drive.camera,
         frames=tuple(frames),
         sha256=hashes,
     )
+
+
+def hash_named(drive: Drive, name: str, known: dict[str, str] | None = None) -> str:
+    """Compute the SHA-256 of a file of a drive, or of the array that stands in its place.
+
+    Args:
+        drive: The drive.
+        name: Name of the file or of the array.
+        known: SHA-256 by the real paths of files; missing ones are added.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if drive.arrays is not None:
+        return hash_array(drive.arrays.by_name[name])
+    return _sha256(drive.resolve(name), {} if known is None else known)
 
 
 def hash_files(

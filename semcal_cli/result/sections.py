@@ -50,14 +50,15 @@ class Input(StrictModel):
     """Input of the calibration."""
 
     drive: FileName
-    """Relative path of the drive.yaml."""
+    """Relative path of the drive.yaml, or the name of the arrays of a program."""
     camera: Camera
     """Camera of the drive."""
     frames: Annotated[tuple[InputFrame, ...], length(0)]
     """Frames that were used."""
     sha256: dict[str, Sha256]
     """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is
-    named by its relative path. Pictures that only the check of labels looked at are left out."""
+    named by its relative path. Pictures that only the check of labels looked at are left out. Of arrays it is that of
+    the .npy file that `numpy.save` writes, by names such as points[3]."""
 
 
 class Settings(StrictModel):

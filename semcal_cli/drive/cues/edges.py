@@ -26,6 +26,7 @@ from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, about
+from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.threads import thread_pool
 
@@ -129,7 +130,7 @@ class SweepEdges(NamedTuple):
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
 
 
-def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig = EDGES) -> SweepEdges:
+def edges_of_sweeps(clouds: Sequence[Cloud], config: EdgesConfig = EDGES) -> SweepEdges:
     """Find the edges of sweeps, as they were scanned."""
     given = [cloud.intensity for cloud in clouds]
     found = [np.nan_to_num(each.astype(np.float32)) for each in given if each is not None]
@@ -158,9 +159,7 @@ def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig = ED
     return SweepEdges(classes, to_steps_m, names, float(np.median([each.spacing for each in steps])))
 
 
-def _classes(
-    cloud: _core.PointCloud, steps: _core.Steps, limits: Sequence[float], config: EdgesConfig
-) -> Classes:
+def _classes(cloud: Cloud, steps: _core.Steps, limits: Sequence[float], config: EdgesConfig) -> Classes:
     classes = np.full(len(steps.range_m), NO_EDGE, np.uint8)
     if steps.intensity is not None:
         for level, limit in enumerate(limits):

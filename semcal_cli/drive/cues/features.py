@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
 from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
 from semcal_cli.files.reading import map_array
 from semcal_cli.threads import thread_pool
@@ -78,7 +78,7 @@ def observe_features(
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
-def _of_points(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Vectors:
+def _of_points(drive: Drive, frame: Frame, cloud: Cloud) -> Vectors:
     """Read the features (N, C) of the returns of a cloud; the file has a row for every entry of the cloud."""
     path, vectors = _read(drive, frame, "point_features")
     count = len(cloud.is_return)
@@ -102,7 +102,10 @@ def _of_image(drive: Drive, frame: Frame) -> Vectors:
 
 def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
     path = drive.file_of(frame, key, "a .npy file of features")
-    vectors = map_array(path, max_bytes(drive.max_points), A_POINT)
+    if drive.arrays is None:
+        vectors = map_array(path, max_bytes(drive.max_points), A_POINT)
+    else:
+        vectors = drive.arrays.by_name[getattr(frame, key)]
     if vectors.dtype.kind not in "fiu":
         raise InputError(f"{path}: found {vectors.dtype}, needed an array of numbers")
     if not vectors.ndim or not 1 <= vectors.shape[-1] <= MAX_CHANNELS:

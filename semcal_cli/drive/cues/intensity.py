@@ -25,6 +25,7 @@ from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds, read_needed_image
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.threads import thread_pool
 
@@ -79,7 +80,7 @@ def observe_intensity(
         grey = grey_values(drive, frame)
         return grey if is_raw else _contrast_of_pixels(drive.camera, grey, seen, config)
 
-    def points_of(frame: Frame, cloud: _core.PointCloud, points: npt.NDArray[np.float32]) -> Values:
+    def points_of(frame: Frame, cloud: Cloud, points: npt.NDArray[np.float32]) -> Values:
         intensities = _intensity(drive, frame, cloud)
         return intensities if is_raw else _contrast_of_points(points, intensities, config)
 
@@ -129,7 +130,7 @@ def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
     return np.asarray(whole[: camera.height, : camera.width])
 
 
-def _intensity(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Values:
+def _intensity(drive: Drive, frame: Frame, cloud: Cloud) -> Values:
     if cloud.intensity is None:
         raise InputError(
             f"{drive.resolve(frame.points)}: found no intensity, needed that of each point for the cue"

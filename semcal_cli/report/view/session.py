@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
 from semcal_cli.assessment.pairing import frame_names
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
+from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.documents import document_text, output_format
 from semcal_cli.files.writing import write_text
 from semcal_cli.formats.node import rigid
@@ -93,7 +93,7 @@ class Session:
     def __init__(
         self,
         data: LoadedDrive,
-        clouds: Sequence[_core.PointCloud],
+        clouds: Sequence[Cloud],
         config: CalibrationConfig,
         start: Pose | None = None,
         output: Path | None = None,
@@ -237,7 +237,7 @@ class Session:
             raise InputError(f"view: frame: found {frame!r}, needed one of 0 to {num_frames - 1}")
 
 
-def _levels(cloud: _core.PointCloud) -> npt.NDArray[np.uint8] | None:
+def _levels(cloud: Cloud) -> npt.NDArray[np.uint8] | None:
     """Levels (N,) of a sweep's intensities, 0 to 255; None if it has none."""
     if cloud.intensity is None or len(cloud.intensity) == 0:
         return None

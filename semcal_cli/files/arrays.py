@@ -1,0 +1,176 @@
+"""Arrays of a program in place of files: readers make the same of both, and copy an array only where that is needed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.errors import InputError
+
+Array: TypeAlias = npt.NDArray[Any]
+Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
+"""Raw ids of pixels or points, or their probabilities."""
+MAX_ID = 65_535
+"""Largest id of a class."""
+
+
+class Form(NamedTuple):
+    """A form that an array may have."""
+
+    shape: tuple[int | str, ...]
+    """Sides of the array; letters stand for any number."""
+    kinds: tuple[type[np.generic], ...] = (np.integer, np.floating)
+    """Kinds of its numbers."""
+    needed: str = "numbers"
+    """The kinds in words."""
+
+    def __str__(self) -> str:
+        """Write the shape as NumPy does."""
+        return f"({', '.join(map(str, self.shape))}{',' * (len(self.shape) == 1)})"
+
+    def fits(self, shape: tuple[int, ...]) -> bool:
+        """Tell whether an array has this shape."""
+        if len(shape) != len(self.shape):
+            return False
+        return all(
+            isinstance(mine, str) or mine == side for side, mine in zip(shape, self.shape, strict=True)
+        )
+
+
+def check_array(name: str, array: object, forms: Sequence[Form]) -> None:
+    """Check that something is an array of one of some forms.
+
+    Args:
+        name: What messages call it.
+        array: Anything that a program gave.
+        forms: The forms.
+
+    Raises:
+        InputError: it is no array, or has another shape or other numbers.
+    """
+    shapes = " or ".join(map(str, forms))
+    if not isinstance(array, np.ndarray):
+        raise InputError(f"{name}: found {type(array).__name__}, needed an array of shape {shapes}")
+    form = next((form for form in forms if form.fits(array.shape)), None)
+    if form is None:
+        raise InputError(f"{name}: found shape {array.shape}, needed {shapes}")
+    if not any(np.issubdtype(array.dtype, kind) for kind in form.kinds):
+        raise InputError(f"{name}: found {array.dtype}, needed {form.needed}")
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayCloud:
+    """A sweep with the fields of `_core.PointCloud`, which shares memory with a program's arrays where it can."""
+
+    points: npt.NDArray[np.float32]
+    """(N, 3) metres, LiDAR frame, without no-returns: entries that are not finite or all zero."""
+    is_return: npt.NDArray[np.bool_]
+    """Which of the given entries are points."""
+    intensity: npt.NDArray[np.float32] | None
+    """(N,) as given."""
+    time: npt.NDArray[np.float64] | None
+    """(N,) seconds."""
+    labels: npt.NDArray[np.uint16] | None
+    """(N,) raw class ids."""
+    label_shares: _core.ClassShares | None
+    """Probabilities of raw class ids instead."""
+    ring: None = None
+    """The beam of each point, which arrays do not tell."""
+
+    @property
+    def num_no_returns(self) -> int:
+        """Number of entries that were left out."""
+        return len(self.is_return) - len(self.points)
+
+
+Cloud: TypeAlias = _core.PointCloud | ArrayCloud
+"""A sweep as it was read from a file, or made of arrays."""
+
+
+def cloud_of(
+    name: str, points: Array, times: Array | None = None, labels: tuple[str, Array] | None = None
+) -> ArrayCloud:
+    """Make a sweep of arrays.
+
+    Args:
+        name: What messages call the points.
+        points: (N, 3) or (N, 4) metres, LiDAR frame, with the intensity in the fourth column.
+        times: (N,) seconds.
+        labels: What messages call the labels, and their ids (N,) or probabilities (N, C).
+
+    Raises:
+        InputError: no entry is a point, or labels are wrong.
+    """
+    with np.errstate(over="ignore"):  # What is infinite then is no point.
+        columns = points.astype(np.float32, copy=False)
+    xyz = columns[:, :3]
+    is_return = np.asarray(np.isfinite(xyz).all(axis=1) & xyz.any(axis=1))
+    if not is_return.any():
+        raise InputError(f"{name}: found no point, needed places that are finite and not all zero")
+    kept = slice(None) if is_return.all() else is_return
+    found = None if labels is None else labels_of(labels[0], labels[1][kept])
+    return ArrayCloud(
+        points=np.ascontiguousarray(xyz[kept]),
+        is_return=is_return,
+        intensity=np.ascontiguousarray(columns[kept, 3]) if columns.shape[1] > 3 else None,
+        time=None if times is None else np.ascontiguousarray(times[kept], np.float64),
+        labels=found if isinstance(found, np.ndarray) else None,
+        label_shares=found if isinstance(found, _core.ClassShares) else None,
+    )
+
+
+def labels_of(name: str, labels: Array, num_sides: int = 1) -> Labels:
+    """Give labels as 16-bit ids, or as shares if they are probabilities; ids of this kind stay as they are.
+
+    Args:
+        name: What messages call the labels.
+        labels: Ids of points (N,) or of pixels (H, W), or probabilities with the classes along one more axis.
+        num_sides: Number of axes of ids: 1 for points, 2 for pixels.
+
+    Raises:
+        InputError: an id is no class id, a probability is negative or not finite, or classes are too many.
+    """
+    if labels.ndim > num_sides:
+        return _shares_of(name, labels)
+    if not np.can_cast(labels.dtype, np.uint16):
+        for wrong in (labels.min(), labels.max()):
+            if not 0 <= wrong <= MAX_ID:
+                raise InputError(f"{name}: found the id {wrong}, needed ids from 0 to {MAX_ID}")
+    return np.ascontiguousarray(labels, np.uint16)
+
+
+def _shares_of(name: str, probabilities: Array) -> _core.ClassShares:
+    """Let the core read probabilities (..., C), from a file as it always does: this one lies in memory alone."""
+    descriptor = os.memfd_create("semcal")
+    path = Path(f"/proc/self/fd/{descriptor}")
+    with os.fdopen(descriptor, "w+b") as file:
+        np.savez(file, np.ascontiguousarray(probabilities))
+        file.flush()
+        try:
+            (shares,) = _core.read_class_shares([path], probabilities.shape[:-1])
+        except InputError as error:
+            raise InputError(str(error).replace(str(path), name)) from None
+    return shares
+
+
+def image_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Give an image (H, W) or (H, W, 3), red, green, blue, as files are read: (H, W, 3) blue, green, red."""
+    if image.ndim == 2:
+        return np.repeat(image[..., None], 3, axis=2)
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def hash_array(array: Array) -> str:
+    """Compute the SHA-256 of the .npy file that `numpy.save` writes of an array, in hexadecimal digits."""
+    digest = sha256()
+    np.save(SimpleNamespace(write=digest.update), array, allow_pickle=False)
+    return digest.hexdigest()
