@@ -2,25 +2,20 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import SMALL_DRIVE
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from arrays import arrays_of
-from features import embedded
 
 from semcal_cli.config import CalibrationConfig, CueName
-from semcal_cli.drive.arrays import ArrayInput
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import Observations
-from semcal_cli.synthetic.synthesis import synthesize
 
 CUES: tuple[tuple[CueName, ...], ...] = (
     ("labels",),
@@ -46,13 +41,19 @@ def assert_same(a: Observations, b: Observations) -> None:
         np.testing.assert_array_equal(left, right)
         assert left is None or left.dtype == right.dtype
     for observed, other in zip(a.frame_observations, b.frame_observations, strict=True):
-        assert (observed.weight, observed.twist_per_s, observed.is_rigid) == (other.weight, other.twist_per_s, other.is_rigid)
+        assert (observed.weight, observed.twist_per_s, observed.is_rigid) == (
+            other.weight,
+            other.twist_per_s,
+            other.is_rigid,
+        )
     assert (a.point_class_names, a.image_class_names) == (b.point_class_names, b.image_class_names)
 
 
 @pytest.mark.parametrize("cues", CUES, ids="+".join)
 def test_arrays_load_as_files_do(synthetic: Drive, cues: tuple[CueName, ...]) -> None:
     config = CalibrationConfig(cues=cues)
-    of_files, of_arrays = (load(each, config) for each in (synthetic, Drive.from_arrays(**arrays_of(synthetic))))
+    of_files, of_arrays = (
+        load(each, config) for each in (synthetic, Drive.from_arrays(**arrays_of(synthetic)))
+    )
     assert_same(of_arrays.observations, of_files.observations)
     assert of_arrays.observations.starts == of_files.observations.starts

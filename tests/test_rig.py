@@ -52,7 +52,7 @@ def with_pose(found: Calibration, T: Pose, covariance: np.ndarray) -> Calibratio
     """The same for another pose, as sure as that."""
     assert found.uncertainty is not None
     of_xi = found.uncertainty.model_copy(update={"covariance": covariance.tolist()})
-    return found.model_copy(update={"T_camera_lidar": T.tolist(), "uncertainty": of_xi})
+    return found.model_copy(update={"rows_camera_lidar": T.tolist(), "uncertainty": of_xi})
 
 
 def copied(rig: Path, out: Path, names: dict[str, str]) -> Path:

@@ -214,7 +214,7 @@ def describe_result(task: Task, exit_code: int) -> Outcome:
             "status": found.status,
             "reasons": found.reasons,
             "topics": found.topics,
-            "T_camera_lidar": found.T_camera_lidar,
+            "T_camera_lidar": found.rows_camera_lidar,
             "covariance": uncertainty and uncertainty.covariance,
             "mutual_information_nats": found.quality.mutual_information_nats,
             "camera": camera_hash(found.used_camera),

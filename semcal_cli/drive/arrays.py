@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.files.arrays import Array, Form, check_array
+from semcal_cli.files.arrays import POINTS, Array, Form, check_array
 
 POSES = "poses"
 """Name of the array of the LiDAR's poses, which stands where a drive names their file."""
@@ -154,11 +154,11 @@ def _listed(given: ArrayInput, argument: str, count: int) -> Iterator[tuple[int,
     )
 
 
-def _forms(argument: str, camera: Camera, points: Array) -> list[Form]:
+def _forms(argument: str, camera: Camera, points: Array) -> Sequence[Form]:
     """List the forms of the array of a frame."""
     size, count = (camera.height, camera.width), len(points) if isinstance(points, np.ndarray) else 0
     return {
-        "points": [Form(("N", 3)), Form(("N", 4))],
+        "points": POINTS,
         "point_labels": [Form((count,), *IDS), Form((count, "C"), *PROBABILITIES)],
         "image_labels": [Form(size, *IDS), Form((*size, "C"), *PROBABILITIES)],
         "images": [Form(size, *COLORS), Form((*size, 3), *COLORS)],

@@ -46,6 +46,10 @@ class Form(NamedTuple):
         )
 
 
+POINTS = (Form(("N", 3)), Form(("N", 4)))
+"""Forms of the points of a sweep, without and with intensity."""
+
+
 def check_array(name: str, array: object, forms: Sequence[Form]) -> None:
     """Check that something is an array of one of some forms.
 

@@ -127,7 +127,7 @@ def make_report_input(
     begun = as_begun(record, drive)
     if before is None and record is not None:
         stage = next(iter(record.stages.values()), None)
-        if stage is not None and stage.T_camera_lidar != record.T_camera_lidar:
+        if stage is not None and stage.T_camera_lidar != record.rows_camera_lidar:
             before = Before("the first stage", np.array(stage.T_camera_lidar), begun)
     drive, changes = apply_result(record, drive, name)
     used, notices = (None, []) if record is None else _used(drive, record)

@@ -1,15 +1,16 @@
 """The calibration, which semcal writes as YAML or JSON with the same content."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, mismatch
+from semcal_cli.files.arrays import POINTS, check_array
 from semcal_cli.files.documents import Format, document_text, output_format, read_document
 from semcal_cli.files.validation import (
     StatedTransform,
@@ -43,8 +44,21 @@ Topic = Annotated[str, Field(pattern=r"^[a-z]+(-[a-z]+)*$")]
 """Name of an entry in docs/troubleshooting.md."""
 
 
+class Projection(NamedTuple):
+    """Points on the image of a camera."""
+
+    pixels: NDArray[np.float64]
+    """(N, 2), (u, v), an integer is a pixel centre; NaN where the lens does not reach, as behind the camera."""
+    is_in_front: NDArray[np.bool_]
+    """(N,) whether the lens reaches the point."""
+    is_in_image: NDArray[np.bool_]
+    """(N,) whether the point lies on a pixel of the image; nearer points may hide it."""
+
+
 class Calibration(StrictModel):
     """Transform between a LiDAR and a camera, with its uncertainty and quality."""
+
+    model_config = ConfigDict(serialize_by_alias=True)
 
     semcal_calibration: Version
     """Version of this format."""
@@ -57,9 +71,9 @@ class Calibration(StrictModel):
     """Topic of each of the reasons: its entry in docs/troubleshooting.md. Absent in files that do not state them."""
     notes: Annotated[tuple[str, ...], length(0)] = ()
     """Sentences that a person should know and that do not speak against the pose."""
-    T_camera_lidar: StatedTransform
+    rows_camera_lidar: StatedTransform = Field(alias="T_camera_lidar")
     """Transform from the LiDAR to the camera, p_camera = T_camera_lidar * p_lidar, in metres."""
-    T_lidar_camera: StatedTransform
+    rows_lidar_camera: StatedTransform = Field(alias="T_lidar_camera")
     """Inverse of T_camera_lidar."""
     translation_m: Vector3
     """Translation of T_camera_lidar, in metres."""
@@ -96,9 +110,13 @@ class Calibration(StrictModel):
             )
         self._check_camera()
         stated = self.pose
-        check_forms(stated, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
+        check_forms(stated, self.rows_lidar_camera, self.translation_m, self.quaternion_xyzw)
         if (T := orthonormal(stated)) is not stated:
-            vars(self).update(pose_forms(T))
+            forms = pose_forms(T)
+            fields = type(self).model_fields.items()
+            vars(self).update(
+                {name: forms[key] for name, each in fields if (key := each.alias or name) in forms}
+            )
         return self
 
     def _check_camera(self) -> None:
@@ -118,9 +136,49 @@ class Calibration(StrictModel):
             raise ValueError(f"camera.joint_covariance: {mismatch(f'{len(rows)} rows', needed)}")
 
     @property
+    def T_camera_lidar(self) -> Pose:
+        """Transform (4, 4) of float64 from the LiDAR to the camera, p_camera = T_camera_lidar @ p_lidar, in metres."""
+        return np.array(self.rows_camera_lidar)
+
+    @property
+    def T_lidar_camera(self) -> Pose:
+        """Inverse (4, 4) of `T_camera_lidar`, in metres."""
+        return np.array(self.rows_lidar_camera)
+
+    @property
     def pose(self) -> Pose:
-        """T_camera_lidar as an array (4, 4) of float64, in metres."""
-        return np.array(self.T_camera_lidar)
+        """The same as `T_camera_lidar`, under the name that poses of hypotheses have, too."""
+        return self.T_camera_lidar
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the pose was assessed, and nothing speaks against it."""
+        return self.status == "trusted"
+
+    @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """Covariance (6, 6) of xi = (rho, phi), in metres and radians, camera frame, left perturbation.
+
+        None where nothing is known of it. Of a pose that is not trusted it tells only what chance does to the pose.
+        """
+        return None if self.uncertainty is None else np.array(self.uncertainty.covariance)
+
+    def project(self, points: ArrayLike) -> Projection:
+        """Project points into the image of the camera that the transform belongs to.
+
+        Args:
+            points: (N, 3) or (N, 4) metres, LiDAR frame; a fourth column is ignored.
+
+        Raises:
+            InputError: the points are no such array of numbers.
+        """
+        array = np.asarray(points)
+        check_array("points", array, POINTS)
+        T, camera = self.T_camera_lidar, self.used_camera
+        pixels = core_camera(camera).project(np.ascontiguousarray(array[:, :3] @ T[:3, :3].T + T[:3, 3]))
+        with np.errstate(invalid="ignore"):  # What is no number is not inside.
+            is_inside = (pixels >= -0.5) & (pixels < np.array(camera.size) - 0.5)
+        return Projection(pixels, np.isfinite(pixels[:, 0]), np.asarray(is_inside.all(axis=1)))
 
     @property
     def believed_uncertainty(self) -> Uncertainty | None:

@@ -225,7 +225,7 @@ def describe_rig(
             "status": calibration.status,
             "reasons": list(calibration.reasons),
             "calibration": files[name],
-            "T_camera_lidar": calibration.T_camera_lidar,
+            "T_camera_lidar": calibration.rows_camera_lidar,
         }
     return {
         "semcal_rig_calibration": 1,

@@ -115,6 +115,6 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
             continue
         file = path.parent / camera.calibration
         cameras[name] = read_calibration(file)
-        if cameras[name].T_camera_lidar != camera.T_camera_lidar:
+        if cameras[name].rows_camera_lidar != camera.T_camera_lidar:
             raise InputError(f"{file}: found another T_camera_lidar than in {path}, needed files of one run")
     return combine(rig, drives, cameras, failures, result.num_sweeps)

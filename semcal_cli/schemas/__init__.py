@@ -58,8 +58,9 @@ class _Described(GenerateJsonSchema):
         made = super().model_schema(schema)
         for model in reversed(schema["cls"].mro()):
             for name, text in _docstrings(model).items() if issubclass(model, StrictModel) else ():
-                described = made["properties"][name] | {"description": text}
-                made["properties"][name] = self.handle_ref_overrides(described)
+                key = schema["cls"].model_fields[name].alias or name
+                described = made["properties"][key] | {"description": text}
+                made["properties"][key] = self.handle_ref_overrides(described)
         return made
 
 

@@ -8,26 +8,14 @@ what it calibrates; that of arrays is told without the arrays themselves.
 
 from __future__ import annotations
 
-import multiprocessing
-import re
-from collections.abc import Iterator
-from pathlib import Path
-from statistics import median
-from tempfile import TemporaryDirectory
-from time import perf_counter
 from typing import Any
 
 import cv2
 import numpy as np
-from benchmark import script, street, table
 
-from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.arrays import ArrayInput
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.reading import read_clouds
-from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import calibrate
 
 MIB = float(1 << 20)
 
@@ -56,6 +44,9 @@ def arrays_of(drive: Drive) -> ArrayInput:
             found[argument] = [getattr(frame, key) for frame in drive.frames]
     motion = drive.motion
     if motion is not None and motion.poses is not None:
-        found["poses"], motion = np.loadtxt(drive.resolve(motion.poses)), motion.model_copy(update={"poses": "poses"})
+        found["poses"], motion = (
+            np.loadtxt(drive.resolve(motion.poses)),
+            motion.model_copy(update={"poses": "poses"}),
+        )
     same = {key: getattr(drive, key) for key in ("camera", "lidar", "ignore", "classes", "T_camera_lidar")}
     return {**found, **same, "motion": motion, "time_offset_s": drive.time_offset_s}  # type: ignore[typeddict-item]
