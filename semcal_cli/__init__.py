@@ -3,7 +3,7 @@
     import semcal_cli as semcal
 
     calibration = semcal.calibrate("my_drive")
-    semcal.write_calibration(calibration, "calibration.yaml")
+    calibration.save("calibration.yaml")
 
 Names are looked up on first use, so that importing the package costs nothing.
 """
@@ -12,12 +12,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from semcal_cli.api.calibration import Calibration as Calibration
+    from semcal_cli.api.calibration import read_calibration as read_calibration
+    from semcal_cli.api.calls import assess as assess
+    from semcal_cli.api.calls import calibrate as calibrate
+    from semcal_cli.api.calls import refine as refine
+    from semcal_cli.api.calls import verify as verify
+    from semcal_cli.api.many import batch as batch
     from semcal_cli.assessment.priors import Prior as Prior
     from semcal_cli.config import CalibrationConfig as CalibrationConfig
     from semcal_cli.config import InitializationConfig as InitializationConfig
     from semcal_cli.config import JointlyConfig as JointlyConfig
     from semcal_cli.config import Limits as Limits
     from semcal_cli.config import RefinementConfig as RefinementConfig
+    from semcal_cli.drive.arrays import ArrayInput as ArrayInput
+    from semcal_cli.drive.camera import Camera as Camera
     from semcal_cli.drive.document import Drive as Drive
     from semcal_cli.drive.document import read_drive as read_drive
     from semcal_cli.drive.loading import load as load
@@ -30,19 +39,17 @@ if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions as FormatOptions
     from semcal_cli.geometry.poses import compare_poses as compare_poses
     from semcal_cli.initialization.initial_pose import InitialPose as InitialPose
-    from semcal_cli.pipeline import calibrate as calibrate
     from semcal_cli.pipeline.parts import split as split
-    from semcal_cli.pipeline.verification import verify as verify
-    from semcal_cli.result.calibration import Calibration as Calibration
-    from semcal_cli.result.calibration import read_calibration as read_calibration
     from semcal_cli.result.calibration import write_calibration as write_calibration
 
     __version__: str
 
 _MODULES = {
-    "Calibration": "result.calibration",
+    "ArrayInput": "drive.arrays",
+    "Calibration": "api.calibration",
     "CalibrationConfig": "config",
     "CalibrationError": "errors",
+    "Camera": "drive.camera",
     "Drive": "drive.document",
     "FormatOptions": "formats.format",
     "InitialPose": "initialization.initial_pose",
@@ -53,15 +60,18 @@ _MODULES = {
     "Prior": "assessment.priors",
     "RefinementConfig": "config",
     "SemcalError": "errors",
-    "calibrate": "pipeline",
+    "assess": "api.calls",
+    "batch": "api.many",
+    "calibrate": "api.calls",
     "compare_poses": "geometry.poses",
     "convert": "formats",
     "load": "drive.loading",
-    "read_calibration": "result.calibration",
+    "read_calibration": "api.calibration",
     "read_drive": "drive.document",
     "read_transform": "formats",
+    "refine": "api.calls",
     "split": "pipeline.parts",
-    "verify": "pipeline.verification",
+    "verify": "api.calls",
     "write_calibration": "result.calibration",
     "write_transform": "formats",
 }

@@ -21,9 +21,9 @@ from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
 from refined import with_camera
 
-from semcal_cli.batch.folders import MARKER
-from semcal_cli.batch.records import worst
-from semcal_cli.batch.tasks import Task, describe_result, find_drives, folder_of
+from semcal_cli.batches.folders import MARKER
+from semcal_cli.batches.records import worst
+from semcal_cli.batches.tasks import Task, describe_result, find_drives, folder_of
 from semcal_cli.errors import InputError
 from semcal_cli.files.writing import locked
 from semcal_cli.formats import read_transform, write_transform
@@ -307,7 +307,7 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
 
 
 def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from semcal_cli.batch import cluster
+    from semcal_cli.batches import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_S", 1)
     found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"])

@@ -7,8 +7,8 @@ import pytest
 from fleets import TRUTH, fleet
 from rich.console import Console
 
-from semcal_cli.batch.records import write_summary
-from semcal_cli.batch.tasks import Outcome, failed
+from semcal_cli.batches.records import write_summary
+from semcal_cli.batches.tasks import Outcome, failed
 from semcal_cli.cli.batch_progress import MAX_NAMED, BatchProgress, print_end
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits

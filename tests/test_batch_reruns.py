@@ -15,14 +15,14 @@ from typing import Any
 import pytest
 from batches import SEMCAL, command, make_drives, run, summary
 
-from semcal_cli.batch.records import (
+from semcal_cli.batches.records import (
     Inputs,
     read_inputs,
     read_outcome,
     read_state,
     write_record,
 )
-from semcal_cli.batch.tasks import Outcome, Task, failed, folder_of
+from semcal_cli.batches.tasks import Outcome, Task, failed, folder_of
 from semcal_cli.cli import Ending, worker
 from semcal_cli.cli import run as run_command
 from semcal_cli.cli.worker import run_task

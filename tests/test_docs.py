@@ -22,7 +22,7 @@ from test_findings import PLACES
 import semcal_cli
 from semcal_cli import pipeline
 from semcal_cli.assessment.joint import OF_CLOCKS, OF_INTRINSICS
-from semcal_cli.batch import records
+from semcal_cli.batches import records
 from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_PIXELS, MAX_POINTS
 from semcal_cli.datasets import kitti_360_windows

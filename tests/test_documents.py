@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from semcal_cli.batch.records import Record
+from semcal_cli.batches.records import Record
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError

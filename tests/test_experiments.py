@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import FINE_STREET, make_pose
 
-from semcal_cli.batch.pace import Pace
+from semcal_cli.batches.pace import Pace
 from semcal_cli.cli import semcal
 from semcal_cli.cli.experiment_options import Progress
 from semcal_cli.cli.terminal import make_console

@@ -15,8 +15,8 @@ import pytest
 from batches import TINY, run, summary
 
 from semcal_cli import _core
-from semcal_cli.batch.processes import ProcessError, Worker
-from semcal_cli.batch.run import is_of_machine
+from semcal_cli.batches.processes import ProcessError, Worker
+from semcal_cli.batches.run import is_of_machine
 from semcal_cli.errors import InputError
 from semcal_cli.synthetic.synthesis import synthesize
 

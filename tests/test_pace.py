@@ -3,7 +3,7 @@
 import pytest
 from rich.console import Console
 
-from semcal_cli.batch.pace import Pace
+from semcal_cli.batches.pace import Pace
 from semcal_cli.cli.terminal import MAX_RUNNING, clock_time, live_lines, running_lines, time_left
 
 

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from documentation import ROOT
 
-from semcal_cli.batch.pace import Pace
+from semcal_cli.batches.pace import Pace
 from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
 from semcal_cli.experiments import experiment, measured, page_tables

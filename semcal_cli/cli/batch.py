@@ -22,7 +22,7 @@ from semcal_cli.errors import torch_import
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Verdict
-    from semcal_cli.batch.tasks import Outcome, Task
+    from semcal_cli.batches.tasks import Outcome, Task
 
 EXIT_STOPPED = 130
 COMMANDS: dict[str, SettingsCommand[Any]] = {"calibrate": calibrate, "verify": verify}
@@ -100,9 +100,9 @@ class BatchSettings(QuietSettings):
 )
 def batch(settings: BatchSettings) -> None:
     """Run a command on many drives."""
-    from semcal_cli.batch.cluster import connect, execute_on
-    from semcal_cli.batch.records import worst
-    from semcal_cli.batch.run import execute_here, run_batch
+    from semcal_cli.batches.cluster import connect, execute_on
+    from semcal_cli.batches.records import worst
+    from semcal_cli.batches.run import execute_here, run_batch
     from semcal_cli.cli.batch_progress import BatchProgress, print_end
     from semcal_cli.cli.worker import run_task
 
@@ -141,8 +141,8 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
 
 def _make_tasks(settings: BatchSettings) -> list[Task]:
     """List the tasks: the command on each drive, with its results below the folder."""
-    from semcal_cli.batch.folders import check_apart, check_distinct_folders, check_made_by_batch
-    from semcal_cli.batch.tasks import find_drives, folder_of
+    from semcal_cli.batches.folders import check_apart, check_distinct_folders, check_made_by_batch
+    from semcal_cli.batches.tasks import find_drives, folder_of
 
     make = _task_maker(settings)
     found, folder = find_drives(settings.drives, sys.stdin), settings.output.absolute()
@@ -161,7 +161,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
 
     Other machines have other working folders, so that files are named by their absolute paths.
     """
-    from semcal_cli.batch.tasks import Task
+    from semcal_cli.batches.tasks import Task
     from semcal_cli.drive.document import drive_file
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
@@ -208,7 +208,7 @@ def _network(settings: BatchSettings, found: CalibrateSettings) -> Path | None:
 
 def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:
     """Parse the options that go to the command, and check all that can be said about them without a drive."""
-    from semcal_cli.batch.tasks import RESULTS
+    from semcal_cli.batches.tasks import RESULTS
 
     if "--" in rest:
         raise click.UsageError("-- --: found -- once more, needed options of the command")

@@ -11,9 +11,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from semcal_cli.batch.pace import Pace
-from semcal_cli.batch.records import CSV, JSONL
-from semcal_cli.batch.tasks import FAILED, Outcome
+from semcal_cli.batches.pace import Pace
+from semcal_cli.batches.records import CSV, JSONL
+from semcal_cli.batches.tasks import FAILED, Outcome
 from semcal_cli.cli.tables import labelled, pose_rows, wrapped
 from semcal_cli.cli.terminal import COLORS, live_lines, make_console, running_lines, time_left
 from semcal_cli.errors import SemcalError, printable

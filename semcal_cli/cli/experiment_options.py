@@ -13,7 +13,7 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from semcal_cli.batch.pace import Pace
+from semcal_cli.batches.pace import Pace
 from semcal_cli.cli.options import PATH, Command, number_option
 from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 from semcal_cli.config import MAX_SEED

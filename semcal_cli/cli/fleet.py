@@ -76,7 +76,7 @@ class FleetSettings(LimitSettings, QuietSettings):
 )
 def fleet(settings: FleetSettings) -> None:
     """Combine the drives of a rig."""
-    from semcal_cli.batch.records import JSONL
+    from semcal_cli.batches.records import JSONL
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file

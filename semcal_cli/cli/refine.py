@@ -24,7 +24,7 @@ class RefineSettings(RefinementSettings, ResultSettings):
 def refine(settings: RefineSettings) -> None:
     """Refine a transform on DRIVE that is known to 20 degrees or so by labels, to 5 degrees and 0.3 m by edges."""
     from semcal_cli.cli.outputs import Outputs, loaded_drive
-    from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
+    from semcal_cli.pipeline.given import refine_given
 
     settings.check_estimator()
     start, refinement, priors = settings.initial_pose, settings.refinement, settings.priors
@@ -32,9 +32,5 @@ def refine(settings: RefineSettings) -> None:
     cues, outputs = settings.known_cues(settings.cues), Outputs.of_result(settings)
     config = CalibrationConfig(settings.seed, cues, settings.max_frames, refinement=refinement)
     with loaded_drive(settings, config, outputs, start) as (data, terminal):
-        on_event = terminal.on_event
-        initial = start_at(data, start, on_event)
-        stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
-        stages = assess(data, stages, refinement, on_event)
-        calibration = make_calibration(data, stages, config, initial_pose=start, relative_to=outputs.folder)
+        calibration = refine_given(data, start, config, priors, terminal.on_event, outputs.folder)
     sys.exit(outputs.write(calibration, terminal, settings.threads))

@@ -13,7 +13,7 @@ from rich.progress import Progress as ProgressBar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from semcal_cli.batch.pace import Pace
+from semcal_cli.batches.pace import Pace
 from semcal_cli.cli.tables import labelled, wrapped
 from semcal_cli.drive.events import Event, Progress, StageDone, movement
 from semcal_cli.errors import printable

@@ -1,4 +1,4 @@
-"""The run of a command on a drive of a batch, in a process of the batch: see `semcal_cli.batch.run`."""
+"""The run of a command on a drive of a batch, in a process of the batch: see `semcal_cli.batches.run`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from semcal_cli.batch.records import Inputs, write_record
-from semcal_cli.batch.run import is_of_machine
-from semcal_cli.batch.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
+from semcal_cli.batches.records import Inputs, write_record
+from semcal_cli.batches.run import is_of_machine
+from semcal_cli.batches.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
 from semcal_cli.cli import Ending, run
 from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
 from semcal_cli.errors import os_reason

@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.files.arrays import POINTS, Array, Form, check_array
+from semcal_cli.files.arrays import COLORS, POINTS, Array, Form, check_array
 
 POSES = "poses"
 """Name of the array of the LiDAR's poses, which stands where a drive names their file."""
@@ -41,7 +41,6 @@ OF_DRIVE = (
 IDS = (np.integer,), "ids as whole numbers"
 PROBABILITIES = (np.floating, np.uint8), "probabilities as floats or uint8"
 SECONDS = (np.floating,), "seconds as floats"
-COLORS = (np.uint8,), "uint8"
 
 
 class ArrayInput(TypedDict, total=False):

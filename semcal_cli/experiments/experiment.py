@@ -17,8 +17,8 @@ from pathlib import Path
 from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from semcal_cli.batch.pace import Pace
-from semcal_cli.batch.processes import ProcessError, Worker, in_processes
+from semcal_cli.batches.pace import Pace
+from semcal_cli.batches.processes import ProcessError, Worker, in_processes
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.measured import machine, measured_here
 from semcal_cli.experiments.plots import plot_png

@@ -46,6 +46,8 @@ class Form(NamedTuple):
         )
 
 
+COLORS = (np.uint8,), "uint8"
+"""Kind of the numbers of an image, and its words."""
 POINTS = (Form(("N", 3)), Form(("N", 4)))
 """Forms of the points of a sweep, without and with intensity."""
 

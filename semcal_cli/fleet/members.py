@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.batch.records import JSONL, RecordedOutcome
+from semcal_cli.batches.records import JSONL, RecordedOutcome
 from semcal_cli.drive.document import first_stamp, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines

@@ -26,11 +26,9 @@ from semcal_cli.drive.events import Listener, ignore
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
     Pose,
-    as_transform,
     compare_poses,
     inverse,
     pose_from_quaternion,
@@ -38,6 +36,7 @@ from semcal_cli.geometry.poses import (
 )
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
+from semcal_cli.pipeline.given import as_initial_pose
 from semcal_cli.result.applied import apply_result, cues_applied
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.checks import OWN_DRIVE
@@ -98,7 +97,7 @@ class Verification:
 
 def verify(
     drive: LoadedDrive | Drive | Path | str,
-    transform: InitialPose | Path | str | npt.ArrayLike,
+    transform: InitialPose | Calibration | Path | str | npt.ArrayLike,
     limits: Limits | None = None,
     config: CalibrationConfig | None = None,
     on_event: Listener = ignore,
@@ -116,7 +115,8 @@ def verify(
 
     Args:
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
-        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; or a file of any known format.
+        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
+            known format.
         limits: Largest allowed errors; None takes the defaults.
         config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults. The cues `auto`
             are those that the calibration of the transform compared, as far as the drive allows them.
@@ -132,7 +132,7 @@ def verify(
     if not isinstance(limits, Limits):
         raise InputError(f"limits: found {limits!r}, needed Limits")
     check_settings(limits)
-    stated = _initial_pose(transform)
+    stated = as_initial_pose(transform)
     seen = _as_result_sees(drive, stated)
     seen = seen if isinstance(seen, LoadedDrive | Drive) else read_drive(seen)
     if isinstance(seen, Drive):
@@ -146,15 +146,6 @@ def verify(
     refinement = RefinementConfig(max_baseline_m=config.refinement.max_baseline_m, jointly=jointly)
     stages = _estimate(data, stated, refinement, config.seed, on_event)
     return _judged(data, stated, stages, limits)
-
-
-def _initial_pose(transform: InitialPose | Path | str | npt.ArrayLike) -> InitialPose:
-    if isinstance(transform, InitialPose):
-        return transform
-    if isinstance(transform, Path | str):
-        found = read_extrinsic(transform)
-        return InitialPose(found.T_camera_lidar, str(transform), Path(transform), record=found.record)
-    return InitialPose(as_transform(transform, "transform"), "transform")
 
 
 def _as_result_sees(

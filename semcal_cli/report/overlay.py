@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.pairing import frame_names
+from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.cues.edges import EDGES, gradients
 from semcal_cli.drive.cues.intensity import grey_values, lens_mask
 from semcal_cli.drive.cues.segments import SegmentationConfig
@@ -32,12 +33,13 @@ from semcal_cli.report.colors import (
     class_colors,
     depth_levels,
     is_edge,
+    level_colors,
     painted,
     palette_of,
     palettes,
     segment_colors,
 )
-from semcal_cli.report.points import Seen, View, frame_points, goes_together, kinds_of
+from semcal_cli.report.points import Seen, View, frame_points, goes_together, kinds_of, points_in_image
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
@@ -189,9 +191,7 @@ class Overlays:
         image, is_photograph = picture_of(self.drive, self.observations, frame)
         if not is_photograph:
             return (LABEL_STRENGTH * image).astype(np.uint8)
-        mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
-        dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
-        return dimmed
+        return _dimmed(image)
 
     def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
         """Pixels (M, 2) and colours (M, 3) of the dots in the order in which they are drawn, with their legend."""
@@ -221,6 +221,26 @@ class Overlays:
     def together(self) -> npt.NDArray[np.bool_]:
         """Classes of points and of pixels that go together at the last pose."""
         return goes_together(list(self.views.values())[-1].agreement())
+
+
+def draw_depths(image: Image, points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Image:
+    """Draw points on an image, coloured by their distance from the camera; hidden ones are left out.
+
+    Args:
+        image: (H, W, 3) blue, green, red.
+        points: (N, 3) metres, LiDAR frame.
+        T_camera_lidar: (4, 4), metres.
+        camera: Camera of the image.
+    """
+    seen = points_in_image(points, T_camera_lidar, camera)
+    shown, colors = ~seen.is_hidden, level_colors(np.arange(256, dtype=np.uint8))
+    return _draw_dots(_dimmed(image), seen.pixels[shown], colors[depth_levels(seen.ranges_m[shown])])
+
+
+def _dimmed(image: Image) -> Image:
+    mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
+    dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
+    return dimmed
 
 
 def edges_by_strength(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:

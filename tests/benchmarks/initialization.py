@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from benchmark import script, table
 
-from semcal_cli.batch.pace import Pace
+from semcal_cli.batches.pace import Pace
 from semcal_cli.config import AlignmentConfig, InitializationConfig
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.drives import Pool

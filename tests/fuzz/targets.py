@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, TREES
 
-from semcal_cli.batch.records import SIGNED, read_outcome, write_summary
-from semcal_cli.batch.tasks import Task, describe_result, find_drives
+from semcal_cli.batches.records import SIGNED, read_outcome, write_summary
+from semcal_cli.batches.tasks import Task, describe_result, find_drives
 from semcal_cli.config import Limits
 from semcal_cli.datasets import read_dataset
 from semcal_cli.datasets.kitti_360_windows import read_vertices

@@ -15,10 +15,10 @@ from pathlib import Path
 from time import monotonic
 from typing import TypeAlias, TypeVar
 
-from semcal_cli.batch.folders import claimed, is_still_claimed, make_folder_of_drive
-from semcal_cli.batch.processes import ProcessError, Worker, in_processes
-from semcal_cli.batch.records import Inputs, read_inputs, read_outcome, write_record, write_summary
-from semcal_cli.batch.tasks import LOG, Outcome, Task, failed
+from semcal_cli.batches.folders import claimed, is_still_claimed, make_folder_of_drive
+from semcal_cli.batches.processes import ProcessError, Worker, in_processes
+from semcal_cli.batches.records import Inputs, read_inputs, read_outcome, write_record, write_summary
+from semcal_cli.batches.tasks import LOG, Outcome, Task, failed
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import FILE, kind_of
 from semcal_cli.files.writing import open_own

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
-from semcal_cli.batch.records import CSV, JSONL
-from semcal_cli.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task, folder_of
+from semcal_cli.batches.records import CSV, JSONL
+from semcal_cli.batches.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task, folder_of
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import FILE, FOLDER, LINK, check_own_file, kind_of, read_start
 from semcal_cli.files.writing import locked, make_folder, open_own

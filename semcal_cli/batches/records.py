@@ -24,7 +24,7 @@ from typing import TypeAlias
 import numpy as np
 from pydantic import JsonValue, TypeAdapter
 
-from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, Task
+from semcal_cli.batches.tasks import FAILED, RECORD, Outcome, Task
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import max_bytes

@@ -1,0 +1,124 @@
+"""The calibration that a program gets: the document, which also draws, shows and saves itself."""
+
+from __future__ import annotations
+
+import base64
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import PrivateAttr
+
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.reading import read_clouds, read_frame_image
+from semcal_cli.errors import SemcalError
+from semcal_cli.files.arrays import COLORS, POINTS, Form, check_array, image_of
+from semcal_cli.formats import write_transform
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.result import calibration as document
+from semcal_cli.result.calibration import write_calibration
+
+WIDTH_PX = 640
+"""Width of the image that a notebook shows; smaller ones stay as they are."""
+QUALITY = 80
+"""Quality of its JPEG."""
+
+
+class Calibration(document.Calibration):
+    """Transform between a LiDAR and a camera, with its uncertainty and quality; a notebook shows it."""
+
+    _drive: Drive | Path | str | None = PrivateAttr(default=None)
+
+    @classmethod
+    def of(cls, found: document.Calibration, drive: Drive | Path | str | None = None) -> Calibration:
+        """Make it of what the pipeline found; `drive` is where the image comes from that a notebook shows."""
+        made = cls.model_validate(found.model_dump())
+        made._drive = drive
+        return made
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both state the same; where they come from does not count."""
+        return isinstance(other, document.Calibration) and self.model_dump() == other.model_dump()
+
+    __hash__ = document.Calibration.__hash__
+
+    def overlay(self, image: npt.NDArray[np.uint8], points: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+        """Draw points on a darkened image, red near by, blue far away; those that nearer ones hide are left out.
+
+        Args:
+            image: (H, W), or (H, W, 3) red, green, blue, of the camera's size; uint8. It stays as it is.
+            points: (N, 3) or (N, 4) metres, LiDAR frame; a fourth column is ignored.
+
+        Returns:
+            (H, W, 3) red, green, blue.
+
+        Raises:
+            InputError: the image or the points have another shape, or other numbers.
+        """
+        from semcal_cli.report.overlay import draw_depths
+
+        camera, array = self.used_camera, np.asarray(points)
+        size = camera.height, camera.width
+        check_array("image", image, [Form(size, *COLORS), Form((*size, 3), *COLORS)])
+        check_array("points", array, POINTS)
+        xyz = np.ascontiguousarray(array[:, :3], np.float32)
+        return image_of(draw_depths(image_of(image), xyz, self.T_camera_lidar, camera))
+
+    def save(self, path: Path | str, to: str | None = None, options: FormatOptions | None = None) -> None:
+        """Write the calibration to a file, as a whole or not at all.
+
+        Args:
+            path: File to write.
+            to: Name of the format of another tool, as `ros2-static-transform`: `semcal convert --formats` lists them.
+                None writes the whole calibration, as YAML or JSON by the suffix.
+            options: What the format of another tool leaves open, such as the names of its frames.
+
+        Raises:
+            InputError: the format is not known or needs an option, or the file cannot be written.
+        """
+        if to is None:
+            write_calibration(self, path)
+            return
+        given = options or FormatOptions()
+        write_transform(
+            self.T_camera_lidar, path, to, replace(given, intrinsics=given.intrinsics or self.used_camera)
+        )
+
+    def _repr_html_(self) -> str:
+        """Show the verdict, the interval and the points of the first image, in a notebook."""
+        from semcal_cli.report.template import ENVIRONMENT
+        from semcal_cli.report.words import verdict_of
+
+        template = ENVIRONMENT.get_template("api/calibration.html")
+        rows = [" ".join(f"{value:12.6f}" for value in row) for row in self.T_camera_lidar]
+        return template.render(verdict=verdict_of(self), rows=rows, jpeg=self._jpeg())
+
+    def _jpeg(self) -> str | None:
+        """Draw the points of the first frame with an image, as a JPEG in base64; None where it cannot be read."""
+        import cv2
+
+        with suppress(SemcalError):
+            drive = self._drive if isinstance(self._drive, Drive | None) else read_drive(self._drive)
+            frames = () if drive is None else drive.frames
+            for frame in (each for each in frames if each.image is not None):
+                assert drive is not None
+                one = drive.model_copy(update={"frames": (frame,)})
+                (cloud,), image = read_clouds(one), read_frame_image(one, frame)
+                assert image is not None
+                drawn = self.overlay(image_of(image), cloud.points)
+                scale = min(1.0, WIDTH_PX / drawn.shape[1])
+                small = cv2.resize(drawn[..., ::-1], None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+                _, content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+                return base64.b64encode(content.tobytes()).decode()
+        return None
+
+
+def read_calibration(path: Path | str) -> Calibration:
+    """Read and check a calibration.
+
+    Raises:
+        InputError: the file is wrong; the message names the file, the key, what was found and what was needed.
+    """
+    return Calibration.of(document.read_calibration(path))

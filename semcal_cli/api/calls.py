@@ -1,0 +1,201 @@
+"""One call each: calibrate, refine, assess and verify, on a drive or on arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy.typing as npt
+from typing_extensions import Unpack
+
+from semcal_cli import pipeline
+from semcal_cli.api.calibration import Calibration
+from semcal_cli.assessment.priors import Prior
+from semcal_cli.config import CalibrationConfig, CueName, Limits
+from semcal_cli.drive.arrays import ArrayInput
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.events import Listener, ignore
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.errors import InputError
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import verification
+from semcal_cli.pipeline.given import as_initial_pose, assess_given, refine_given
+from semcal_cli.pipeline.verification import Verification
+from semcal_cli.result.calibration import Calibration as Document
+
+Data: TypeAlias = LoadedDrive | Drive | Path | str
+"""A drive, its folder, its drive.yaml, or a drive loaded by `load`."""
+Transform: TypeAlias = InitialPose | Document | Path | str | npt.ArrayLike
+"""T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any known format."""
+Cues: TypeAlias = CueName | Sequence[CueName]
+"""A cue, or several that count together."""
+
+
+def calibrate(
+    drive: Data | None = None,
+    config: CalibrationConfig | None = None,
+    *,
+    cue: Cues | None = None,
+    initial_pose: Transform | None = None,
+    priors: Sequence[Prior] = (),
+    relative_to: Path = Path(),
+    on_event: Listener = ignore,
+    hashes: dict[str, str] | None = None,
+    **arrays: Unpack[ArrayInput],
+) -> Calibration:
+    """Calibrate the camera and the LiDAR of a drive or of arrays.
+
+    Args:
+        drive: A drive, its folder, its drive.yaml, or the result of `load` with the same settings; None takes arrays.
+        config: All settings; the defaults if not given.
+        cue: What points and pixels are compared by, in place of `config.cues`.
+        initial_pose: Pose to search around or to start from; see `pipeline.initialize`.
+        priors: Known axes of the pose.
+        relative_to: Folder of the result, which names the drive relative to it.
+        on_event: Called with each event.
+        hashes: SHA-256 by the real paths of files; missing ones are added.
+        arrays: Arrays in place of a drive: see `Drive.from_arrays`.
+
+    Raises:
+        InputError: the drive, one of its files or an argument is missing or wrong.
+        CalibrationError: the data give no answer.
+    """
+    data = _data(drive, arrays)
+    found = pipeline.calibrate(
+        data,
+        _with_cue(config, cue),
+        initial_pose=None if initial_pose is None else as_initial_pose(initial_pose),
+        priors=priors,
+        relative_to=relative_to,
+        on_event=on_event,
+        hashes=hashes,
+    )
+    return Calibration.of(found, data.drive if isinstance(data, LoadedDrive) else data)
+
+
+def refine(
+    drive: Data | None = None,
+    transform: Transform | None = None,
+    config: CalibrationConfig | None = None,
+    *,
+    cue: Cues | None = None,
+    priors: Sequence[Prior] = (),
+    relative_to: Path = Path(),
+    on_event: Listener = ignore,
+    **arrays: Unpack[ArrayInput],
+) -> Calibration:
+    """Refine a transform that is known to 20 degrees or so by labels, to 5 degrees and 0.3 m by edges.
+
+    Nothing is searched; the pose is polished and assessed as `calibrate` does it.
+
+    Args:
+        drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`; None takes arrays.
+        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
+            known format.
+        config: All settings; the defaults if not given.
+        cue: What points and pixels are compared by, in place of `config.cues`.
+        priors: Known axes of the pose.
+        relative_to: Folder of the result, which names the drive relative to it.
+        on_event: Called with each event.
+        arrays: Arrays in place of a drive: see `Drive.from_arrays`.
+
+    Raises:
+        InputError: the drive, one of its files or an argument is missing or wrong.
+        CalibrationError: the data give no answer.
+    """
+    config, start = _with_cue(config, cue), _given(transform)
+    data = load(_data(drive, arrays), config, on_event)
+    return Calibration.of(refine_given(data, start, config, priors, on_event, relative_to), data.drive)
+
+
+def assess(
+    drive: Data | None = None,
+    transform: Transform | None = None,
+    config: CalibrationConfig | None = None,
+    *,
+    cue: Cues | None = None,
+    relative_to: Path = Path(),
+    on_event: Listener = ignore,
+    **arrays: Unpack[ArrayInput],
+) -> Calibration:
+    """Tell how sure a transform is that is right to about a pixel: its interval, and all that speaks against it.
+
+    It is only polished before, because an interval belongs to a top of the mutual information. `verify` tells whether a
+    transform still holds, wherever the top is.
+
+    Args:
+        drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`; None takes arrays.
+        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
+            known format.
+        config: All settings; the defaults if not given.
+        cue: What points and pixels are compared by, in place of `config.cues`.
+        relative_to: Folder of the result, which names the drive relative to it.
+        on_event: Called with each event.
+        arrays: Arrays in place of a drive: see `Drive.from_arrays`.
+
+    Raises:
+        InputError: the drive, one of its files or an argument is missing or wrong, or the cue is features.
+        CalibrationError: the data give no answer.
+    """
+    config, given = _with_cue(config, cue), _given(transform)
+    data = load(_data(drive, arrays), config, on_event)
+    return Calibration.of(assess_given(data, given, config, on_event, relative_to), data.drive)
+
+
+def verify(
+    drive: Data | None = None,
+    transform: Transform | None = None,
+    limits: Limits | None = None,
+    config: CalibrationConfig | None = None,
+    on_event: Listener = ignore,
+    *,
+    cue: Cues | None = None,
+    **arrays: Unpack[ArrayInput],
+) -> Verification:
+    """Check whether a transform still holds on a drive or on arrays; see `semcal_cli.pipeline.verification.verify`.
+
+    Args:
+        drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`; None takes arrays.
+        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
+            known format.
+        limits: Largest allowed errors; None takes the defaults.
+        config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults.
+        on_event: Called with each event of the run.
+        cue: What points and pixels are compared by, in place of `config.cues`.
+        arrays: Arrays in place of a drive: see `Drive.from_arrays`.
+
+    Raises:
+        InputError: the drive, one of its files or an argument is missing or wrong, or the offset of the clock is
+            limited, and there is no direction of motion.
+        CalibrationError: the data cannot be calibrated at all.
+    """
+    return verification.verify(
+        _data(drive, arrays), _given(transform), limits, _with_cue(config, cue), on_event
+    )
+
+
+def _data(drive: Data | None, arrays: ArrayInput) -> Data:
+    """Take the drive, or make one of the arrays."""
+    if drive is None and not arrays:
+        raise InputError(
+            "drive: found nothing, needed a drive, or arrays: points, camera and what the cue compares"
+        )
+    if drive is not None and arrays:
+        raise InputError(f"{min(arrays)}: found arrays beside a drive, needed one of the two")
+    return Drive.from_arrays(**arrays) if drive is None else drive
+
+
+def _given(transform: Transform | None) -> InitialPose:
+    if transform is None:
+        raise InputError("transform: found nothing, needed T_camera_lidar (4, 4), a calibration or a file")
+    return as_initial_pose(transform)
+
+
+def _with_cue(config: CalibrationConfig | None, cue: Cues | None) -> CalibrationConfig:
+    """Put the cues into the settings."""
+    config = CalibrationConfig() if config is None else config
+    if cue is None:
+        return config
+    return replace(config, cues=(cue,) if isinstance(cue, str) else tuple(cue))
