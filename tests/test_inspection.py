@@ -3,11 +3,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import invoke
+from commands import invoke, unwrapped
 from conftest import edited
 
 from semcal_cli.assessment.inspection import DriveReport, inspect
 from semcal_cli.assessment.pairing import find_identical_files
+from semcal_cli.cli.inspect import LABEL_WIDTH
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.images import write_image
@@ -39,7 +40,7 @@ def test_what_is_suspicious_comes_first_and_equal_faults_are_one_line(drive: Pat
         for frame in document["frames"][:2]:
             frame |= {"points_stamp": 1.0, "image_stamp": 1.5}
         document["frames"][3]["image_labels"] = DRIVE_FILE
-    lines = invoke("inspect", drive).stdout.splitlines()
+    lines = unwrapped(invoke("inspect", drive).stdout, LABEL_WIDTH).splitlines()
     names = [frame["points"] for frame in document["frames"]]
     assert lines[0] == f"suspicious  {names[0]}, {names[1]}: sweep and picture are 0.500 s apart"
     assert lines[1].startswith(f"suspicious  {names[3]}: {drive / DRIVE_FILE}: ")
@@ -47,7 +48,8 @@ def test_what_is_suspicious_comes_first_and_equal_faults_are_one_line(drive: Pat
     assert "is not checked here" in "\n".join(lines)
     report = json.loads(invoke("inspect", drive, "--json").output)
     assert [frame["gap_s"] for frame in report["frames"]] == [0.5, 0.5, None, None]
-    rows = invoke("inspect", drive, "--frames").stdout.splitlines()
+    whole = invoke("inspect", drive, "--frames", env={"COLUMNS": "240"})
+    rows = unwrapped(whole.stdout, LABEL_WIDTH).splitlines()
     assert rows[: len(lines) - 1] == lines[:-1]
     assert len(rows) == len(lines) - 1 + 1 + len(names)
 
@@ -94,14 +96,15 @@ def test_a_drive_without_labels_is_looked_at(drive: Path) -> None:
         document["frames"] = [{"points": frame["points"]} for frame in document["frames"]]
     found = invoke("inspect", drive)
     assert found.exit_code == 0, found.output
-    suspicious, *others = found.output.splitlines()
+    output = unwrapped(found.output, LABEL_WIDTH)
+    suspicious, *others = output.splitlines()
     assert suspicious == (
         "suspicious  no labels of pixels: `semcal label` makes them with a network; without them a calibration needs a "
         "start (`--init`)"
     )
     assert not any(line.startswith("suspicious") for line in others)
-    assert "64 channels" in found.output
-    assert "of points   no labels; segments and edges need none" in found.output
+    assert "64 channels" in output
+    assert "of points   no labels; segments and edges need none" in output
 
 
 WIDE, HIGH = 640, 360

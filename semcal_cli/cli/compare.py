@@ -44,7 +44,7 @@ def compare(settings: CompareSettings) -> None:
     from semcal_cli.assessment.comparison import compare as difference
     from semcal_cli.assessment.comparison import describe_cameras
     from semcal_cli.assessment.limits import together
-    from semcal_cli.cli.tables import labelled
+    from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import COLORS
     from semcal_cli.formats import read_extrinsic
 
@@ -58,7 +58,7 @@ def compare(settings: CompareSettings) -> None:
     verdicts = [found.verdict(off, allowed, unit[:3]) for _, off, unit, allowed in differences]
     verdict = together(verdicts)
     if (cameras := describe_cameras(known_a, known_b)) is not None:
-        click.echo(labelled("camera", cameras), err=True)
+        click.echo("\n".join(wrapped("camera", cameras)), err=True)
     figures = [_figures(found, *each[1:]) for each in differences]
     names = [name for name, *_ in differences]
     cases = [Case(*each) for each in zip(names, verdicts, figures, strict=True)]

@@ -24,6 +24,8 @@ CAMERA = "The camera's frame, entry or token in {}."
 FRAME = "Axes of the camera's frame in {}: optical (x right, y down, z forward) or body (x forward, y left, z up)."
 DIRECTION = "Direction of a bare matrix in {}: p_camera = T p_lidar, or p_lidar = T p_camera."
 WRITTEN = "what is written"
+NAME_WIDTH = 22
+"""Columns of the names in the list of formats."""
 
 
 class FormatName(click.ParamType[str]):
@@ -48,10 +50,11 @@ def format_name(help: str, *names: str) -> Any:
 
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
     if is_asked:
+        from semcal_cli.cli.tables import wrapped
         from semcal_cli.formats import FORMATS
 
         for format in FORMATS:
-            click.echo(f"{format.name:<22}{format.equation}")
+            click.echo("\n".join(wrapped(format.name, format.equation, NAME_WIDTH)))
         ctx.exit()
 
 

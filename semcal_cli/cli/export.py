@@ -39,6 +39,7 @@ def rerun(settings: RerunSettings) -> None:
     import numpy as np
 
     from semcal_cli.cli.outputs import check_outputs, files_read
+    from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
@@ -65,4 +66,4 @@ def rerun(settings: RerunSettings) -> None:
         terminal.show("reading frames")
         write_rerun(spec, cameras, settings.output)
     names = f", cameras {', '.join(cameras)}" if cameras else ""
-    terminal.print(f"wrote {settings.output}: {len(spec.frames)} frames{names}")
+    terminal.print(*wrapped("", f"wrote {settings.output}: {len(spec.frames)} frames{names}", indent=0))

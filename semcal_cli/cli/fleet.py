@@ -165,7 +165,7 @@ def _cases(found: Fleet) -> list[Case]:
 
 def _print(found: Fleet, written: Sequence[Path], *, quiet: bool) -> None:
     """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
-    from semcal_cli.cli.tables import labelled, matrix_lines
+    from semcal_cli.cli.tables import matrix_lines, wrapped
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.errors import printable
     from semcal_cli.fleet.verdict import title
@@ -190,7 +190,7 @@ def _print(found: Fleet, written: Sequence[Path], *, quiet: bool) -> None:
     show("95 % interval", intervals(last.half_widths.tolist()))
     show("written to", map(str, written))
     verdict = f"{found.verdict}: {title(found)[0].lower()}{title(found)[1:]}"
-    terminal.print_verdict(labelled("verdict", verdict), found.verdict)
+    terminal.print_verdict("\n".join(wrapped("verdict", verdict)), found.verdict)
 
 
 def _worst_first(drives: Sequence[ComparedDrive]) -> list[ComparedDrive]:

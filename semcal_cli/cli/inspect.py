@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ NUM_NAMED_FRAMES = 3
 """Number of frames that a finding about several of them names."""
 LABEL_WIDTH = 12
 WIDE = 240
-"""Width in columns of the output on a pipe."""
+"""Width in columns of the table of frames on a pipe."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,16 +71,19 @@ def inspect(settings: InspectSettings) -> None:
 def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
     """Print what is suspicious with any camera, and then what the drive of each holds, under its name if it has one.
 
-    A terminal gets lines of its width; a pipe gets them whole.
+    The table of frames has the width of the terminal, or of COLUMNS; a pipe without that gets its rows whole.
     """
     from rich.console import Console
 
+    from semcal_cli.cli.tables import wrapped
+
     console = Console(highlight=False, soft_wrap=True, emoji=False)
-    if not console.is_terminal:
+    if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDE
 
-    def show(label: str, line: str) -> None:
-        console.print(f"{label:<{LABEL_WIDTH}}{printable(line)}", markup=False)
+    def show(label: str, text: str) -> None:
+        for line in wrapped(label, text, LABEL_WIDTH):
+            console.print(line, markup=False)
 
     suspicious, too_little = (
         [f"{name}: {line}" if name else line for name, report in reports.items() for line in found(report)]
@@ -95,7 +99,7 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
         for label, line in _content(report):
             show(label, line)
         if with_frames:
-            console.print(_table(report))
+            console.print(_table(report), soft_wrap=False)
         else:
             show("frames", "see --frames")
 

@@ -15,7 +15,7 @@ import click
 from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page, files_read
 from semcal_cli.cli.rules import refuse
-from semcal_cli.cli.tables import labelled, matrix_lines
+from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.events import Event
 from semcal_cli.drive.loading import load
@@ -145,7 +145,7 @@ def _lines(found: RigCalibration, result: Path) -> list[str]:
     return [
         *(line for pair in found.pairs for line in _pair_lines(pair)),
         labelled("sweeps", f"{found.num_sweeps:,} for {num_frames:,} frames"),
-        *(labelled("note", note) for note in found.notes),
+        *(line for note in found.notes for line in wrapped("note", note)),
         labelled("written to", str(result)),
     ]
 
@@ -169,5 +169,5 @@ def _print_verdict(found: RigCalibration, terminal: Terminal) -> None:
         terminal.print_verdict(labelled("rig", "trusted"), "trusted")
         return
     worst = found.failures or [name for name, each in found.cameras.items() if each.status == found.status]
-    line = labelled("rig", f"{found.status.replace('_', ' ')}: {', '.join(worst)}")
-    terminal.print_verdict(line, "not_trusted" if found.status == "failed" else found.status)
+    lines = wrapped("rig", f"{found.status.replace('_', ' ')}: {', '.join(worst)}")
+    terminal.print_verdict("\n".join(lines), "not_trusted" if found.status == "failed" else found.status)

@@ -80,7 +80,7 @@ class Terminal:
 
     def print_changes(self, changes: Iterable[tuple[str, str]]) -> None:
         """Print where the camera and the clock of a result differ from those of a drive."""
-        self.print(*(labelled(*change) for change in changes))
+        self.print(*(line for change in changes for line in wrapped(*change)))
 
     def print_paths(self, label: str, paths: Iterable[Path]) -> None:
         """Print the files of a kind that were written."""
