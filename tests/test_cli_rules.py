@@ -138,11 +138,11 @@ REFUSED = {
             ("labels,features", "needed features alone"),
         )
     },
-    "synth d --delay-ms 5": "--delay-ms: found 5, needed --motion steady or mixed, without which it changes nothing",
-    "synth d --readout-ms 30": "--readout-ms: found 30, needed --motion steady or mixed, without which it changes "
-    "nothing",
+    "synth d --delay-ms 5": "--delay-ms: found 5, needed --motion steady or mixed, without which it has no effect",
+    "synth d --readout-ms 30": "--readout-ms: found 30, needed --motion steady or mixed, without which it has no "
+    "effect",
     "synth d --motion mixed --readout-direction up": "--readout-direction: found up, needed --readout-ms, without "
-    "which it changes nothing",
+    "which it has no effect",
     "synth d --fov-up-deg -30": "--fov-down-deg: found -30.0, needed less than --fov-up-deg, -30.0",
 }
 """Command lines, and what is said of them."""

@@ -207,7 +207,7 @@ def test_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("text")
     with pytest.raises(InputError) as error:
         synthesize(TINY, tmp_path)
-    complaint = "the folder is not empty; name another, or write into it with --force"
+    complaint = "the folder is not empty; name another folder, or write into it with --force"
     assert str(error.value) == f"{tmp_path}: {complaint}"
     assert files(tmp_path) == ["precious"]
     synthesize(dataclasses.replace(TINY, num_frames=1), tmp_path, force=True)

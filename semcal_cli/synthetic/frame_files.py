@@ -23,22 +23,22 @@ UNLABELED = 0
 """Id of pixels that the lens does not reach; no point has it."""
 SKY = "sky"
 FIRST_DISJOINT_ID = 100
-"""First id of disjoint label images, above every id of the synthetic classes."""
+"""First id of label images with a disjoint ontology, above every id of the synthetic classes."""
 
 SWEEP_FOLDERS, PICTURE_FOLDERS = ("points", "point_labels"), ("image_labels", "images")
 SUFFIXES = {"points": "bin", "point_labels": "label", "image_labels": "png", "images": "png"}
 TIMED_POINTS_SUFFIX = "pcd"
-"""Suffix of clouds with a time for each point, which a .bin cannot hold."""
+"""Suffix of point clouds with a time for each point, which a .bin cannot hold."""
 TIMED_FIELDS = ("x", "y", "z", "intensity", "time")
-"""Fields of such a cloud, of four bytes each."""
+"""Fields of such a point cloud, four bytes each."""
 
 
 @dataclass(frozen=True)
 class Written:
-    """What was written of a frame."""
+    """Summary of a written frame."""
 
     num_points: int
-    """Points of the sweep."""
+    """Number of points of the sweep."""
     classes: frozenset[int]
     """Classes of points and pixels, before label noise."""
 
@@ -46,7 +46,7 @@ class Written:
 def write_frame(
     config: SynthConfig, renderer: _core.Renderer, out: Path, sweeps: str | None, camera: int, number: int
 ) -> Written:
-    """Render a frame and write its files, the sweep only if it is not another camera's: see `synthesize`.
+    """Render a frame and write its files; the sweep only if no other camera's drive has it (see `synthesize`).
 
     Raises:
         InputError: a file cannot be written.
@@ -58,7 +58,7 @@ def write_frame(
         with written_below(out):
             path["points"].write_bytes(_cloud(config, frame))
             _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
-    # The label noise of two cameras is in different places.
+    # The label noise differs between cameras.
     rng = generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
     noisy = mislabel(image_labels, config.label_noise, class_ids(), rng, UNLABELED)
     write_image(image_ids(config)[noisy], path["image_labels"])
@@ -68,7 +68,7 @@ def write_frame(
 
 
 def image_ids(config: SynthConfig) -> Labels:
-    """Make the table (256,) from the ids of the synthetic classes to those of the label images."""
+    """Make the table (256,) that maps ids of the synthetic classes to those of the label images."""
     table = np.arange(256, dtype=np.uint8)
     if config.ontology == "disjoint":
         classes = class_ids()
@@ -83,7 +83,7 @@ def class_ids() -> Labels:
 
 
 def frame_document(config: SynthConfig, number: int, sweeps: str | None) -> dict[str, str | float]:
-    """Make what a drive.yaml says of a frame."""
+    """Make the entry of a frame in drive.yaml."""
     names = file_names(config, number)
     place = "" if sweeps is None else f"{sweeps}/"
     return {
@@ -96,14 +96,14 @@ def frame_document(config: SynthConfig, number: int, sweeps: str | None) -> dict
 
 
 def file_names(config: SynthConfig, number: int) -> dict[str, str]:
-    """Name the file of a frame in each folder."""
+    """Name the files of a frame, by folder."""
     suffixes = SUFFIXES if config.motion == "none" else SUFFIXES | {"points": TIMED_POINTS_SUFFIX}
     return {folder: f"{folder}/{number:06d}.{suffix}" for folder, suffix in suffixes.items()}
 
 
 @contextmanager
 def written_below(out: Path) -> Iterator[None]:
-    """Name the folder of a drive in the error if something in it cannot be written."""
+    """Name the folder of a drive in the error if a file in it cannot be written."""
     try:
         yield
     except OSError as error:
@@ -111,7 +111,7 @@ def written_below(out: Path) -> Iterator[None]:
 
 
 def _cloud(config: SynthConfig, frame: _core.RenderedFrame) -> bytes:
-    """Make the content of a cloud: KITTI's records, or a binary PCD if the points have times of their own."""
+    """Make the content of a point cloud: KITTI's records, or a binary PCD if each point has its own time."""
     if config.motion == "none":
         return frame.points.astype("<f4").tobytes()
     records = np.column_stack([frame.points, frame.point_times]).astype("<f4")
@@ -133,7 +133,7 @@ def _cloud(config: SynthConfig, frame: _core.RenderedFrame) -> bytes:
 def _noisy_point_labels(
     config: SynthConfig, labels: npt.NDArray[np.uint32], number: int
 ) -> npt.NDArray[np.uint32]:
-    """Mislabel points (N,), `instance << 16 | class`, but never as sky, which gives no return."""
+    """Mislabel points (N,), `instance << 16 | class`, but never as sky, which returns no points."""
     classes = np.array([id_ for id_, name in _core.synthetic_classes() if name != SKY], dtype=np.uint8)
     true = (labels & 0xFFFF).astype(np.uint8)
     noisy = mislabel(true, config.label_noise, classes, generator(config, POINT_LABELS, number), UNLABELED)

@@ -1,4 +1,4 @@
-"""Label noise for experiments: wrong labels, grown and moved classes, errors of a network, disjoint ontologies."""
+"""Label noise for experiments: wrong labels, dilated and shifted classes, network errors, disjoint ontologies."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ BORDER_RMS_PX = 2.0
 BORDER_SCALE_PX = 12.0
 """Smoothness of the random field that moves the borders: standard deviation of its Gaussian kernel, in pixels."""
 BLOB_SHARE = 0.04
-"""Share of a network's label image that ellipses of a wrong class cover."""
+"""Fraction of a network's label image that ellipses of a wrong class cover."""
 BLOB_RADIUS_PX = (5.0, 40.0)
 """Smallest and largest radius of these ellipses, in pixels."""
 POINT_SHARE = 0.06
-"""Share of the points that a network labels wrongly."""
+"""Fraction of the points that a network labels wrongly."""
 SHARED_RMS_PX = 1.5
-"""Distance by which each class is moved along either axis, and grown, in all frames alike: root mean square, pixels."""
+"""Root mean square of the shift along each axis and of the dilation of each class, the same in all frames, pixels."""
 
 THINGS = (
     *("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "rider"),
@@ -45,14 +45,14 @@ MERGED_IMAGE_CLASSES = {
 def mislabel(
     ids: Labels, share: float, classes: Labels, rng: np.random.Generator, unlabelled: int = NO_CLASS
 ) -> Labels:
-    """Give each labelled entry, with probability `share`, the id of another class, all with the same probability.
+    """Give each labelled entry, with probability `share`, the id of another class, drawn uniformly.
 
     Args:
         ids: Ids of points or pixels.
         share: Probability that an id is replaced.
         classes: Sorted ids of all classes.
         rng: Random generator.
-        unlabelled: Id that stays.
+        unlabelled: Id that is never replaced.
     """
     noisy = ids.copy()
     wrong = (rng.random(ids.shape) < share) & (ids != unlabelled)
@@ -62,7 +62,7 @@ def mislabel(
 
 
 def with_wrong_labels(observations: Observations, share: float, rng: np.random.Generator) -> Observations:
-    """Mislabel a share of the points and of the pixels, each independently of the others."""
+    """Mislabel a fraction of the points and of the pixels, each independently."""
     observations = _with_wrong_points(observations, share, rng)
     classes = _all_classes(observations.image_class_names)
     return observations.with_images(
@@ -107,9 +107,10 @@ def with_ragged_things(observations: Observations, grow_px: int) -> Observations
 
 
 def with_shared_errors(observations: Observations, rng: np.random.Generator) -> Observations:
-    """Move and grow each class of the pictures by an amount of its own, in all frames alike.
+    """Shift and dilate each class of the images by its own amount, the same in all frames.
 
-    More frames do not average that out. A network does it that draws one class too large and another to one side.
+    More frames do not average these errors out. A network makes them if it draws one class too large and another to one
+    side.
     """
     shape = (len(observations.image_class_names), 3)
     changes = rng.normal(0.0, SHARED_RMS_PX, shape).astype(np.float32)
@@ -147,7 +148,7 @@ def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
     from scipy.ndimage import grey_dilation
 
     grows = np.isin(image, things) == (grow_px > 0)
-    # Classes that do not grow are zero, so that growing ones cover them.
+    # Classes that do not grow are zero, so that growing classes cover them.
     reach = 2 * abs(grow_px) + 1
     above: npt.NDArray[np.int16] = grey_dilation(
         np.where(grows, image.astype(np.int16) + 1, 0), (reach, reach)
@@ -157,7 +158,7 @@ def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
 
 
 def _with_moved_classes(image: Labels, changes: npt.NDArray[np.float32]) -> Labels:
-    """Give each pixel the class in whose changed region it lies deepest; (C, 3) right, down and outwards, pixels."""
+    """Give each pixel the class in whose changed region it is deepest; (C, 3) right, down and outwards, pixels."""
     import cv2
 
     depths = np.full((len(changes), *image.shape), -np.inf, np.float32)

@@ -1,7 +1,7 @@
-"""Motion of a synthetic rig: what it truly does in each frame, and what its drive.yaml says of it.
+"""Motion of a synthetic rig: the true motion in each frame, and what drive.yaml states about it.
 
-The rig moves with one twist in the second around each frame's sweep. Each frame has a street of its own, so the
-trajectory only joins the frames. Pictures are stamped with the middle of the sweep.
+The rig moves with a constant twist in the second around each frame's sweep. Each frame has its own street, so the
+trajectory only connects the frames. Images are stamped with the middle of the sweep.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS, MOTION = range(5)
 POSES_FILE = "poses.txt"
 FIRST_STAMP_S = 1.0
 FRAME_S = 1.0
-"""Time from one sweep to the next. It is longer than what a frame's measurements can span."""
+"""Time from one sweep to the next, longer than the measurements of a frame can span."""
 STEADY_M_S = 12.0
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 20.0, 0.4
-"""Fastest forward speed of mixed motion, and fastest turn to either side."""
+"""Maximum forward speed of mixed motion, and maximum turn rate to either side."""
 
 
 def generator(config: SynthConfig, stream: int, frame: int = 0, *more: int) -> np.random.Generator:
-    """Make the generator of one stream, of a frame and of whatever else tells it apart."""
+    """Make the generator of a stream, for a frame and any further numbers that distinguish it."""
     return np.random.default_rng((config.seed, stream, frame, *more))
 
 
@@ -38,10 +38,10 @@ class VehicleMotion(NamedTuple):
     speed_m_s: float
     """Speed along x."""
     yaw_rate_rad_s: float
-    """Turn about z, positive to the left."""
+    """Turn rate about z, positive to the left."""
 
     def displacement(self, seconds: float) -> Pose:
-        """Pose (4, 4) of the vehicle after some time in its frame at the start: an arc of a circle."""
+        """Pose (4, 4) of the vehicle after some time, in its frame at the start: an arc of a circle."""
         turn, way_m = self.yaw_rate_rad_s * seconds, self.speed_m_s * seconds
         # np.sinc(x) is sin(pi x) / (pi x): an arc's chord over its length is sin(turn / 2) / (turn / 2).
         chord_m = way_m * float(np.sinc(0.5 * turn / math.pi))
@@ -52,24 +52,24 @@ class VehicleMotion(NamedTuple):
 
 
 def check_motion(config: SynthConfig) -> None:
-    """Check the settings of a drive, and that what is asked of clocks and shutter shows.
+    """Check the settings of a drive, and that the time offset and the shutter have an effect.
 
     Raises:
-        InputError: a setting is out of its range, or nothing moves, so that one would change nothing.
+        InputError: a setting is out of range, or has no effect because nothing moves.
     """
     check_settings(config)
     for option, value in {"--delay-ms": config.delay_ms, "--readout-ms": config.readout_ms}.items():
         if value != 0.0 and config.motion == "none":
             raise InputError(
-                f"{option}: found {value:g}, needed --motion steady or mixed, without which it changes nothing"
+                f"{option}: found {value:g}, needed --motion steady or mixed, without which it has no effect"
             )
     if config.readout_direction != SynthConfig.readout_direction and config.readout_ms == 0.0:
         found = f"--readout-direction: found {config.readout_direction}"
-        raise InputError(f"{found}, needed --readout-ms, without which it changes nothing")
+        raise InputError(f"{found}, needed --readout-ms, without which it has no effect")
 
 
 def vehicle_motion(config: SynthConfig, number: int) -> VehicleMotion | None:
-    """Tell how the vehicle moves in a frame; None if it stands still."""
+    """Compute the motion of the vehicle in a frame; None if it stands still."""
     if config.motion == "none":
         return None
     if config.motion == "steady":
@@ -80,7 +80,7 @@ def vehicle_motion(config: SynthConfig, number: int) -> VehicleMotion | None:
 
 
 def lidar_twist(config: SynthConfig, number: int) -> list[float] | None:
-    """Give the twist (6,) of the LiDAR in a frame, metres and radians a second in its own frame, if it moves."""
+    """Compute the twist (6,) of the LiDAR in its own frame, metres and radians per second; None if it stands still."""
     motion = vehicle_motion(config, number)
     if motion is None:
         return None
@@ -93,7 +93,7 @@ def lidar_twist(config: SynthConfig, number: int) -> list[float] | None:
 def poses_text(config: SynthConfig) -> str:
     """Write the trajectory of the LiDAR in the frame of its first pose, in the TUM format.
 
-    Poses stand half-way between the frames, so that each frame's twist holds in all of its second.
+    Poses are half-way between the frames, so that each frame's twist holds during its whole second.
     """
     T_vehicle_lidar = _T_vehicle_lidar(config)
     T_world_vehicle: Pose = T_vehicle_lidar.T  # a rotation: the fixed frame is the LiDAR's at the start
@@ -111,7 +111,7 @@ def poses_text(config: SynthConfig) -> str:
 
 
 def stamps(config: SynthConfig, number: int) -> dict[str, float]:
-    """Give the stamps of a frame's sweep and picture, in seconds; none for a rig that stands still."""
+    """Give the stamps of a frame's sweep and image, in seconds; none for a rig that stands still."""
     if config.motion == "none":
         return {}
     points_stamp = FIRST_STAMP_S + FRAME_S * number
@@ -119,14 +119,14 @@ def stamps(config: SynthConfig, number: int) -> dict[str, float]:
 
 
 def shutter(config: SynthConfig) -> dict[str, Any]:
-    """Give what a drive.yaml says of a rolling shutter; nothing of a global one."""
+    """Make the keys of a rolling shutter in drive.yaml; none for a global shutter."""
     if config.readout_ms == 0.0:
         return {}
     return {"readout_s": 1e-3 * config.readout_ms, "direction": config.readout_direction}
 
 
 def _T_vehicle_lidar(config: SynthConfig) -> Pose:
-    """Pose (4, 4) of the LiDAR in the vehicle, whose x axis the LiDAR's lies below by its tilt."""
+    """Pose (4, 4) of the LiDAR in the vehicle; the LiDAR's x axis is tilted down from the vehicle's."""
     tilt = math.radians(config.lidar_tilt_deg)
     T: Pose = np.eye(4)
     T[0, 0], T[0, 2], T[2, 0], T[2, 2] = math.cos(tilt), math.sin(tilt), -math.sin(tilt), math.cos(tilt)

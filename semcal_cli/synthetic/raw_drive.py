@@ -1,4 +1,4 @@
-"""A drive as its files hold it, in memory: for experiments that change the files and calibrate what comes of them."""
+"""The content of a drive's files in memory, for experiments that change the files and calibrate the result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class RawFrame:
     """Content of the files of one frame."""
 
     name: str
-    """Name of the files, without suffix. Frames of one name are one set of files, which the drive lists again."""
+    """Name of the files, without suffix. Frames of the same name share their files, which the drive lists again."""
     points: npt.NDArray[np.float32]
     """(N, 3) metres, LiDAR frame."""
     point_labels: Labels
@@ -33,21 +33,21 @@ class RawFrame:
     image_labels: Labels
     """(H, W) raw ids."""
     image: Path | npt.NDArray[np.uint8] | None
-    """Picture: a PNG to copy, or pixels (H, W, 3), blue, green, red; None without one."""
+    """Image: a PNG to copy, or pixels (H, W, 3), blue, green, red; None if the frame has none."""
     T_camera_lidar: Pose
     """(4, 4) true pose of the camera in this frame, metres."""
 
     def with_camera_at(self, T_camera_lidar: Pose) -> RawFrame:
-        """Let the camera have another true pose.
+        """Give the camera another true pose.
 
-        The camera keeps its picture and the LiDAR turns with the world: a camera that was knocked sees the same in
-        another pose, but for the scan pattern, which leans with the cloud.
+        The camera keeps its image and the points move instead. This equals a knocked camera, except for the scan
+        pattern, which tilts with the point cloud.
         """
         T = inverse(T_camera_lidar) @ self.T_camera_lidar
         return replace(self, points=transformed(T, self.points), T_camera_lidar=T_camera_lidar)
 
     def with_picture_of(self, other: RawFrame) -> RawFrame:
-        """Take the picture and its labels of another frame."""
+        """Take the image and its labels from another frame."""
         return replace(self, image_labels=other.image_labels, image=other.image)
 
 
@@ -62,7 +62,7 @@ class RawDrive:
     unused: tuple[RawFrame, ...] = ()
     """Other frames of the same drive, which are not written."""
     has_point_labels: bool = True
-    """Whether the labels of points are written."""
+    """Whether the point labels are written."""
 
     @property
     def num_frames(self) -> int:
@@ -71,7 +71,7 @@ class RawDrive:
 
     @property
     def knock(self) -> int:
-        """Index of the first frame whose true pose is not that of the first; the number of frames without one."""
+        """Index of the first frame whose true pose differs from frame 0's; the number of frames if none does."""
         first = self.frames[0].T_camera_lidar
         moved = (not np.array_equal(frame.T_camera_lidar, first) for frame in self.frames)
         return next((place for place, is_moved in enumerate(moved) if is_moved), self.num_frames)
@@ -90,7 +90,7 @@ class RawDrive:
         return replace(self, frames=tuple(frames))
 
     def with_document(self, **changes: object) -> RawDrive:
-        """Copy with other values of some keys of the drive.yaml."""
+        """Copy with other values of some keys of drive.yaml."""
         return replace(self, drive=self.drive.model_copy(update=changes))
 
 
@@ -105,11 +105,11 @@ def read_raw_drive(drive: Drive, T_camera_lidar: Pose, *, prefix: str = "") -> R
 
     Args:
         drive: The drive, with ids of one byte for all points and pixels.
-        T_camera_lidar: (4, 4) its true pose, metres.
-        prefix: Start of the names of the frames.
+        T_camera_lidar: (4, 4) true pose of its camera, metres.
+        prefix: Beginning of the names of the frames.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says.
+        InputError: a file is missing, or does not match its suffix or the drive.
     """
     frames = []
     for place, (frame, cloud, pixels) in enumerate(

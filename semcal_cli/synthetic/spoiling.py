@@ -1,4 +1,4 @@
-"""Drives spoiled the way real recordings are. Each function changes a good drive at random, as its docstring says."""
+"""Drives with the faults of real recordings. Each function spoils a good drive at random; its docstring says how."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from semcal_cli.synthetic.raw_drive import Labels, RawDrive, RawFrame, transform
 UNLABELLED = 0
 """Id of points and pixels without a class."""
 TURN_DEG = (0.7, 1.0)
-"""Smallest and largest angle by which the cloud of a frame is turned."""
+"""Smallest and largest angle by which the point cloud of a frame is rotated."""
 SHIFT_PX = (3.0, 4.0)
-"""Smallest and largest shift of the labels of pictures, unless another is asked for."""
+"""Default of the smallest and the largest shift of the image labels."""
 LEAK_DEG, LEAK_M = (0.5, 3.0), (0.05, 0.3)
-"""Smallest and largest error of a transform through which labels of pictures are projected onto the points."""
+"""Smallest and largest error of the transform that projects image labels onto the points."""
 
 
 def wrong_labels(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
-    """A network gives a share of the points and pixels another class."""
+    """A network gives a fraction of the points and pixels another class."""
     return _relabelled(raw, rng, share, partial(mislabel, share=share, rng=rng, unlabelled=UNLABELLED))
 
 
@@ -42,7 +42,7 @@ def labels_by_a_network(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
 def _relabelled(
     raw: RawDrive, rng: np.random.Generator, point_share: float, relabel_image: Callable[..., Labels]
 ) -> RawDrive:
-    """Mislabel a share of the points, and label each image anew, given its labels and all classes of pixels."""
+    """Mislabel a fraction of the points, and relabel each image, given its labels and all classes of pixels."""
     points = _ids([frame.point_labels for frame in raw.frames])
     pixels = _ids([frame.image_labels for frame in raw.frames])
     return raw.with_frames(
@@ -62,15 +62,15 @@ def knocked(
     distance_m: float = 0.0,
     share: float | None = None,
 ) -> RawDrive:
-    """Something hits the camera in mid-drive, which turns about its centre or moves, and stays so to the end.
+    """Something hits the camera and rotates or moves it for the rest of the drive.
 
     Args:
         raw: The drive.
         rng: Random generator, for the direction.
-        angle_deg: Angle of the turn about a random axis.
+        angle_deg: Angle of the rotation about a random axis.
         distance_m: Distance of the move in a random direction.
-        share: Share of the frames after the knock; None lets it happen at random between a quarter and three quarters
-            of the drive.
+        share: Fraction of the frames after the knock; None draws the time of the knock between a quarter and three
+            quarters of the drive.
     """
     num_frames = raw.num_frames
     if share is None:
@@ -85,12 +85,12 @@ def knocked(
 
 
 def as_it_is(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Nothing more happens to the drive."""
+    """Nothing happens to the drive."""
     return raw
 
 
 def clouds_turned(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Odometry or synchronisation is bad: each cloud is turned about the LiDAR by its own angle and axis."""
+    """Odometry or synchronisation is bad: each point cloud is rotated about the LiDAR by its own angle and axis."""
 
     def turned(frame: RawFrame) -> RawFrame:
         turn = np.concatenate([np.zeros(3), math.radians(rng.uniform(*TURN_DEG)) * _direction(rng)])
@@ -103,17 +103,17 @@ def clouds_turned(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
 def pictures_late(
     raw: RawDrive, rng: np.random.Generator, late_s: float, speeds_m_s: tuple[float, float]
 ) -> RawDrive:
-    """The rig drives along the LiDAR's x axis, and each picture is taken later than its sweep.
+    """The rig drives along the LiDAR's x axis, and each image is taken later than its sweep.
 
     Args:
         raw: The drive.
         rng: Random generator, for the speed of each frame.
-        late_s: Time from sweep to picture, in seconds.
+        late_s: Time from sweep to image, in seconds.
         speeds_m_s: Smallest and largest speed, in metres per second.
     """
 
     def ahead(frame: RawFrame) -> RawFrame:
-        # What the LiDAR saw earlier seems to be farther ahead by the way that the rig has gone since.
+        # The earlier sweep shows everything farther ahead, by the distance that the rig has moved since.
         way_m = late_s * rng.uniform(*speeds_m_s)
         return replace(frame, points=frame.points + np.array([way_m, 0.0, 0.0], np.float32))
 
@@ -123,12 +123,12 @@ def pictures_late(
 def point_labels_from_pictures(
     raw: RawDrive, rng: np.random.Generator, *, is_by_a_network: bool = False
 ) -> RawDrive:
-    """A tool labels each point by the pixel that it lands on, through a wrong transform; points outside have none.
+    """A tool labels each point by the pixel under it, through a wrong transform; points outside have no label.
 
     Args:
         raw: The drive.
         rng: Random generator, for the error of the transform.
-        is_by_a_network: Whether a network labels the pictures first.
+        is_by_a_network: Whether a network labels the images first.
     """
     if is_by_a_network:
         raw = labels_by_a_network(raw, rng)
@@ -137,7 +137,7 @@ def point_labels_from_pictures(
 
 
 def projected_labels(raw: RawDrive, T_camera_lidar: Pose) -> RawDrive:
-    """Label each point by the pixel that it lands on through a transform (4, 4); points outside have no label."""
+    """Label each point by the pixel under it, through a transform (4, 4); points outside have no label."""
     camera = core_camera(raw.drive.camera)
 
     def labelled(frame: RawFrame) -> RawFrame:
@@ -163,12 +163,12 @@ def point_labels_shifted(raw: RawDrive, rng: np.random.Generator, entries: int) 
 def image_labels_shifted(
     raw: RawDrive, rng: np.random.Generator, step: int = 1, distance_px: tuple[float, float] = SHIFT_PX
 ) -> RawDrive:
-    """Another tool resized the label images, or those of every other frame: labels are some pixels off their pixels.
+    """Another tool resized all label images, or every second one: their labels are some pixels off.
 
     Args:
         raw: The drive.
         rng: Random generator, for the shift.
-        step: 1 to shift the labels of all frames, 2 for those of every other.
+        step: 1 shifts the labels of all frames, 2 those of every second frame.
         distance_px: Smallest and largest shift.
     """
     reach = range(-math.floor(distance_px[1]), math.floor(distance_px[1]) + 1)
@@ -189,7 +189,7 @@ def image_labels_shifted(
 
 
 def image_labels_cropped(raw: RawDrive, rng: np.random.Generator, pixels: int) -> RawDrive:
-    """Label images lack rows at the top and columns on the left; the drive.yaml has their size and the old K."""
+    """Label images lack rows at the top and columns on the left; drive.yaml has their size and the old K."""
     camera = raw.drive.camera
     size = {"width": camera.width - pixels, "height": camera.height - pixels}
     cropped = raw.with_document(camera=camera.model_copy(update=size))
@@ -202,22 +202,22 @@ def image_labels_cropped(raw: RawDrive, rng: np.random.Generator, pixels: int) -
 def principal_point_wrong(
     raw: RawDrive, rng: np.random.Generator, cx_px: float = 0.0, cy_px: float = 0.0
 ) -> RawDrive:
-    """The principal point in the drive.yaml is wrong, as after a crop that nobody wrote down."""
+    """The principal point in drive.yaml is wrong, as after an unrecorded crop."""
     return _with_intrinsics(raw, right=cx_px * _sign(rng), down=cy_px * _sign(rng))
 
 
 def focal_length_wrong(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
-    """The focal length along x alone is wrong, as after pictures were stretched."""
+    """Only the focal length along x is wrong, as after the images were stretched."""
     return _with_intrinsics(raw, scale=1.0 + share * _sign(rng))
 
 
 def zoom_wrong(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
-    """Both focal lengths are wrong by the same factor, as of another lens of the same make."""
+    """Both focal lengths are wrong by the same factor, as those of another lens of the same make."""
     return raw.with_document(camera=raw.drive.camera.zoomed(1.0 + share * _sign(rng)))
 
 
 def clouds_scaled(raw: RawDrive, rng: np.random.Generator, scale: float) -> RawDrive:
-    """The clouds are in other units, or a driver multiplies the ranges by a wrong constant."""
+    """The point clouds are in other units, or a driver multiplies the ranges by a wrong constant."""
     return raw.with_frames(
         replace(frame, points=(scale * frame.points).astype(np.float32)) for frame in raw.frames
     )
@@ -231,14 +231,14 @@ def one_frame_again(
     *,
     is_renamed: bool = False,
 ) -> RawDrive:
-    """A car stands at a red light: the drive is one frame, listed again and again.
+    """A car waits at a red light: the drive is one frame, listed again and again.
 
     Args:
         raw: The drive, of which a random frame is taken.
         rng: Random generator.
         times: Number of copies.
         noise_m: Standard deviation of the noise of each copy's coordinates; None for exact copies.
-        is_renamed: Whether exact copies are files of their own.
+        is_renamed: Whether exact copies have files of their own.
     """
     frame = raw.frames[rng.integers(raw.num_frames)]
 
@@ -252,7 +252,7 @@ def one_frame_again(
 
 
 def classes_merged(raw: RawDrive, rng: np.random.Generator, first: Sequence[int] | None = None) -> RawDrive:
-    """The user merges all classes to two, on both sides alike.
+    """The user merges all classes into two, in the same way on both sides.
 
     Args:
         raw: The drive, whose points and pixels have the same ids.
@@ -268,7 +268,7 @@ def classes_merged(raw: RawDrive, rng: np.random.Generator, first: Sequence[int]
 
 
 def pictures_mirrored(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Half of the pictures are mirrored with their labels, as by an augmentation that was left on."""
+    """Half of the images are mirrored with their labels, as by an augmentation that was left on."""
     mirrored = set(rng.permutation(raw.num_frames)[: raw.num_frames // 2].tolist())
     return raw.with_frames(
         _mirrored(frame) if place in mirrored else frame for place, frame in enumerate(raw.frames)
@@ -276,7 +276,7 @@ def pictures_mirrored(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
 
 
 def picture_of_another_moment(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """One cloud is paired with a picture of another moment of the drive."""
+    """One point cloud is paired with an image from another moment of the drive."""
     place = int(rng.integers(raw.num_frames))
     others = raw.unused or [*raw.frames[:place], *raw.frames[place + 1 :]]
     frames = list(raw.frames)
@@ -285,7 +285,7 @@ def picture_of_another_moment(raw: RawDrive, rng: np.random.Generator) -> RawDri
 
 
 def _ids(labels: Sequence[Labels]) -> Labels:
-    """List the ids that occur, sorted, without that of no class."""
+    """List the ids that occur, sorted, without `UNLABELLED`."""
     counts = sum(np.bincount(each.ravel(), minlength=256) for each in labels)
     found: Labels = np.setdiff1d(np.flatnonzero(counts), [UNLABELLED]).astype(np.uint8)
     return found

@@ -1,4 +1,4 @@
-"""Synthetic drives: ray-cast streets with exact labels, seen by a rig whose calibration is known."""
+"""Synthetic drives: ray-cast streets with exact labels, seen by a rig with known extrinsics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from semcal_cli.synthetic.motion import MOUNTING, POSES_FILE, check_motion, gene
 
 PITCH_DEG, ROLL_DEG = 8.0, 4.0
 CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
-"""Largest coordinates of a randomly mounted camera in the LiDAR frame, in both directions."""
+"""Maximum coordinates of a randomly mounted camera in the LiDAR frame, in both directions."""
 
 # Model, distortion in OpenCV's order, horizontal field of view. Each lens is monotone over its field of view.
 LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
@@ -53,7 +53,7 @@ class SynthSummary:
     num_frames: int
     """Number of frames."""
     num_points: int
-    """Number of points of all frames."""
+    """Number of points in all frames."""
     num_classes: int
     """Number of classes of points and pixels together, before label noise."""
 
@@ -69,19 +69,19 @@ def synthesize(
 ) -> SynthSummary:
     """Write a drive with its true transform. The same config gives the same bytes.
 
-    The drive.yaml is written last, so a folder that has one is complete.
+    `drive.yaml` is written last, so a folder with a `drive.yaml` is complete.
 
     Args:
         config: Settings of the drive.
-        out: Folder to write; it is made if it does not exist.
-        progress: Called with the number of frames that are done.
-        force: Whether to write into a folder that is not empty; files of other names stay.
-        sweeps: Folder, relative to `out`, of another camera's drive of the same world and LiDAR, whose clouds are named
-            instead of written.
+        out: Folder to write; it is created if it does not exist.
+        progress: Called with the number of finished frames.
+        force: Whether to write into a folder that is not empty; files with other names are kept.
+        sweeps: Folder, relative to `out`, of another camera's drive in the same world with the same LiDAR. Its point
+            clouds are listed instead of written again.
         camera: Number of the camera in a rig; the label noise differs between the cameras.
 
     Raises:
-        InputError: the folder is not empty or cannot be written, or the config describes no possible rig or motion.
+        InputError: the folder is not empty or cannot be written, or the rig or its motion is impossible.
     """
     check_motion(config)
     T_camera_lidar = mounting(config)
@@ -117,22 +117,22 @@ def synthesize_rig(
     *,
     force: bool = False,
 ) -> SynthSummary:
-    """Write a drive for each of several cameras evenly around one LiDAR, and a `rig.yaml` that names the drives.
+    """Write a drive for each of several cameras, evenly spaced around one LiDAR, and a `rig.yaml` that lists them.
 
     The random part of the mounting is drawn for each camera.
 
     Args:
         config: Settings of the drives.
         num_cameras: Number of cameras.
-        out: Folder to write; it is made if it does not exist.
-        progress: Called with the number of frames that are done.
-        force: Whether to write into a folder that is not empty; files of other names stay.
+        out: Folder to write; it is created if it does not exist.
+        progress: Called with the number of finished frames.
+        force: Whether to write into a folder that is not empty; files with other names are kept.
 
     Returns:
         The summary of the last camera's drive.
 
     Raises:
-        InputError: the folder is not empty or cannot be written, or the config describes no possible rig or motion.
+        InputError: the folder is not empty or cannot be written, or the rig or its motion is impossible.
     """
     check_motion(config)
     _check_empty(out, force)
@@ -159,7 +159,7 @@ def synthesize_rig(
 
 
 def mounting(config: SynthConfig) -> Pose:
-    """Mount the camera as the config says, and at random where the config says None.
+    """Mount the camera as the config states, and at random where the config has None.
 
     Returns:
         T_camera_lidar (4, 4), metres.
@@ -197,7 +197,7 @@ def make_camera(config: SynthConfig) -> Camera:
 
 
 def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
-    """Compute the width of an image of focal length one that spans an angle to both sides of the optical axis."""
+    """Compute the width of an image with focal length one that spans an angle to both sides of the optical axis."""
     model, distortion, _ = LENSES[lens]
     if model == "equirectangular":
         return 2.0 * half_angle
@@ -237,7 +237,9 @@ def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
 def _check_empty(out: Path, force: bool) -> None:
     with written_below(out):
         if not force and out.is_dir() and any(out.iterdir()):
-            raise InputError(f"{out}: the folder is not empty; name another, or write into it with --force")
+            raise InputError(
+                f"{out}: the folder is not empty; name another folder, or write into it with --force"
+            )
 
 
 def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | None) -> dict[str, Any]:
