@@ -55,6 +55,7 @@ RUNS = {
     "edge_ideas.py DATA -o OUT/ideas.png --only jam --max-frames 1 --starts 1 --steps 1": 7,
     "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed --repeats 1 --pairs 1 --width 64 "
     "--process calibrate --process inspect": 9,
+    "transformers_labels.py --width 640 --only SegFormer": 1,
     "world_realism.py --seeds 1 --frames 1 --drive DRIVE": 13,
 }
 """The smallest run of each script, and the least number of rows that its tables have."""
@@ -114,6 +115,8 @@ def test_a_script_runs_to_its_end(command: str, places: dict[str, Path], tmp_pat
     script, *arguments = shlex.split(command)
     if script == "pictures.py" and shutil.which("chromedriver") is None and "CI" not in os.environ:
         pytest.skip("no chromedriver on this machine")
+    if script == "transformers_labels.py":
+        pytest.importorskip("transformers")
     if "DATA" in arguments and not TEST_DATA.is_dir():
         pytest.skip(f"no real frames: {TEST_DATA} does not exist; set SEMCAL_TEST_DATA")
     page = page_for(Path(script).stem, tmp_path)

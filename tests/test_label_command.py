@@ -254,7 +254,7 @@ OF_NETWORKS: tuple[tuple[Callable[[Path], object], str], ...] = (
     (lambda folder: None, "no such file or folder"),
     (lambda folder: (folder / "net.onnx").write_bytes(b"none"), "found no model that onnxruntime can open: "),
     (_external("../outside.bin"), "found no model .*escapes model directory"),
-    (_two_inputs, "found inputs x, z, needed one: a picture or a range image"),
+    (_two_inputs, "found further inputs z, needed a picture alone, or their whole numbers as constants in a card"),
     (_point_card, "found the card of a network for sweeps, needed one for pictures"),
     (constant_network(np.ones((1, 1, 32, 48))), "found scores of 1 class, needed two or more"),
     (constant_network(np.full((1, 3, 32, 48), np.nan)), "found a score that is NaN, needed finite ones"),
@@ -266,6 +266,7 @@ OF_NETWORKS: tuple[tuple[Callable[[Path], object], str], ...] = (
 )
 """Makers of a network, and what is said of it."""
 OF_CARDS: tuple[tuple[dict[str, object], str], ...] = (
+    ({"constants": {"z": [1]}}, "constants: found z, needed one of: none"),
     ({"colour": "rgb"}, "unknown key 'colour'; the nearest known key is 'color'"),
     ({"size": [100, 64]}, r"size: found 100 columns, needed the 96 of .*net\.onnx"),
     ({"classes": "cityscape"}, "classes: found class table 'cityscape', needed a file or one of: "),

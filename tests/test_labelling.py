@@ -18,6 +18,7 @@ from semcal_cli.labelling.model import picture_model, point_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.pictures import PictureLabeller, joined_masks
 from semcal_cli.labelling.sweeps import SweepLabeller
+from semcal_cli.labelling.views import resized
 
 WIDTH, HEIGHT = 96, 64
 K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
@@ -141,6 +142,18 @@ def test_masks_of_queries_are_joined(tmp_path: Path) -> None:
         for name in range(3):
             expected[name] += likely[name] / (1.0 + np.exp(-masks[0, query]))
     assert np.allclose(found[0], expected)
+    larger = np.stack([cv2.resize(mask, (9, 5)) for mask in masks[0]])[None]
+    outputs = {"class_queries_logits": classes, "masks_queries_logits": larger}
+    scaled = joined_masks({"class_queries_logits": classes, "masks_queries_logits": masks}, (9, 5))
+    assert np.allclose(scaled, joined_masks(outputs), atol=1e-6)
+
+
+def test_a_picture_shrinks_by_the_filter_of_the_card() -> None:
+    """Of a bright column among dark ones, a shrunk picture has its share by the mean, and nothing by the nearest."""
+    stripes = np.zeros((8, 32, 3), np.uint8)
+    stripes[:, ::4] = 200
+    shrunk = {how: set(np.unique(resized(stripes, (8, 8), how))) for how in (None, "box", "nearest")}
+    assert shrunk == {None: {50}, "box": {50}, "nearest": {0}}
 
 
 def lens(

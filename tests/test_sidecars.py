@@ -7,7 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from networks import COLORS, NAMES, color_network
+from networks import COLORS, NAMES, color_network, save
+from onnx import TensorProto, helper
 
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.drive.camera import Camera
@@ -50,7 +51,7 @@ def write(folder: Path, architecture: str, names: list[str], processor: dict[str
 def read(path: Path, shape: tuple[int | None, ...], outputs: tuple[str, ...]) -> PictureCard:
     """Read the sidecars of a network of this shape; nothing of it is run."""
     ports = tuple(Port(name, (None,) * 4, "float32") for name in outputs)
-    found = read_sidecars(Network(path, None, Port("pixel_values", shape, "float32"), ports))  # type: ignore[arg-type]
+    found = read_sidecars(Network(path, None, (Port("pixel_values", shape, "float32"),), ports))  # type: ignore[arg-type]
     assert found is not None
     return found[0]
 
@@ -94,10 +95,12 @@ OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str
     "DPT": (
         "DPTForSemanticSegmentation",
         CITYSCAPES,
-        preprocessor(size={"height": 480, "width": 480}, image_mean=HALF, image_std=HALF, do_pad=False),
+        preprocessor(
+            size={"height": 480, "width": 480}, image_mean=HALF, image_std=HALF, do_pad=False, resample=3
+        ),
         ANY,
         LOGITS,
-        {"size": (480, 480), "mean": tuple(HALF), "std": tuple(HALF)},
+        {"resample": "bicubic", "mask_size": None, "size": (480, 480), "mean": tuple(HALF), "std": tuple(HALF)},
     ),
     "MobileViT": (
         "MobileViTForSemanticSegmentation",
@@ -119,7 +122,9 @@ OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str
         preprocessor(size={"shortest_edge": 800, "longest_edge": 1333}, size_divisor=32, ignore_index=255),
         ANY,
         MASKS,
-        NORMALISED | {"kind": "masks", "short_side": 800, "long_side": 1333, "ignore": (63, 64, 65, 255)},
+        NORMALISED
+        | {"kind": "masks", "short_side": 800, "long_side": 1333, "ignore": (63, 64, 65, 255)}
+        | {"mask_size": (384, 384), "resample": "bilinear"},
     ),
     "MaskFormer of an old transformers": (
         "MaskFormerForInstanceSegmentation",
@@ -148,7 +153,9 @@ OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str
         ),
         (1, 3, 1024, 1024),
         MASKS,
-        NORMALISED | {"kind": "masks", "fit": "tiles", "short_side": 1024, "size": None},
+        NORMALISED
+        | {"kind": "masks", "fit": "tiles", "short_side": 1024, "size": None}
+        | {"overlap": 0.0, "mask_size": (1024, 1024)},
     ),
     "EoMT with a border": (
         "EomtForUniversalSegmentation",
@@ -177,6 +184,42 @@ def test_without_a_preprocessor_the_size_is_that_of_the_config(tmp_path: Path) -
     write(tmp_path, "DPTForSemanticSegmentation", CITYSCAPES, None)
     found = read(tmp_path / "net.onnx", ANY, LOGITS)
     assert (found.size, found.scale, found.mean) == ((384, 384), None, None)
+
+
+def test_a_newer_transformers_writes_one_file_of_all_processors(tmp_path: Path) -> None:
+    write(tmp_path, "SegformerForSemanticSegmentation", CITYSCAPES, None)
+    of_images = preprocessor(size={"height": 512, "width": 768}, resample=3)
+    (tmp_path / "processor_config.json").write_text(json.dumps({"image_processor": of_images}))
+    found = read(tmp_path / "net.onnx", ANY, LOGITS)
+    assert (found.size, found.resample, found.mean) == ((768, 512), "bicubic", tuple(MEAN))
+
+
+def test_oneformer_is_told_its_task(tmp_path: Path) -> None:
+    """Classes and masks come out only if the tokens are those of "the task is semantic"."""
+    tokens = np.array([[49406, 518, 10549, 533, 29119, 1550, 49407, 0, 0]])
+    masks = np.random.default_rng(1).normal(size=(1, 2, 4, 6)).astype(np.float32)
+    classes = np.array([[[9.0, 0.0, 0.0], [0.0, 9.0, 0.0]]], np.float32)
+    nodes = [
+        helper.make_node("Equal", ["task_inputs", "tokens"], ["same"]),
+        helper.make_node("Cast", ["same"], ["ones"], to=TensorProto.FLOAT),
+        helper.make_node("ReduceMin", ["ones"], ["is told"], keepdims=0),
+        helper.make_node("Mul", ["classes", "is told"], ["class_queries_logits"]),
+        helper.make_node("Identity", ["masks"], ["masks_queries_logits"]),
+    ]
+    inputs = {
+        "pixel_values": (TensorProto.FLOAT, (1, 3, 64, 96)),
+        "task_inputs": (TensorProto.INT64, (1, tokens.size)),
+    }
+    outputs = {
+        "class_queries_logits": (TensorProto.FLOAT, classes.shape),
+        "masks_queries_logits": (TensorProto.FLOAT, masks.shape),
+    }
+    save(tmp_path / "net.onnx", nodes, inputs, outputs, {"tokens": tokens, "classes": classes, "masks": masks})
+    write(tmp_path, "OneFormerForUniversalSegmentation", ["a", "b"], preprocessor())
+    model = picture_model(open_network(tmp_path / "net.onnx"), None)
+    K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
+    labeller = PictureLabeller(model, Camera(model="plumb_bob", width=6, height=4, K=K))
+    assert np.array_equal(labeller.ids(np.zeros((4, 6, 3), np.uint8)), masks[0].argmax(0))
 
 
 def test_names_that_mean_nothing_are_ignored_and_equal_names_are_one_class(tmp_path: Path) -> None:
@@ -208,6 +251,7 @@ def test_names_that_mean_nothing_are_ignored_and_equal_names_are_one_class(tmp_p
         ),
         ({"id2label": {"x": "road"}}, {}, r"config\.json: id2label: found id 'x', needed a whole number"),
         ({"id2label": {"0": 3}}, {}, r"config\.json: id2label\['0'\]: found 3, needed text"),
+        ({}, {"resample": 6}, r"preprocessor_config\.json: resample: found 6, needed at most 5"),
         ({}, {"image_mean": ["a"]}, r"preprocessor_config\.json: image_mean"),
         ({}, {"size": {"height": 0, "width": 3}}, r"preprocessor_config\.json: size\.height"),
         ({}, {"image_std": [0.0, 1.0, 1.0]}, r"config\.json: std\[0\]"),
@@ -225,7 +269,7 @@ def test_wrong_sidecars_are_one_line(
 
 def test_a_config_of_another_program_is_none_of_transformers(tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text(json.dumps({"epochs": 3}))
-    network = Network(tmp_path / "net.onnx", None, Port("x", ANY, "float32"), ())  # type: ignore[arg-type]
+    network = Network(tmp_path / "net.onnx", None, (Port("x", ANY, "float32"),), ())  # type: ignore[arg-type]
     assert read_sidecars(network) is None
 
 

@@ -27,11 +27,13 @@ Fit: TypeAlias = Literal["stretch", "letterbox", "tiles"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
 Layout: TypeAlias = Literal["channels_first", "channels_last"]
 Kind: TypeAlias = Literal["logits", "probabilities", "ids", "masks"]
+Resample: TypeAlias = Literal["nearest", "box", "bilinear", "hamming", "bicubic", "lanczos"]
 Channel: TypeAlias = Literal["range", "x", "y", "z", "intensity", "mask"]
 
 Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 Spread = Annotated[float, Field(gt=0.0, le=1e6)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+Token = Annotated[int, Field(ge=-(1 << 31), lt=1 << 31)]
 ClassName = Annotated[str, Field(min_length=1)]
 
 
@@ -57,6 +59,8 @@ class Card(StrictModel):
     """Name of a class table, as cityscapes-train, or its file; or the names of the ids from 0 on; or ids by name."""
     ignore: Ids = ()
     """Ids that carry no information, beside those of the class table."""
+    licence: Annotated[str, Field(min_length=1)] | None = None
+    """Licence of the weights, as their project states it."""
 
     @field_validator("classes")
     @classmethod
@@ -78,6 +82,10 @@ class PictureCard(Card):
     """Columns and rows that the network wants, if it takes any; by default the picture's, up to a multiple of 32."""
     fit: Fit = "stretch"
     """How a picture comes to that size: stretched, scaled with a border around it, or cut into tiles that overlap."""
+    overlap: Annotated[float, Field(ge=0.0, le=0.9)] = 0.25
+    """Least share of a tile that its neighbour shows, too."""
+    resample: Resample | None = None
+    """How a picture is scaled, in Pillow's words; by default the mean where it shrinks, and linearly where it grows."""
     short_side: ImageSide | None = None
     """Length to which the shorter side of a picture is scaled, without size or before it is cut into tiles."""
     long_side: ImageSide | None = None
@@ -94,6 +102,10 @@ class PictureCard(Card):
     """Place of the channels in the network's input."""
     kind: Kind | None = None
     """What the output is: logits or probabilities of each class, ids, or masks with classes as of Mask2Former."""
+    constants: dict[str, Annotated[tuple[Token, ...], length(1)]] = {}
+    """Whole numbers for each further input, as OneFormer's `task_inputs`."""
+    mask_size: Annotated[tuple[ImageSide, ...], length(2, 2)] | None = None
+    """Columns and rows to which the masks of queries are scaled before they are joined; by default they are not."""
     align_corners: bool = False
     """Whether the centres of the outermost cells of a coarse output lie on those of the outermost pixels."""
 
@@ -103,6 +115,8 @@ class PictureCard(Card):
             raise ValueError(f"long_side: {mismatch('no short_side', 'both, or short_side alone')}")
         if self.short_side is not None and self.size is not None and self.fit != "tiles":
             raise ValueError(f"short_side: {mismatch(f'size and fit: {self.fit}', 'no size, or fit: tiles')}")
+        if self.mask_size is not None and self.kind != "masks":
+            raise ValueError(f"mask_size: {mismatch(f'kind: {self.kind}', 'kind: masks')}")
         return self
 
 
@@ -139,7 +153,7 @@ class CompletePictureCard(PictureCard):
             size += f", its shorter side scaled to {self.short_side}{most}"
         numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
         return [
-            ("size", f"{size}, {self.fit}"),
+            ("size", f"{size}, {self.fit}{'' if self.resample is None else f', {self.resample}'}"),
             ("colours", f"{self.color}, {self.layout.replace('_', ' ')}"),
             ("numbers", f"(pixel * {self.scale:g} - mean) / std, with mean and std {numbers}"),
         ]

@@ -92,6 +92,7 @@ def picture_model(network: Network, card: str | None) -> Model[CompletePictureCa
         raise network.unfit("the card of a network for sweeps", "one for pictures")
     joining = _Joining(network, stated or PictureCard(semcal_picture_model=1), card_path)
     found = joining.read_input()
+    joining.check_constants()
     outputs, kind = joining.read_outputs()
     classes, ignore = read_classes(joining.card, card_path)
     if not classes:
@@ -106,6 +107,8 @@ def point_model(network: Network, card: str | None) -> Model[PointCard]:
     if not isinstance(stated, PointCard):
         needed = "one with --point-card"
         raise network.unfit("no card of a network for sweeps (semcal_point_model: 1)", needed)
+    if others := network.others():
+        raise network.unfit(f"further inputs {', '.join(others)}", "a range image alone")
     port, wanted = network.input, (1, len(stated.channels), stated.rows, stated.columns)
     fits = len(port.shape) == 4 and all(
         size in (None, need) for size, need in zip(port.shape, wanted, strict=True)
@@ -166,6 +169,15 @@ class _Joining:
         scale, mean, std = self._normalisation(color, num_channels)
         each = {"mean": mean * (num_channels // len(mean)), "std": std * (num_channels // len(std))}
         return {"layout": layout, "size": size, "color": color, "scale": scale, **each}
+
+    def check_constants(self) -> None:
+        """Check that the card gives each further input its numbers."""
+        names = self.network.others()
+        if open_ones := [name for name in names if name not in self.card.constants]:
+            needed = "a picture alone, or their whole numbers as constants in a card"
+            raise self.network.unfit(f"further inputs {', '.join(open_ones)}", needed)
+        if unknown := [name for name in self.card.constants if name not in names]:
+            raise self._wrong("constants", unknown[0], f"one of: {', '.join(names) or 'none'}")
 
     def read_outputs(self) -> tuple[tuple[str, ...], Kind | None]:
         """Choose the outputs that are read, and what they are."""

@@ -44,16 +44,25 @@ class Port:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """An open network with a single input."""
+    """An open network."""
 
     path: Path
     """File of the model."""
     session: onnxruntime.InferenceSession
     """Session that runs it; several threads may."""
-    input: Port
-    """Its input."""
+    inputs: tuple[Port, ...]
+    """Its inputs, in order."""
     outputs: tuple[Port, ...]
     """Its outputs, in order."""
+
+    @property
+    def input(self) -> Port:
+        """The first input that may be a picture or a range image, or else the first of all."""
+        return next((port for port in self.inputs if len(port.shape) == 4), self.inputs[0])
+
+    def others(self, *known: str) -> list[str]:
+        """Names of the inputs beside `input` and those that are known."""
+        return [port.name for port in self.inputs if port.name not in (self.input.name, *known)]
 
     def unfit(self, found: object, needed: object) -> InputError:
         """Make the error of a network that is not one that is needed."""
@@ -70,17 +79,21 @@ class Network:
             raise self.unfit(f"ids from {low} to {high}", f"0 to {_core.NO_ID - 1}")
         return np.asarray(output, np.uint16)
 
-    def run(self, tensor: npt.NDArray[Any], names: Sequence[str]) -> Mapping[str, npt.NDArray[Any]]:
-        """Run the network, and give the outputs of these names.
+    def run(
+        self, tensors: Mapping[str, npt.NDArray[Any]], names: Sequence[str]
+    ) -> Mapping[str, npt.NDArray[Any]]:
+        """Run the network on a tensor for each input, and give the outputs of these names.
 
         Raises:
             InputError: the network fails, as on a size that it cannot take.
         """
+        types = {port.name: port.dtype for port in self.inputs}
         try:
-            found = self.session.run(list(names), {self.input.name: tensor})
+            given = {name: tensor.astype(types[name], copy=False) for name, tensor in tensors.items()}
+            found = self.session.run(list(names), given)
         except Exception as error:  # onnxruntime has an exception of its own for each kind of failure.
-            shape = " x ".join(map(str, tensor.shape))
-            raise InputError(f"{self.path}: failed on an input of {shape}: {_reason(error)}") from None
+            shapes = " and ".join(" x ".join(map(str, tensor.shape)) for tensor in tensors.values())
+            raise InputError(f"{self.path}: failed on an input of {shapes}: {_reason(error)}") from None
         return dict(zip(names, map(np.asarray, found), strict=True))
 
 
@@ -93,7 +106,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
         num_threads: Threads of a run; None for all cores.
 
     Raises:
-        InputError: the file is missing or no model, onnxruntime or the device is missing, or there are several inputs.
+        InputError: the file is missing or no model, onnxruntime or the device is missing, or there is no input.
     """
     check_installed(str(path), "onnxruntime", "label")
     import onnxruntime
@@ -116,10 +129,9 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
     except Exception as error:
         raise InputError(f"{path}: found no model that onnxruntime can open: {_reason(error)}") from None
     inputs, outputs = (tuple(map(_port, ports)) for ports in (session.get_inputs(), session.get_outputs()))
-    if len(inputs) != 1:
-        names = ", ".join(port.name for port in inputs) or "none"
-        raise InputError(f"{path}: found inputs {names}, needed one: a picture or a range image")
-    return Network(path, session, inputs[0], outputs)
+    if not inputs:
+        raise InputError(f"{path}: found no input, needed one: a picture, a range image or points")
+    return Network(path, session, inputs, outputs)
 
 
 def _reason(error: Exception) -> str:

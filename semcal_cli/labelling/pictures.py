@@ -15,7 +15,7 @@ from semcal_cli.errors import InputError, about
 from semcal_cli.labelling.card import CompletePictureCard, PointCard
 from semcal_cli.labelling.model import MASKS, Model, card_of, picture_model, point_model, wrong_key
 from semcal_cli.labelling.network import Network
-from semcal_cli.labelling.views import Picture, make_views
+from semcal_cli.labelling.views import Fitting, Picture, make_views
 
 SHOWN = (640, 480)
 """Columns and rows of the picture on which a network is tried that takes any size."""
@@ -50,13 +50,13 @@ class PictureLabeller:
         size = card.size_for(camera.width, camera.height)
         mean = [int(np.clip(round(each / card.scale), 0, 255)) for each in card.mean]
         padding = tuple(mean if card.color == "bgr" else reversed(mean)) * (3 // len(mean))
+        fitting = Fitting(size, card.fit, padding, card.overlap, card.resample, card.scaled)
         with about(model.card_path):
-            self.views = make_views(
-                camera, size, card.fit, padding, is_rectified=is_rectified, scaled=card.scaled
-            )
+            self.views = make_views(camera, fitting, is_rectified=is_rectified)
         levels = np.arange(256) * card.scale
         rows = [(levels - mean) / std for mean, std in zip(card.mean, card.std, strict=True)]
         self._table = np.asarray(rows).astype(model.network.input.dtype)
+        self._constants = {name: np.array([values]) for name, values in card.constants.items()}
         self._places_on = cache(partial(self.views.places_on, align_corners=card.align_corners))
 
     def ids(self, picture: Picture) -> npt.NDArray[np.uint16]:
@@ -126,7 +126,10 @@ class PictureLabeller:
     def _run(self, picture: Picture) -> list[npt.NDArray[Any]]:
         """Run the network on each view of a picture."""
         network, names = self.model.network, self.model.outputs
-        outputs = [network.run(self.tensor(draw(picture)), names) for draw in self.views.draws]
+        outputs = [
+            network.run({network.input.name: self.tensor(draw(picture)), **self._constants}, names)
+            for draw in self.views.draws
+        ]
         if self.model.card.kind != "masks":
             return [output[names[0]] for output in outputs]
         for output in outputs:
@@ -134,7 +137,7 @@ class PictureLabeller:
             if classes.ndim != 3 or masks.ndim != 4 or classes.shape[1] != masks.shape[1]:
                 found = f"classes of {classes.shape} and masks of {masks.shape}"
                 raise network.unfit(found, "as many of both")
-        return [joined_masks(output) for output in outputs]
+        return [joined_masks(output, self.model.card.mask_size) for output in outputs]
 
     def _scores(self, outputs: Sequence[npt.NDArray[Any]]) -> tuple[Scores, npt.NDArray[np.float32], bool]:
         """Arrange outputs as scores of classes; find the pixels' places, and tell whether classes stand first."""
@@ -161,6 +164,8 @@ class PictureLabeller:
 
     def _are_classes_first(self, shape: tuple[int, int, int]) -> bool:
         """Tell by the strides of rows and columns, which agree, where the classes stand."""
+        if self.model.card.kind == "masks":
+            return True
         columns, rows = self.views.size
 
         def covers(found_rows: int, found_columns: int) -> bool:
@@ -190,13 +195,20 @@ class PictureLabeller:
         return found
 
 
-def joined_masks(outputs: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.float32]:
+def joined_masks(
+    outputs: Mapping[str, npt.NDArray[Any]], size: Sequence[int] | None = None
+) -> npt.NDArray[np.float32]:
     """Join classes and masks of queries to probabilities (1, C, h, w): Cheng et al., Mask2Former, 2022.
 
     Args:
         outputs: Logits of the classes (1, Q, C + 1), the last of which is none, and of the masks (1, Q, h, w).
+        size: Columns and rows to which the masks are scaled before; None for their own.
     """
-    classes, masks = (np.asarray(outputs[name], np.float64)[0] for name in MASKS)
+    import cv2
+
+    classes, masks = (np.asarray(outputs[name], np.float32)[0] for name in MASKS)
+    if size is not None:
+        masks = np.stack([cv2.resize(mask, tuple(size), interpolation=cv2.INTER_LINEAR) for mask in masks])
     likely = np.exp(classes - classes.max(1, keepdims=True))
     likely /= likely.sum(1, keepdims=True)
     inside = 1.0 / (1.0 + np.exp(-masks))

@@ -1,4 +1,7 @@
-"""The card of a network that comes with transformers' own files: config.json and preprocessor_config.json."""
+"""The card of a network that comes with transformers' own files: config.json and preprocessor_config.json.
+
+Newer versions of transformers write processor_config.json instead of the second, with the same keys one level deeper.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,15 @@ from semcal_cli.files.validation import length, validate
 from semcal_cli.labelling.card import PictureCard
 from semcal_cli.labelling.network import Network
 
-CONFIG, PREPROCESSOR = "config.json", "preprocessor_config.json"
+CONFIG, PREPROCESSOR, PROCESSOR = "config.json", "preprocessor_config.json", "processor_config.json"
+OF_IMAGES = "image_processor"
+"""Key of processor_config.json for what is done with pictures."""
+TASK = "task_inputs"
+"""Input of OneFormer for what it is to do."""
+SEMANTIC = (49406, 518, 10549, 533, 29119, 1550, 49407)
+"""Tokens by CLIP's vocabulary of "the task is semantic", as transformers' OneFormerProcessor asks; zeros follow."""
+TASK_LENGTH = 77
+"""Number of tokens, if the network takes any: `task_seq_len` of OneFormer's usual config.json."""
 CHANNELS = (1, 3)
 ONNX_FOLDER = "onnx"
 """Folder of a repository in which its ONNX files lie; the sidecars lie one above."""
@@ -25,6 +36,10 @@ QUERIES = ("ForUniversalSegmentation", "MaskFormerForInstanceSegmentation")
 """Ends of the names of architectures with classes and masks of queries."""
 BY_EDGE = ("MaskFormer", "Mask2Former", "OneFormer", "MobileViT", "MobileNet")
 """Starts of the names of architectures for which a size that is one number is that of the shorter side."""
+RESAMPLES = ("nearest", "lanczos", "bilinear", "bicubic", "box", "hamming")
+"""Pillow's ways to scale a picture by their numbers in a preprocessor_config.json."""
+MASK_SIZE = (384, 384)
+"""Columns and rows to which transformers' post-processing of Mask2Former scales masks, whatever the picture."""
 PLACEHOLDER = re.compile(r"LABEL_\d+")
 """A name that transformers gives where a model has none."""
 NOTHING = {
@@ -75,6 +90,7 @@ class Preprocessor(_Lenient):
 
     do_resize: bool | None = None
     size: Size | None = None
+    resample: Annotated[int, Field(ge=0, le=len(RESAMPLES) - 1)] | None = None
     max_size: int | None = None
     do_center_crop: bool | None = None
     crop_size: Size | None = None
@@ -112,13 +128,25 @@ def read_sidecars(network: Network) -> tuple[PictureCard, Path] | None:
         needed = "one for semantic segmentation, as 'SegformerForSemanticSegmentation'"
         raise InputError(f"{path}: architectures: {mismatch(found, needed)}")
     keys = {"layout": _layout(network)} | _classes(config, path) | _output(network, architecture)
-    beside = path.with_name(PREPROCESSOR)
-    if beside.exists():
-        preprocessor = validate(Preprocessor, read_document(beside), beside)
+    preprocessor = _preprocessor(path)
+    if preprocessor is not None:
         keys |= _numbers(preprocessor, architecture) | _size(preprocessor, architecture, network)
+        keys |= _masks(preprocessor, architecture)
+        if preprocessor.resample is not None:
+            keys["resample"] = RESAMPLES[preprocessor.resample]
     elif not _has_size(network) and config.image_size is not None:
         keys |= _fit(config.image_size, Preprocessor(), architecture)
     return validate(PictureCard, {"semcal_picture_model": 1, **keys}, path), path
+
+
+def _preprocessor(path: Path) -> Preprocessor | None:
+    """Read what transformers does with pictures from the files beside its config.json; None if none says."""
+    beside, newer = path.with_name(PREPROCESSOR), path.with_name(PROCESSOR)
+    if beside.exists():
+        return validate(Preprocessor, read_document(beside), beside)
+    if newer.exists() and isinstance(of_images := read_document(newer).get(OF_IMAGES), dict):
+        return validate(Preprocessor, of_images, newer)
+    return None
 
 
 def _classes(config: Config, path: Path) -> dict[str, Any]:
@@ -157,7 +185,11 @@ def _layout(network: Network) -> str:
 
 def _output(network: Network, architecture: str) -> dict[str, Any]:
     if not architecture.endswith(DENSE):
-        return {"kind": "masks"}
+        task = next((port for port in network.inputs if port.name == TASK), None)
+        if task is None:
+            return {"kind": "masks"}
+        length = (task.shape[-1] if task.shape else None) or TASK_LENGTH
+        return {"kind": "masks", "constants": {TASK: [*SEMANTIC, *[0] * (length - len(SEMANTIC))]}}
     has_logits = any(port.name == "logits" and port.dtype.startswith("float") for port in network.outputs)
     return {"output": "logits", "kind": "logits"} if has_logits else {}
 
@@ -176,6 +208,16 @@ def _numbers(found: Preprocessor, architecture: str) -> dict[str, Any]:
     if normalises:
         keys |= {"mean": found.image_mean, "std": found.image_std}
     return keys
+
+
+def _masks(found: Preprocessor, architecture: str) -> dict[str, Any]:
+    """State the size to which transformers' post-processing scales the masks of queries, where it does."""
+    if architecture.startswith("Mask2Former"):
+        return {"mask_size": MASK_SIZE}
+    size = found.size or {}
+    if architecture.startswith("Eomt") and "shortest_edge" in size:
+        return {"mask_size": [size.get("longest_edge", size["shortest_edge"]), size["shortest_edge"]]}
+    return {}
 
 
 def _has_size(network: Network) -> bool:
@@ -206,7 +248,7 @@ def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dic
     if side is None:
         return {}
     if found.do_split_image:
-        return {"size": [side, side], "fit": "tiles", "short_side": side}
+        return {"size": [side, side], "fit": "tiles", "short_side": side, "overlap": 0.0}
     if found.do_pad and side == longest and not architecture.startswith(BY_EDGE):
         return {"size": [side, side], "fit": "letterbox"}
     return {"short_side": side} | ({} if longest is None else {"long_side": longest})

@@ -21,6 +21,7 @@ from semcal_cli.errors import InputError, about
 from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.images import read_image
 from semcal_cli.files.reading import hash_file
+from semcal_cli.labelling.card import PictureCard
 from semcal_cli.labelling.hub import hub_name
 from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.labelling.sweeps import KIND_IDS, SweepLabeller, segment_labels
@@ -29,6 +30,8 @@ NO_ID = int(_core.NO_ID)
 """Id of a pixel or a point without a label."""
 NO_BYTE = 255
 """The same in label images of 8 bits."""
+RARE = ("constants", "mask_size", "overlap", "resample")
+"""Keys of a card on which labels depend, and which stand in a record only where they are not the default."""
 Classes: TypeAlias = Mapping[str, tuple[int, ...]]
 """Ids of each name; empty without names."""
 
@@ -75,6 +78,11 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         "outputs": model.outputs,
         "kind": card.kind,
         "align_corners": card.align_corners,
+        **{
+            key: getattr(card, key)
+            for key in RARE
+            if getattr(card, key) != PictureCard.model_fields[key].default
+        },
         "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
         "probabilities": has_probabilities,
     }

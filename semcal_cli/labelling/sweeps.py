@@ -51,8 +51,9 @@ class SweepLabeller:
         card = self.model.card
         rings = self._field(cloud.ring, "ring") if card.row_by == "ring" else None
         projection = self.view.project(cloud.points, rings)
-        tensor = self.tensor(cloud, projection.points).astype(self.model.network.input.dtype)
-        (output,) = self.model.network.run(tensor, self.model.outputs).values()
+        network = self.model.network
+        tensor = self.tensor(cloud, projection.points)
+        (output,) = network.run({network.input.name: tensor}, self.model.outputs).values()
         pixels = self._pixels(output)
         pixels[projection.points == _core.NO_PIXEL] = _core.NO_ID
         neighbors = card.neighbors or OWN_PIXEL

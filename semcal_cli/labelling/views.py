@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeAlias
 
 import cv2
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import InputError
-from semcal_cli.labelling.card import Fit
+from semcal_cli.labelling.card import Fit, Resample
 
 Picture: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
@@ -26,8 +26,6 @@ Draw: TypeAlias = Callable[[Picture], Picture]
 Places: TypeAlias = npt.NDArray[np.float64]
 """(N, 2) column and row of each pixel of the camera's picture in another picture; an integer is a pixel centre."""
 
-OVERLAP = 0.25
-"""Least share of a tile that its neighbour shows, too."""
 MAX_VIEWS = 250
 """Most views of a picture."""
 ONE_VIEW_DEG = 55.0
@@ -58,6 +56,23 @@ class Shown(NamedTuple):
     """(N,) how well this picture shows each pixel of the camera's; minus infinity where it does not."""
 
 
+@dataclass(frozen=True)
+class Fitting:
+    """How a picture comes to the network's size."""
+
+    size: tuple[int, int]
+    """Columns and rows of each view."""
+    fit: Fit
+    padding: Sequence[int]
+    """Blue, green and red of what is beyond a picture."""
+    overlap: float
+    """Least share of a tile that its neighbour shows, too."""
+    resample: Resample | None = None
+    """How a picture is scaled; None for the mean where it shrinks, and linearly where it grows."""
+    scaled: Callable[[tuple[int, int]], tuple[int, int]] = lambda size: size
+    """Gives the columns and rows to which a picture is scaled before it is cut into tiles, of its own."""
+
+
 @dataclass(frozen=True, eq=False)
 class Views:
     """What a network sees of a camera's picture."""
@@ -80,24 +95,13 @@ class Views:
         return np.asarray((self.places + 0.5) * (grid / size) - 0.5, np.float32)
 
 
-def make_views(
-    camera: Camera,
-    size: tuple[int, int],
-    fit: Fit,
-    padding: Sequence[int],
-    *,
-    is_rectified: bool,
-    scaled: Callable[[tuple[int, int]], tuple[int, int]] = lambda size: size,
-) -> Views:
+def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views:
     """Plan the views of a camera's pictures.
 
     Args:
         camera: The camera, with its lens.
-        size: Columns and rows of each view.
-        fit: How a picture comes to that size.
-        padding: Blue, green and red of what is beyond a picture.
+        fitting: How a picture comes to the network's size.
         is_rectified: Whether the network sees pictures without the lens's distortion.
-        scaled: Gives the columns and rows to which a picture is scaled before it is cut into tiles, of its own.
 
     Raises:
         InputError: tiles would be too many.
@@ -116,20 +120,21 @@ def make_views(
         if not is_here.any():
             continue
         merit = np.full(num_pixels, -np.inf)
-        if fit == "tiles" and (sides := scaled(source.size)) != source.size:
-            source = _part(source, (0, 0), source.size, sides, (0, 0), sides, padding)
-        for view in _parts(source, size, fit, padding):
+        if fitting.fit == "tiles" and (sides := fitting.scaled(source.size)) != source.size:
+            source = _part(source, (0, 0), source.size, sides, (0, 0), replace(fitting, size=sides))
+        for view in _parts(source, fitting):
             is_better = is_here & (view.merit > merit)
             if not is_better.any():
                 continue
             if len(draws) == MAX_VIEWS:
+                columns, rows = fitting.size
                 raise InputError(
-                    f"fit: found more than {MAX_VIEWS} tiles of {size[0]} x {size[1]}, needed fewer"
+                    f"fit: found more than {MAX_VIEWS} tiles of {columns} x {rows}, needed fewer"
                 )
             views[is_better], places[is_better] = len(draws), view.places[is_better]
             merit[is_better] = view.merit[is_better]
             draws.append(view.draw)
-    return Views(tuple(draws), size, views, places)
+    return Views(tuple(draws), fitting.size, views, places)
 
 
 def _pixels(camera: Camera) -> Places:
@@ -196,29 +201,29 @@ def _pinhole(
 # The network's size
 
 
-def _parts(source: Shown, size: tuple[int, int], fit: Fit, padding: Sequence[int]) -> Iterator[Shown]:
+def _parts(source: Shown, fitting: Fitting) -> Iterator[Shown]:
     """Yield the network's pictures of a picture, or of its parts."""
-    (width, height), (columns, rows) = source.size, size
-    if fit == "tiles":
+    (width, height), (columns, rows) = source.size, fitting.size
+    if fitting.fit == "tiles":
         tile = min(columns, width), min(rows, height)
-        for left in _starts(width, columns):
-            for top in _starts(height, rows):
-                yield _part(source, (left, top), tile, tile, (0, 0), size, padding)
+        for left in _starts(width, columns, fitting.overlap):
+            for top in _starts(height, rows, fitting.overlap):
+                yield _part(source, (left, top), tile, tile, (0, 0), fitting)
         return
     across, down = columns / width, rows / height
-    if fit == "letterbox":
+    if fitting.fit == "letterbox":
         across = down = min(across, down)
     scaled = (min(max(round(width * across), 1), columns), min(max(round(height * down), 1), rows))
     corner = (columns - scaled[0]) // 2, (rows - scaled[1]) // 2
-    yield _part(source, (0, 0), source.size, scaled, corner, size, padding)
+    yield _part(source, (0, 0), source.size, scaled, corner, fitting)
 
 
-def _starts(length: int, side: int) -> list[int]:
+def _starts(length: int, side: int, overlap: float) -> list[int]:
     """First pixels of tiles of a side along a length, evenly spread; one for all if it is longer."""
     if length <= side:
         return [0]
-    count = math.ceil((length - side) / ((1.0 - OVERLAP) * side)) + 1
-    return [round(place) for place in np.linspace(0, length - side, count)]
+    count = math.ceil((length - side) / ((1.0 - overlap) * side)) + 1
+    return [int(place) for place in np.linspace(0, length - side, count)]
 
 
 def _part(
@@ -227,14 +232,13 @@ def _part(
     extent: tuple[int, int],
     scaled: tuple[int, int],
     corner: tuple[int, int],
-    size: tuple[int, int],
-    padding: Sequence[int],
+    fitting: Fitting,
 ) -> Shown:
-    """Make the network's picture, of a size, of the part of a picture that begins at `start`; columns stand first.
+    """Make the network's picture of the part of a picture that begins at `start`; columns stand first.
 
     The part is scaled from `extent` pixels to `scaled` ones, and begins at `corner` there.
     """
-    (left, top), (width, height) = start, extent
+    (left, top), (width, height), size = start, extent, fitting.size
     places = source.places - np.array(start)
     inside = ((places >= -0.5) & (places < np.array(extent) - 0.5)).all(axis=1)
     # The part whose border is farthest away shows a pixel best; the picture's own border is no part's.
@@ -243,14 +247,25 @@ def _part(
     merit = np.where(inside, np.minimum(to_start, to_end).min(axis=1), -np.inf)
     moved = (places + 0.5) * (np.array(scaled) / np.array(extent)) - 0.5 + np.array(corner)
     borders = (corner[1], size[1] - corner[1] - scaled[1], corner[0], size[0] - corner[0] - scaled[0])
-    how = cv2.INTER_AREA if scaled[0] < width or scaled[1] < height else cv2.INTER_LINEAR
 
     def draw(picture: Picture) -> Picture:
         drawn: Any = source.draw(picture)[top : top + height, left : left + width]
         if scaled != extent:
-            drawn = cv2.resize(drawn, scaled, interpolation=how)
+            drawn = resized(drawn, scaled, fitting.resample)
         if any(borders):
-            drawn = cv2.copyMakeBorder(drawn, *borders, cv2.BORDER_CONSTANT, value=tuple(padding))
+            drawn = cv2.copyMakeBorder(drawn, *borders, cv2.BORDER_CONSTANT, value=tuple(fitting.padding))
         return np.asarray(drawn, np.uint8)
 
     return Shown(size, draw, moved, merit)
+
+
+def resized(picture: Picture, size: tuple[int, int], resample: Resample | None) -> Picture:
+    """Scale a picture to columns and rows."""
+    if resample is not None:
+        import PIL.Image
+
+        how = PIL.Image.Resampling[resample.upper()]
+        return np.asarray(PIL.Image.fromarray(picture).resize(size, how))
+    shrinks = size[0] < picture.shape[1] or size[1] < picture.shape[0]
+    interpolation = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(picture, size, interpolation=interpolation), np.uint8)
