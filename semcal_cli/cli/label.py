@@ -63,6 +63,8 @@ class ImageSettings:
         path = find_model(self.image_model, self.max_download_mb, terminal.on_event)
         model = picture_model(open_network(path, device, num_threads), self.image_card)
         terminal.print(*(f"guessed: {guess}" for guess in model.guesses))
+        if model.licence is not None:
+            terminal.print(f"licence of {path.name}: {model.licence}")
         return PictureLabeller(model, drive.camera, is_rectified=self.rectify)
 
 

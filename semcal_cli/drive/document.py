@@ -12,6 +12,7 @@ from typing_extensions import Unpack
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import InputError, MisplacedError, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.reading import is_folder
@@ -198,6 +199,8 @@ class Drive(StrictModel):
     time_offset_sigma_s: Annotated[float, Field(ge=0.0, le=MAX_OFFSET_S)] = DEFAULT_CLOCK_SIGMA_S
     """Standard deviation of `time_offset_s`, in seconds, by what is known before; 0 where the camera is triggered.
     Where the rig moves by what is stated, it is part of the interval, as far as the frames do not tell it."""
+    networks: LabelNetworks | None = None
+    """Networks that made the labels, as `semcal label` writes them; a result repeats them."""
     T_camera_lidar: Transform | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 

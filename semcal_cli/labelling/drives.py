@@ -195,6 +195,14 @@ def _document(
         parts["ignore"][name] = list(side.ignore)
         if name == "image":
             document.pop("palette", None)
+    networks = dict(document.pop("networks", {}))
+    for side in sides:
+        name = "image" if side.key == "image_labels" else "points"
+        networks.pop(name, None)
+        if side.network is not None:
+            networks[name] = side.network.model_dump(mode="json", exclude_none=True)
+    if networks:
+        document["networks"] = networks
     given = {key: {name: value for name, value in part.items() if value} for key, part in parts.items()}
     document |= {"frames": frames} | {key: part for key, part in given.items() if part}
     if "poses" in document.get("motion", {}):

@@ -117,6 +117,13 @@ def hub_name(path: Path) -> str | None:
     return None if parts is None else f"{PREFIX}{parts[1].replace('--', '/', 1)}@{parts[2]}:{parts[3]}"
 
 
+def licence_of(path: Path) -> str | None:
+    """Look up the licence of a file in the library's cache, if its repository is one of `RECOMMENDED`."""
+    name = hub_name(path) or ""
+    found = (it.licence for it in RECOMMENDED.values() if name.startswith(f"{PREFIX}{it.repository}@"))
+    return next(found, None)
+
+
 def recommended_lines() -> Iterator[str]:
     """Write the table of the networks that have short names."""
     rows = [("NAME", "MB", "CLASSES", "REPOSITORY", "LICENCE")]

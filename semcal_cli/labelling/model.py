@@ -20,6 +20,7 @@ from semcal_cli.labelling.card import (
     read_card,
     read_classes,
 )
+from semcal_cli.labelling.hub import licence_of
 from semcal_cli.labelling.network import Network, Port
 from semcal_cli.labelling.sidecars import read_sidecars
 
@@ -58,6 +59,11 @@ class Model(Generic[AnyCard]):
     guesses: tuple[str, ...] = ()
     """Sentences about what neither the model nor the card says."""
 
+    @property
+    def licence(self) -> str | None:
+        """Licence of the weights, if the card or the list of short names states one."""
+        return self.card.licence or licence_of(self.network.path)
+
     def describe(self) -> list[tuple[str, str]]:
         """Describe what was understood, in pairs of a word and a sentence."""
         read = " and ".join(self.outputs)
@@ -73,6 +79,7 @@ class Model(Generic[AnyCard]):
             ("read", read),
             ("classes", f"{len(self.classes)}: {names}{more}" if self.classes else "not named"),
             ("ignored", ", ".join(map(str, self.ignore)) or "none"),
+            ("licence", self.licence or "not stated"),
             *(("guessed", guess) for guess in self.guesses),
         ]
 

@@ -6,7 +6,7 @@ import hashlib
 import io
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.networks import LabelNetwork
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError, about
 from semcal_cli.files.arrays import Cloud
@@ -23,6 +24,7 @@ from semcal_cli.files.images import read_image
 from semcal_cli.files.reading import hash_file
 from semcal_cli.labelling.card import PictureCard
 from semcal_cli.labelling.hub import hub_name
+from semcal_cli.labelling.model import Model
 from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.labelling.sweeps import KIND_IDS, SweepLabeller, segment_labels
 
@@ -58,6 +60,8 @@ class Side:
     """Tells whether a label file is there and whole."""
     origin: str | None = None
     """Name and commit of the network on the hub, if it is from there."""
+    network: LabelNetwork | None = None
+    """The network that labels; None where there is none."""
 
 
 def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) -> Side:
@@ -122,6 +126,7 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         label=label,
         is_whole=is_whole,
         origin=hub_name(model.network.path),
+        network=_record(model),
     )
 
 
@@ -137,7 +142,8 @@ def sweep_side(labeller: SweepLabeller) -> Side:
         "card": model.card.model_dump(mode="json", exclude={"classes", "ignore"}),
     }
     ignore = tuple(dict.fromkeys((*model.ignore, NO_ID)))
-    return _point_side(model.classes, ignore, settings, labeller.ids, no_return=NO_ID)
+    side = _point_side(model.classes, ignore, settings, labeller.ids, no_return=NO_ID)
+    return replace(side, network=_record(model))
 
 
 def segment_side() -> Side:
@@ -174,6 +180,14 @@ def _point_side(
         return path.exists() and path.stat().st_size > 0 and path.stat().st_size % 4 == 0
 
     return Side("point_labels", "points", ".label", classes, ignore, settings, label, is_whole)
+
+
+def _record(model: Model[Any]) -> LabelNetwork:
+    """Name a network as a drive and a result do."""
+    path = model.network.path
+    return LabelNetwork(
+        name=hub_name(path) or path.name, sha256=hash_model(path), licence=model.licence
+    )
 
 
 def hash_model(path: Path) -> dict[str, str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from semcal_cli.drive.camera import Camera, without_last_zeros
 from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.files.arrays import hash_array
 from semcal_cli.files.reading import hash_file
 from semcal_cli.result.sections import Input, InputFrame
@@ -56,6 +57,7 @@ def describe_input(
         camera=drive.camera,
         frames=tuple(frames),
         sha256=hashes,
+        networks=_networks(drive, keys),
     )
 
 
@@ -73,6 +75,14 @@ def hash_named(drive: Drive, name: str, known: dict[str, str] | None = None) -> 
     if drive.arrays is not None:
         return hash_array(drive.arrays.by_name[name])
     return _sha256(drive.resolve(name), {} if known is None else known)
+
+
+def _networks(drive: Drive, keys: Sequence[str]) -> LabelNetworks | None:
+    """Take from a drive the networks that made the labels among the files that were read."""
+    made = drive.networks or LabelNetworks()
+    sides = {"image": "image_labels", "points": "point_labels"}
+    read = {side: getattr(made, side) for side, key in sides.items() if key in keys}
+    return LabelNetworks(**read) if any(read.values()) else None
 
 
 def hash_files(

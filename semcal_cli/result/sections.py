@@ -9,6 +9,7 @@ from typing import Annotated, get_args
 import numpy as np
 from pydantic import Field, JsonValue, field_validator
 
+from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import describe, mismatch
@@ -59,6 +60,8 @@ class Input(StrictModel):
     """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is
     named by its relative path. Pictures that only the check of labels looked at are left out. Of arrays it is that of
     the .npy file that `numpy.save` writes, by names such as points[3]."""
+    networks: LabelNetworks | None = None
+    """Networks that made the labels that were read, as the drive names them."""
 
 
 class Settings(StrictModel):

@@ -213,7 +213,7 @@ class Outputs(torch.nn.Module):
         super().__init__()
         self.network = network
         self.names = ("logits",) if "Semantic" in type(network).__name__ else OUTPUTS
-        self.is_told_its_task = "task_inputs" in inspect.signature(network.forward).parameters
+        self.num_inputs = 1 + ("task_inputs" in inspect.signature(network.forward).parameters)
         self.moments: list[tuple[torch.Tensor, torch.Tensor]] = []
         # Of each class among the pixels or the queries, and of each query among the pixels.
         axes = [(0, 2, 3) if found.ndim == 4 else (0, 1) for found in self(pixels, TASK)]
@@ -222,9 +222,8 @@ class Outputs(torch.nn.Module):
             for found, axis in zip(self(pixels, TASK), axes, strict=True)
         ]
 
-    def forward(self, pixel_values: torch.Tensor, task_inputs: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        task = (task_inputs,) if self.is_told_its_task else ()
-        found = self.network(pixel_values, *task, return_dict=True)
+    def forward(self, *inputs: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        found = self.network(*inputs[: self.num_inputs], return_dict=True)
         outputs = tuple(found[name] for name in self.names)
         if not self.moments:
             return outputs
@@ -310,9 +309,9 @@ def export(outputs: Outputs, processor: Any, pixels: torch.Tensor, folder: Path)
         module.torch_compilable_check = lambda *_: None  # type: ignore[attr-defined]
     torch.onnx.export(
         outputs,
-        (pixels, TASK),
+        (pixels, TASK)[: outputs.num_inputs],
         folder / "model.onnx",
-        input_names=["pixel_values", "task_inputs"][: 1 + outputs.is_told_its_task],
+        input_names=["pixel_values", "task_inputs"][: outputs.num_inputs],
         output_names=list(outputs.names),
         dynamo=True,
         verbose=False,
