@@ -297,7 +297,16 @@ def test_a_short_name_is_that_of_a_repository(hub: ModelHub, plain: Path, tmp_pa
     found = invoke("calibrate", plain, "--image-model", "cityscapes", "--no-polish", "-o", result)
     assert found.exit_code in (0, 3), found.output
     assert "pictures by cityscapes" in found.output
-    assert ".semcal_labels" in yaml.safe_load(result.read_text())["input"]["drive"]
+    written = yaml.safe_load(result.read_text())["input"]
+    assert ".semcal_labels" in written["drive"]
+    weights = (tmp_path / "repository/onnx/model.onnx").read_bytes()
+    repository_name, licence = RECOMMENDED["cityscapes"].repository, RECOMMENDED["cityscapes"].licence
+    assert written["networks"]["image"] == {
+        "name": f"hf:{repository_name}@{hub.commit(repository_name)}:onnx/model.onnx",
+        "sha256": {"model": hashlib.sha256(weights).hexdigest()},
+        "licence": licence,
+    }
+    assert found.output.count(f"licence of model.onnx: {licence}") == 1
     listed = invoke("label", "--list-models")
     assert listed.exit_code == 0
     name, size, *_ = listed.output.splitlines()[1].split()

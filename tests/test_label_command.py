@@ -254,7 +254,10 @@ OF_NETWORKS: tuple[tuple[Callable[[Path], object], str], ...] = (
     (lambda folder: None, "no such file or folder"),
     (lambda folder: (folder / "net.onnx").write_bytes(b"none"), "found no model that onnxruntime can open: "),
     (_external("../outside.bin"), "found no model .*escapes model directory"),
-    (_two_inputs, "found further inputs z, needed a picture alone, or their whole numbers as constants in a card"),
+    (
+        _two_inputs,
+        "found further inputs z, needed a picture alone, or their whole numbers as constants in a card",
+    ),
     (_point_card, "found the card of a network for sweeps, needed one for pictures"),
     (constant_network(np.ones((1, 1, 32, 48))), "found scores of 1 class, needed two or more"),
     (constant_network(np.full((1, 3, 32, 48), np.nan)), "found a score that is NaN, needed finite ones"),

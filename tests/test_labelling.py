@@ -17,7 +17,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.labelling.model import picture_model, point_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.pictures import PictureLabeller, joined_masks
-from semcal_cli.labelling.sweeps import SweepLabeller
+from semcal_cli.labelling.sweeps import SweepLabeller, sweep_labeller
 from semcal_cli.labelling.views import resized
 
 WIDTH, HEIGHT = 96, 64
@@ -67,6 +67,10 @@ WAYS: dict[str, tuple[dict[str, Any], dict[str, object]]] = {
     },
     "half floats": ({"dtype": "float16"}, {}),
     "bytes": ({"dtype": "uint8", "scale": 1.0}, {"scale": None}),
+    "bytes that stand for 0 to 1": (
+        {"dtype": "uint8", "scale": 1.0},
+        {"mean": [0, 0, 0], "std": [1, 1, 1], "fit": "letterbox", "kind": "logits"},
+    ),
     "blue first": ({"colors": COLORS[:, ::-1]}, {"color": "bgr"}),
     "with a border": ({"size": (2 * HEIGHT, 2 * WIDTH + 32)}, {"fit": "letterbox"}),
     "four tiles": ({"size": (48, 64)}, {"fit": "tiles"}),
@@ -261,6 +265,84 @@ def test_points_have_the_class_of_their_pixel(tmp_path: Path, convention: str) -
     # A point on the border of two pixels may fall into either.
     assert np.mean(found == np.array(expected)) > 0.999
     assert set(np.unique(found)) == ({1, 2} if convention == "round" else {1, 2, _core.NO_ID})
+
+
+FRUSTUM = {"rows": 16, "columns": 128, "elevation_deg": [-25.0, 3.0]}
+
+
+@pytest.mark.parametrize("output", ["scores", "ids", "scores of a batch"])
+def test_a_network_may_take_the_points_themselves(tmp_path: Path, output: str) -> None:
+    """The network tells points whose third number, z by the card's mean and deviation, is above 0.5."""
+    weights = np.zeros((5, 2), np.float32)
+    weights[2, 1] = 1.0
+    nodes = [
+        helper.make_node("MatMul", ["points", "w"], ["of each"]),
+        helper.make_node("Add", ["of each", "b"], ["scores"]),
+    ]
+    shape: list[object] = [1, "n"] if "batch" in output else ["n"]
+    last, kind, axes = "scores", TensorProto.FLOAT, [*shape, 2]
+    if output == "ids":
+        nodes.append(helper.make_node("ArgMax", ["scores"], ["y"], axis=1, keepdims=0))
+        last, kind, axes = "y", TensorProto.INT64, shape
+    given = {"w": weights, "b": np.array([0.5, 0.0], np.float32)}
+    net = save(
+        tmp_path / "net.onnx",
+        nodes,
+        {"points": (TensorProto.FLOAT, [*shape, 5])},
+        {last: (kind, axes)},
+        given,
+    )
+    stated = {"semcal_point_model": 1, "kind": "points", "channels": ["x", "y", "z", "intensity", "range"]}
+    numbers = {"mean": [0, 0, -1.0, 0, 0], "std": [1, 1, 2.0, 1, 1], "classes": ["low", "high"]}
+    (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated | numbers))
+    file, points = sweep(tmp_path)
+    (cloud,) = _core.read_point_clouds([(file, None)])
+    found = sweep_labeller(open_network(net), None).ids(cloud)
+    assert np.array_equal(found, (points[:, 2].astype(float) + 1.0) / 2.0 > 0.5)
+    assert 0.02 < found.mean() < 0.98
+
+
+def test_points_share_the_mean_of_their_cell_as_in_frnet(tmp_path: Path) -> None:
+    """The network adds up the heights of a cell's points, by the inputs of FRNet, and gives the sum to each of them."""
+    nodes = [
+        helper.make_node("Gather", ["points", "two"], ["heights"], axis=1),
+        helper.make_node("Shape", ["voxel_coors"], ["shape"]),
+        helper.make_node("Gather", ["shape", "zero"], ["count"]),
+        helper.make_node("ConstantOfShape", ["count"], ["empty"]),
+        helper.make_node("ScatterElements", ["empty", "inverse_map", "heights"], ["sums"], reduction="add"),
+        helper.make_node("Gather", ["voxel_coors", "inverse_map"], ["again"]),
+        helper.make_node("Equal", ["again", "coors"], ["same"]),
+        helper.make_node("Cast", ["same"], ["is same"], to=TensorProto.FLOAT),
+        helper.make_node("ReduceMin", ["is same"], ["is right"], axes=[1], keepdims=0),
+        helper.make_node("Gather", ["sums", "inverse_map"], ["of each"]),
+        helper.make_node("Mul", ["of each", "is right"], ["right"]),
+        helper.make_node("Greater", ["right", "minus ten"], ["is high"]),
+        helper.make_node("Cast", ["is high"], ["y"], to=TensorProto.INT64),
+    ]
+    given = {"two": np.array(2), "zero": np.array([0]), "minus ten": np.array(-10.0, np.float32)}
+    inputs = {
+        "points": (TensorProto.FLOAT, ["n", 4]),
+        "coors": (TensorProto.INT64, ["n", 3]),
+        "voxel_coors": (TensorProto.INT64, ["m", 3]),
+        "inverse_map": (TensorProto.INT64, ["n"]),
+    }
+    net = save(tmp_path / "net.onnx", nodes, inputs, {"y": (TensorProto.INT64, ["n"])}, given)
+    stated = {"semcal_point_model": 1, "kind": "points", "classes": ["low", "high"]}
+    (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated | {"frustum": FRUSTUM}))
+    file, points = sweep(tmp_path)
+    (cloud,) = _core.read_point_clouds([(file, None)])
+    found = sweep_labeller(open_network(net), None).ids(cloud)
+    row, column = rangenet(points, 16, 128)
+    sums = np.zeros((16, 128), np.float32)
+    np.add.at(sums, (row, column), points[:, 2])
+    # A point on the border of two cells may fall into either.
+    assert np.mean(found == (sums[row, column] > -10.0)) > 0.995
+    assert 0.02 < found.mean() < 0.98
+    (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated))
+    with pytest.raises(
+        InputError, match=r"found further inputs coors, inverse_map, voxel_coors, needed points"
+    ):
+        sweep_labeller(open_network(net), None)
 
 
 def test_a_network_for_sweeps_says_what_it_lacks(tmp_path: Path) -> None:

@@ -100,7 +100,13 @@ OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str
         ),
         ANY,
         LOGITS,
-        {"resample": "bicubic", "mask_size": None, "size": (480, 480), "mean": tuple(HALF), "std": tuple(HALF)},
+        {
+            "resample": "bicubic",
+            "mask_size": None,
+            "size": (480, 480),
+            "mean": tuple(HALF),
+            "std": tuple(HALF),
+        },
     ),
     "MobileViT": (
         "MobileViTForSemanticSegmentation",
@@ -214,7 +220,9 @@ def test_oneformer_is_told_its_task(tmp_path: Path) -> None:
         "class_queries_logits": (TensorProto.FLOAT, classes.shape),
         "masks_queries_logits": (TensorProto.FLOAT, masks.shape),
     }
-    save(tmp_path / "net.onnx", nodes, inputs, outputs, {"tokens": tokens, "classes": classes, "masks": masks})
+    save(
+        tmp_path / "net.onnx", nodes, inputs, outputs, {"tokens": tokens, "classes": classes, "masks": masks}
+    )
     write(tmp_path, "OneFormerForUniversalSegmentation", ["a", "b"], preprocessor())
     model = picture_model(open_network(tmp_path / "net.onnx"), None)
     K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))

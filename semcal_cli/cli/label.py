@@ -122,7 +122,7 @@ class LabelSettings(ImageSettings, ThreadSettings):
     drive: Path | None = argument()
     probabilities: bool = option("Write probabilities of classes, .npz, instead of ids, .png.", default=False)
     point_model: Path | None = option(
-        "Network that labels the range images of sweeps, .onnx.", metavar="FILE"
+        "Network that labels sweeps by their range images or points, .onnx.", metavar="FILE"
     )
     point_card: str | None = option(
         "What it wants and gives; FILE.yaml beside FILE.onnx if not given.", metavar="NAME|FILE"
@@ -214,17 +214,16 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
 
 
 def _point_sides(settings: LabelSettings) -> list[Side]:
-    from semcal_cli.labelling.model import point_model
     from semcal_cli.labelling.network import open_network
     from semcal_cli.labelling.sides import segment_side, sweep_side
-    from semcal_cli.labelling.sweeps import SweepLabeller
+    from semcal_cli.labelling.sweeps import sweep_labeller
 
     if settings.points is not None:
         return [segment_side()]
     if settings.point_model is None:
         return []
     network = open_network(settings.point_model, settings.device, settings.threads)
-    return [sweep_side(SweepLabeller(point_model(network, settings.point_card)))]
+    return [sweep_side(sweep_labeller(network, settings.point_card))]
 
 
 def _preview(drive: Drive, labeller: PictureLabeller, path: Path, terminal: Terminal) -> None:

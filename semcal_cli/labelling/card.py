@@ -30,6 +30,8 @@ Kind: TypeAlias = Literal["logits", "probabilities", "ids", "masks"]
 Resample: TypeAlias = Literal["nearest", "box", "bilinear", "hamming", "bicubic", "lanczos"]
 Channel: TypeAlias = Literal["range", "x", "y", "z", "intensity", "mask"]
 
+CloudChannel: TypeAlias = Literal["x", "y", "z", "intensity", "range", "ring"]
+
 Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 Spread = Annotated[float, Field(gt=0.0, le=1e6)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -234,6 +236,58 @@ class PointCard(Card):
         ]
 
 
+class FrustumConfig(StrictModel):
+    """The grid of directions whose cells a network of points takes beside them, as FRNet's: Xu et al., 2025."""
+
+    rows: Annotated[int, Field(ge=2, le=4096)]
+    """Rows of the grid."""
+    columns: Annotated[int, Field(ge=2, le=0xFFFF)]
+    """Columns of the grid."""
+    elevation_deg: Annotated[tuple[Degrees, ...], length(2, 2)]
+    """Elevations of the lower and of the upper border, degrees; points beyond take the outermost rows."""
+
+    @field_validator("elevation_deg")
+    @classmethod
+    def _check_order(cls, elevation_deg: tuple[float, ...]) -> tuple[float, ...]:
+        if elevation_deg[0] >= elevation_deg[1]:
+            raise mismatch(list(elevation_deg), "the lower border first")
+        return elevation_deg
+
+
+class CloudCard(Card):
+    """Card of a network that takes the points of a sweep themselves."""
+
+    semcal_point_model: Version
+    """Version of this format."""
+    kind: Literal["points"]
+    """What the network takes."""
+    channels: Annotated[tuple[CloudChannel, ...], length(3, 16)] = ("x", "y", "z", "intensity")
+    """Numbers of each point, in order."""
+    mean: Annotated[tuple[Factor, ...], length(3, 16)] | None = None
+    """What is subtracted from each of them; 0 if absent."""
+    std: Annotated[tuple[Spread, ...], length(3, 16)] | None = None
+    """What each is then divided by; 1 if absent."""
+    intensity_scale: Spread = 1.0
+    """Factor of the intensities, if the network was trained with another range of them than the LiDAR has."""
+    frustum: FrustumConfig | None = None
+    """Grid of the further inputs coors, voxel_coors and inverse_map, if the network has them."""
+
+    @model_validator(mode="after")
+    def _check_channels(self) -> CloudCard:
+        for name in ("mean", "std"):
+            numbers = getattr(self, name)
+            if numbers is not None and len(numbers) != len(self.channels):
+                needed = f"{len(self.channels)}, one for each channel"
+                raise ValueError(f"{name}: {mismatch(f'{len(numbers)} numbers', needed)}")
+        return self
+
+    def describe(self) -> list[tuple[str, str]]:
+        """Describe the input, in pairs of a word and a sentence."""
+        grid = self.frustum
+        cells = "" if grid is None else f", in a grid of {grid.columns} x {grid.rows} cells"
+        return [("points", f"{' '.join(self.channels)} of each{cells}")]
+
+
 def card_names() -> list[str]:
     """List the names of the ready cards."""
     return sorted(path.stem for path in CARDS.glob("*.yaml"))
@@ -255,13 +309,15 @@ def find_card(name: str | None, model: Path) -> Path | None:
     return Path(name)
 
 
-def read_card(path: Path) -> PictureCard | PointCard:
+def read_card(path: Path) -> PictureCard | PointCard | CloudCard:
     """Read a card.
 
     Raises:
         InputError: the file is missing or wrong.
     """
     document = read_document(path)
+    if "semcal_point_model" in document and "kind" in document:
+        return validate(CloudCard, document, path)
     if "semcal_point_model" in document:
         return validate(PointCard, document, path)
     return validate(PictureCard, document, path)

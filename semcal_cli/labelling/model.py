@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from semcal_cli.errors import InputError, mismatch
 from semcal_cli.labelling.card import (
     MULTIPLE,
     Card,
+    CloudCard,
     Color,
     CompletePictureCard,
     Kind,
@@ -27,6 +28,7 @@ from semcal_cli.labelling.sidecars import read_sidecars
 SHOWN_NAMES = 6
 IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and standard deviation of ImageNet's red, green and blue, by which most networks normalise."""
+BYTE = 1.0 / 255.0
 MAX_SCALED = 2.0
 """Largest mean or standard deviation of pixels that are scaled to 1, with some room for unusual ones."""
 MAX_NETWORK_PIXELS = 1 << 25
@@ -38,7 +40,10 @@ PLAIN = ("logits", "output", "out", "output_0", "pred", "prediction", "semantic_
 """Names of the one output that matters, in order, where a network has several."""
 MASKS = ("class_queries_logits", "masks_queries_logits")
 """Names of the two outputs of Mask2Former and its like."""
-AnyCard = TypeVar("AnyCard", CompletePictureCard, PointCard)
+CELLS = ("coors", "voxel_coors", "inverse_map")
+"""Inputs of FRNet beside its points: the cell of each point, the cells that have any, and the place of each point's."""
+AnyStated: TypeAlias = PictureCard | PointCard | CloudCard
+AnyCard = TypeVar("AnyCard", CompletePictureCard, PointCard, CloudCard)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +100,7 @@ def picture_model(network: Network, card: str | None) -> Model[CompletePictureCa
         InputError: the card is missing, wrong or of a network for sweeps, or the network contradicts it.
     """
     stated, card_path = card_of(network, card)
-    if isinstance(stated, PointCard):
+    if isinstance(stated, PointCard | CloudCard):
         raise network.unfit("the card of a network for sweeps", "one for pictures")
     joining = _Joining(network, stated or PictureCard(semcal_picture_model=1), card_path)
     found = joining.read_input()
@@ -129,7 +134,29 @@ def point_model(network: Network, card: str | None) -> Model[PointCard]:
     return Model(network, stated, card_path, (output,), *read_classes(stated, card_path))
 
 
-def card_of(network: Network, name: str | None) -> tuple[PictureCard | PointCard | None, Path]:
+def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
+    """Join a network that takes points with its card; arguments and errors are those of `picture_model`."""
+    stated, card_path = card_of(network, card)
+    assert isinstance(stated, CloudCard)  # where it is asked for
+    names = {port.name for port in network.inputs}
+    known = set() if stated.frustum is None else set(CELLS)
+    if unknown := sorted(names - known - {network.points.name}):
+        needed = "points alone" if stated.frustum else f"points alone, or frustum: and {', '.join(CELLS)}"
+        raise network.unfit(f"further inputs {', '.join(unknown)}", needed)
+    if missing := sorted(known - names):
+        raise wrong_key(card_path, "frustum", "a grid", f"none: {network.path} has no input {missing[0]}")
+    port, count = network.points, len(stated.channels)
+    if not port.dtype.startswith("float") or len(port.shape) not in (2, 3) or count not in port.shape[-2:]:
+        raise network.unfit(f"input {port}", f"any x {count} float, as the channels of {card_path}")
+    output = _named_output(network, stated, card_path)
+    if output is None:
+        raise wrong_key(
+            card_path, "output", "none", f"one of: {', '.join(each.name for each in network.outputs)}"
+        )
+    return Model(network, stated, card_path, (output,), *read_classes(stated, card_path))
+
+
+def card_of(network: Network, name: str | None) -> tuple[AnyStated | None, Path]:
     """Read the card of a network, or the files of transformers beside it, and give its file, or that of the network."""
     path = find_card(name, network.path)
     if path is None:
@@ -242,7 +269,9 @@ class _Joining:
         card = self.card
         is_stated = (card.scale, card.mean, card.std) != (None, None, None)
         if self.network.input.dtype == "uint8":
-            if is_stated:
+            # A network of 8 bits takes pixels from 0 to 1 as the bytes that stand for them.
+            is_plain = card.scale == BYTE and not any(card.mean or ()) and set(card.std or (1.0,)) == {1.0}
+            if is_stated and not is_plain:
                 raise self._wrong("scale, mean, std", "some", f"none: {self.network.path} takes uint8 pixels")
             return 1.0, (0.0,), (1.0,)
         for name, numbers in (("mean", card.mean), ("std", card.std)):
@@ -255,7 +284,7 @@ class _Joining:
                 raise self._wrong(name, f"{max(numbers):g}", needed)
         if card.color is None and num_channels == 3:
             self.guesses.append("colours are red, green, blue")
-        scale = 1.0 / 255.0 if card.scale is None else card.scale
+        scale = BYTE if card.scale is None else card.scale
         if is_stated:
             return scale, card.mean or (0.0,), card.std or (1.0,)
         self.guesses.append("pixels are scaled to 1 and normalised by ImageNet's mean and standard deviation")

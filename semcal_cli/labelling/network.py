@@ -60,6 +60,11 @@ class Network:
         """The first input that may be a picture or a range image, or else the first of all."""
         return next((port for port in self.inputs if len(port.shape) == 4), self.inputs[0])
 
+    @property
+    def points(self) -> Port:
+        """The input named `points`, or else the first one."""
+        return next((port for port in self.inputs if port.name == "points"), self.inputs[0])
+
     def others(self, *known: str) -> list[str]:
         """Names of the inputs beside `input` and those that are known."""
         return [port.name for port in self.inputs if port.name not in (self.input.name, *known)]

@@ -12,8 +12,16 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, about
-from semcal_cli.labelling.card import CompletePictureCard, PointCard
-from semcal_cli.labelling.model import MASKS, Model, card_of, picture_model, point_model, wrong_key
+from semcal_cli.labelling.card import CloudCard, CompletePictureCard, PointCard
+from semcal_cli.labelling.model import (
+    MASKS,
+    Model,
+    card_of,
+    cloud_model,
+    picture_model,
+    point_model,
+    wrong_key,
+)
 from semcal_cli.labelling.network import Network
 from semcal_cli.labelling.views import Fitting, Picture, make_views
 
@@ -145,7 +153,7 @@ class PictureLabeller:
         shape = next(iter(shapes))
         if len(shapes) > 1 or len(shape) != 4 or shape[0] != 1:
             raise network.unfit(f"output of {' and '.join(map(str, shapes))}", "1 x classes x rows x columns")
-        if not np.issubdtype(outputs[0].dtype, np.floating):
+        if self.model.card.kind != "logits" and not np.issubdtype(outputs[0].dtype, np.floating):
             raise network.unfit(f"output of {outputs[0].dtype}", "float")
         are_first = self._are_classes_first(shape[1:])
         num_classes, rows, columns = shape[1:] if are_first else (shape[3], *shape[1:3])
@@ -221,6 +229,8 @@ def describe_model(network: Network, card: str | None) -> list[tuple[str, str]]:
     Arguments and errors are those of `picture_model`.
     """
     stated, _ = card_of(network, card)
+    if isinstance(stated, CloudCard):
+        return cloud_model(network, card).describe()
     if isinstance(stated, PointCard):
         return point_model(network, card).describe()
     model = picture_model(network, card)

@@ -23,6 +23,7 @@ from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.images import read_image
 from semcal_cli.files.reading import hash_file
 from semcal_cli.labelling.card import PictureCard
+from semcal_cli.labelling.clouds import CloudLabeller
 from semcal_cli.labelling.hub import hub_name
 from semcal_cli.labelling.model import Model
 from semcal_cli.labelling.pictures import PictureLabeller
@@ -130,7 +131,7 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
     )
 
 
-def sweep_side(labeller: SweepLabeller) -> Side:
+def sweep_side(labeller: SweepLabeller | CloudLabeller) -> Side:
     """Make the side of labels of points from a network.
 
     Raises:
@@ -139,7 +140,7 @@ def sweep_side(labeller: SweepLabeller) -> Side:
     model = labeller.model
     settings = {
         "model": hash_model(model.network.path),
-        "card": model.card.model_dump(mode="json", exclude={"classes", "ignore"}),
+        "card": model.card.model_dump(mode="json", exclude={"classes", "ignore", "licence"}),
     }
     ignore = tuple(dict.fromkeys((*model.ignore, NO_ID)))
     side = _point_side(model.classes, ignore, settings, labeller.ids, no_return=NO_ID)
@@ -185,9 +186,7 @@ def _point_side(
 def _record(model: Model[Any]) -> LabelNetwork:
     """Name a network as a drive and a result do."""
     path = model.network.path
-    return LabelNetwork(
-        name=hub_name(path) or path.name, sha256=hash_model(path), licence=model.licence
-    )
+    return LabelNetwork(name=hub_name(path) or path.name, sha256=hash_model(path), licence=model.licence)
 
 
 def hash_model(path: Path) -> dict[str, str]:

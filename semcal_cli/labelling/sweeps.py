@@ -1,4 +1,4 @@
-"""Labels of sweeps: from a network for range images, or by geometry alone."""
+"""Labels of sweeps: from a network for range images or points, or by geometry alone."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from semcal_cli import _core
 from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.errors import InputError
 from semcal_cli.files.arrays import Cloud
-from semcal_cli.labelling.card import NeighborsConfig, PointCard
-from semcal_cli.labelling.model import Model
+from semcal_cli.labelling.card import CloudCard, NeighborsConfig, PointCard
+from semcal_cli.labelling.clouds import CloudLabeller
+from semcal_cli.labelling.model import Model, card_of, cloud_model, point_model
+from semcal_cli.labelling.network import Network
 
 OWN_PIXEL = NeighborsConfig(count=1, search=1)
 """Neighbours of a point that takes the class of its own pixel."""
@@ -108,3 +110,13 @@ def segment_labels(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
     place = np.minimum(sweep.ids, sweep.num_segments)
     instances = np.where(place < sweep.num_segments, (place + 1) % (1 << INSTANCE_BITS), 0)
     return np.asarray(kinds[place] + (instances << INSTANCE_BITS), np.uint32)
+
+
+def sweep_labeller(network: Network, card: str | None) -> SweepLabeller | CloudLabeller:
+    """Make what labels sweeps by a network, which takes range images or points as its card says.
+
+    Arguments and errors are those of `point_model`.
+    """
+    if isinstance(card_of(network, card)[0], CloudCard):
+        return CloudLabeller(cloud_model(network, card))
+    return SweepLabeller(point_model(network, card))

@@ -9,9 +9,9 @@ from typing import Annotated, get_args
 import numpy as np
 from pydantic import Field, JsonValue, field_validator
 
-from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import describe, mismatch
 from semcal_cli.files.validation import (
     Count,

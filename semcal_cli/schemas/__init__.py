@@ -9,26 +9,28 @@ import inspect
 import json
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import ModelSchema
 
 from semcal_cli.documentation import schema_address, schema_name
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.validation import NEWEST_VERSION, StrictModel
-from semcal_cli.labelling.card import PictureCard, PointCard
+from semcal_cli.labelling.card import CloudCard, PictureCard, PointCard
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.rig.document import Rig
 from semcal_cli.rig.result import RigResult
 
 FOLDER = Path(__file__).parent
-MODELS: dict[str, type[StrictModel]] = {
+MODELS: dict[str, Any] = {
     "semcal_drive": Drive,
     "semcal_rig": Rig,
     "semcal_calibration": Calibration,
     "semcal_rig_calibration": RigResult,
     "semcal_picture_model": PictureCard,
-    "semcal_point_model": PointCard,
+    "semcal_point_model": PointCard | CloudCard,
 }
 """Model of each document, by its first key."""
 
@@ -44,7 +46,9 @@ def schema_text(key: str) -> str:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": schema_address(key, NEWEST_VERSION),
     }
-    return json.dumps(head | MODELS[key].model_json_schema(schema_generator=_Described), indent=2) + "\n"
+    return (
+        json.dumps(head | TypeAdapter(MODELS[key]).json_schema(schema_generator=_Described), indent=2) + "\n"
+    )
 
 
 class _Described(GenerateJsonSchema):

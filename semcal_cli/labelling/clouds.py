@@ -1,0 +1,96 @@
+"""Labels of sweeps from networks that take the points themselves."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.arrays import Cloud
+from semcal_cli.labelling.card import CloudCard, FrustumConfig
+from semcal_cli.labelling.model import CELLS, Model
+
+
+class CloudLabeller:
+    """Labels sweeps with a network of points; several threads may use it at a time."""
+
+    def __init__(self, model: Model[CloudCard]) -> None:
+        """Keep the network and its card."""
+        self.model = model
+
+    def ids(self, cloud: Cloud) -> npt.NDArray[np.uint16]:
+        """Label the points of a sweep.
+
+        Returns:
+            (N,) ids.
+
+        Raises:
+            InputError: the cloud lacks a field that the network wants, or the network fails or gives no labels.
+        """
+        network, card = self.model.network, self.model.card
+        port, tensor = network.points, self.tensor(cloud)
+        if port.shape[-1] != len(card.channels):
+            tensor = tensor.T
+        tensors: dict[str, npt.NDArray[Any]] = {port.name: tensor[None] if len(port.shape) == 3 else tensor}
+        if card.frustum is not None:
+            tensors |= zip(CELLS, frustum_cells(cloud.points, card.frustum), strict=True)
+        (output,) = network.run(tensors, self.model.outputs).values()
+        return self._ids(output, len(cloud.points))
+
+    def tensor(self, cloud: Cloud) -> npt.NDArray[np.float32]:
+        """Make the numbers (N, C) of the points."""
+        card, columns = self.model.card, []
+        for channel in card.channels:
+            if channel == "range":
+                columns.append(np.linalg.norm(cloud.points.astype(np.float64), axis=1))
+            elif channel in "xyz":
+                columns.append(cloud.points[:, "xyz".index(channel)].astype(np.float64))
+            elif (values := getattr(cloud, channel)) is None:
+                raise InputError(f"found points without {channel}, which {self.model.network.path} wants")
+            else:
+                columns.append(values * (card.intensity_scale if channel == "intensity" else 1.0))
+        numbers = np.stack(columns, axis=1) - (card.mean or 0.0)
+        return np.asarray(numbers / (card.std or 1.0), np.float32)
+
+    def _ids(self, output: npt.NDArray[Any], count: int) -> npt.NDArray[np.uint16]:
+        """Classes (N,) from scores N x classes or classes x N, or from ids, each with a batch of one or without."""
+        network = self.model.network
+        found = output[0] if output.ndim == 3 and len(output) == 1 else output
+        if np.issubdtype(found.dtype, np.integer) and found.size == count:
+            return network.as_ids(found.ravel())
+        if np.issubdtype(found.dtype, np.floating) and found.ndim == 2 and count in found.shape:
+            if not np.isfinite(found).all():
+                raise network.unfit("a score that is not finite", "finite ones")
+            axis = 1 if len(found) == count else 0
+            if found.shape[axis] > 1:
+                return np.asarray(found.argmax(axis), np.uint16)
+        needed = f"{count} x classes, or {count} ids as whole numbers"
+        raise network.unfit(f"output {output.shape} of {output.dtype}", needed)
+
+
+def frustum_cells(
+    points: npt.NDArray[np.float32], grid: FrustumConfig
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Sort points (N, 3) into the cells of a grid of directions, as Autoware's FRNet does.
+
+    Returns:
+        The batch, which is 0, the row and the column of each point's cell (N, 3); the cells that have points (M, 3),
+        sorted; and the place of each point's cell among those (N,).
+    """
+    xyz = points.astype(np.float64)
+    low, high = map(math.radians, grid.elevation_deg)
+    ranges = np.maximum(np.linalg.norm(xyz, axis=1), np.finfo(np.float64).tiny)
+    across = 0.5 * (1.0 - np.arctan2(xyz[:, 1], xyz[:, 0]) / math.pi) * grid.columns
+    down = (high - np.arcsin(np.clip(xyz[:, 2] / ranges, -1.0, 1.0))) / (high - low) * grid.rows
+    rows = np.clip(down, 0, grid.rows - 1).astype(np.int64)
+    columns = np.clip(across, 0, grid.columns - 1).astype(np.int64)
+    cells = np.stack([np.zeros_like(rows), rows, columns], axis=1)
+    filled, places = np.unique(rows * grid.columns + columns, return_inverse=True)
+    return (
+        cells,
+        np.stack([np.zeros_like(filled), filled // grid.columns, filled % grid.columns], axis=1),
+        places,
+    )
