@@ -31,6 +31,10 @@ MAX_GAP_NS = NS // 2
 """Longest time from one sweep or pose to the next; after a longer one between sweeps, the odometry begins anew."""
 WARM_UPS = 4
 """Times that the first two sweeps are registered, each time untwisted at the motion that was found before."""
+SPEEDS_M_S = np.linspace(-40.0, 40.0, 81)
+OVERLAP_M, CLEAR_OVERLAP = 0.5, 0.003
+"""Speeds that the first two sweeps are tried at, side of the voxels in which they overlap, and the share of points by
+which one of two motions has to overlap more."""
 MAX_CHANGE_M_S, MAX_CHANGE_RAD_S = 3.0, 1.0
 """Largest change of the motion from one sweep to the next; a car that brakes hard loses 1 m/s in 0.1 s."""
 SIGMA = {"linear_m_s": 0.1, "angular_rad_s": 0.01}
@@ -145,22 +149,32 @@ class Odometry:
 
     def _begin_motion(self, first: _Sweep, second: _Sweep) -> None:
         """Register the first two sweeps again and again: the motion between them untwists both."""
-        self._first, self._twist_per_s = None, [0.0] * 6
-        for _ in range(WARM_UPS):
-            self._kiss = _kiss_icp()
-            self._kiss.last_pose = self._last_pose
-            self._register(first, 0)
-            self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
+        self._first = None
+        found = []
+        for start in ([0.0] * 6, _best_speed(first, second)):
+            self._twist_per_s = start
+            for _ in range(WARM_UPS):
+                self._kiss = _kiss_icp()
+                self._kiss.last_pose = self._last_pose
+                self._register(first, 0)
+                self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
+            found.append((_overlap(first, second, self._twist_per_s), self._kiss, self._twist_per_s))
+        (other, _, twist), (best, self._kiss, self._twist_per_s) = sorted(found, key=lambda each: each[0])
+        if _jumps(twist, self._twist_per_s) and best - other < CLEAR_OVERLAP:
+            self._doubt(second)
         self._keep(second, self._kiss.last_pose)
 
     def _go_on(self, sweep: _Sweep) -> None:
         before, self._twist_per_s = self._twist_per_s, self._register(sweep, sweep.moment_ns - self._last_ns)
-        change = np.subtract(self._twist_per_s, before)
-        if np.linalg.norm(change[:3]) > MAX_CHANGE_M_S or np.linalg.norm(change[3:]) > MAX_CHANGE_RAD_S:
-            self.doubtful_ns.append(sweep.moment_ns)
+        if _jumps(before, self._twist_per_s):
+            self._doubt(sweep)
             self._begin(sweep)
         else:
             self._keep(sweep, self._kiss.last_pose)
+
+    def _doubt(self, sweep: _Sweep) -> None:
+        if sweep.moment_ns not in self.doubtful_ns[-2:]:
+            self.doubtful_ns.append(sweep.moment_ns)
 
     def _keep(self, sweep: _Sweep, T: Pose) -> None:
         self._last_ns, self._last_pose = sweep.moment_ns, orthonormal(T)
@@ -171,16 +185,16 @@ class Odometry:
         motion, before = _core.Trajectory.constant(self._twist_per_s, 0.0), self._kiss.last_pose
         self._kiss.last_delta = displacement(motion, 0.0, step_ns / NS)
         points = motion.compensate(sweep.points, sweep.times_s, 0.0).astype(np.float64)
-        if least_share(points) < LEAST_SHARE:
-            self.doubtful_ns.append(sweep.moment_ns)
+        if shares(points)[0][0] < LEAST_SHARE:
+            self._doubt(sweep)
         self._kiss.register_frame(points, np.empty(0))
         if step_ns == 0:
             return self._twist_per_s
         return twist_from(before, self._kiss.last_pose, step_ns / NS)
 
 
-def least_share(points: npt.NDArray[np.float64]) -> float:
-    """Tell how well a sweep determines its place along the direction in which it does so least.
+def shares(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Tell how well a sweep determines its place along each direction.
 
     Surfaces do it along their normals. Each cell with a surface counts as much as any other, by the covariance of its
     points: between two smooth walls, nearly none has a normal along the way.
@@ -189,7 +203,8 @@ def least_share(points: npt.NDArray[np.float64]) -> float:
         points: (N, 3) metres, LiDAR frame.
 
     Returns:
-        Share of all three directions together, up to a third; 0 without surfaces.
+        Shares (3,) of all three directions together, the least one first, and their axes, the columns (3, 3); zeros and
+        the LiDAR's axes without surfaces.
     """
     cells = np.floor(points / CELL_M)
     inside = points - (cells + 0.5) * CELL_M
@@ -205,11 +220,35 @@ def least_share(points: npt.NDArray[np.float64]) -> float:
     is_surface = variances[:, 1] > 2.0 * ROUGH_M**2
     variances, axes = variances[is_surface], axes[is_surface]
     if not len(variances):
-        return 0.0
+        return np.zeros(3), np.eye(3)
     told = 1.0 / (variances + ROUGH_M**2)
     told /= told.sum(axis=1, keepdims=True)
-    shares = np.einsum("nia,na,nja->ij", axes, told, axes) / len(told)
-    return float(np.linalg.eigvalsh(shares)[0])
+    values, vectors = np.linalg.eigh(np.einsum("nia,na,nja->ij", axes, told, axes) / len(told))
+    return values, vectors
+
+
+def _best_speed(first: _Sweep, second: _Sweep) -> list[float]:
+    """Find the velocity along what the sweep tells least at which two sweeps overlap most, as a twist (6,) a second.
+
+    Where little but walls and ground is seen, registration from a standstill finds a standstill.
+    """
+    _, axes = shares(first.points.astype(np.float64))
+    twists = [[*(speed_m_s * axes[:, 0]), 0.0, 0.0, 0.0] for speed_m_s in SPEEDS_M_S]
+    return max(twists, key=lambda twist: _overlap(first, second, twist))
+
+
+def _overlap(first: _Sweep, second: _Sweep, twist_per_s: Sequence[float]) -> float:
+    """Share of the points of the second of two sweeps that lie in a voxel with points of the first, at a motion."""
+    motion, seconds = _core.Trajectory.constant(twist_per_s, 0.0), (second.moment_ns - first.moment_ns) / NS
+    before = motion.compensate(first.points, first.times_s, 0.0)
+    after = motion.compensate(second.points, second.times_s + seconds, 0.0)
+    keys = [np.floor(each / OVERLAP_M).astype(np.int64) @ [1, 1 << 20, 1 << 40] for each in (before, after)]
+    return float(np.isin(keys[1], keys[0]).mean()) if len(keys[1]) else 0.0
+
+
+def _jumps(before: Sequence[float], after: Sequence[float]) -> bool:
+    change = np.subtract(after, before)
+    return bool(np.linalg.norm(change[:3]) > MAX_CHANGE_M_S or np.linalg.norm(change[3:]) > MAX_CHANGE_RAD_S)
 
 
 class DriveMotion(NamedTuple):

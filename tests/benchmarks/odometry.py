@@ -1,17 +1,17 @@
-"""Prints Markdown tables: the motion that sweeps tell by KISS-ICP, and what calibrations gain by it.
+"""Prints Markdown tables: how well sweeps tell the motion by KISS-ICP.
 
     python tests/benchmarks/odometry.py [--seeds 3] [--kitti DIR]
 
 A rig drives three seconds along a synthetic street, at 30 twisted sweeps; the way is that from the first to the last
-sweep. Drives are calibrated from nothing with the true motion, with that of the sweeps, and without any: median errors
-of the rotation and of the camera centre. `--kitti` is a folder of KITTI raw, whose sweeps are set beside its inertial
-poses (oxts) over all frames that are there, ten a second. Needs the extra `odometry`.
+sweep. Velocities are those in the middles of the sweeps: the error of a frame, and its mean over a drive, which all
+frames share (root mean squares over the axes). In a jam, lorries that move along hide a share of what the LiDAR sees.
+`--kitti` is a folder of KITTI raw, whose sweeps are set beside its inertial poses (oxts) over all frames that are
+there, ten a second. Needs the extra `odometry`.
 """
 
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
@@ -20,17 +20,17 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmark import script, table
-from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet
+from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
-from semcal_cli.datasets.odometry import NS, Odometry, drive_motion, tum_text
-from semcal_cli.drive.document import Drive, Motion, read_drive
-from semcal_cli.drive.loading import load
+from semcal_cli import _core
+from semcal_cli.datasets.odometry import NS, Odometry, twist_from
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.geometry.poses import Pose, compare_poses, inverse, rotation_error_deg
-from semcal_cli.pipeline import calibrate
+from semcal_cli.geometry.poses import Pose, inverse, rotation_error_deg
 
-STREETS = {5.0: 0.3, 10.0: -0.2, 15.0: 0.15}
-"""Turns by speeds, radians and metres a second."""
+STREETS = ((5.0, 0.3, 0.0), (10.0, -0.2, 0.0), (15.0, 0.15, 0.0), (10.0, 0.2, 0.3))
+"""Speeds and turns, metres and radians a second, and the share by which both rise and fall."""
+NUM_LORRIES, LORRY_M, LORRY_TOP_M = 6, 4.0, 2.0
+"""Lorries around the rig, their distance, and their height above the LiDAR."""
 EARTH_M = 6378137.0
 T_LIDAR_IMU = np.array(
     [
@@ -43,31 +43,71 @@ T_LIDAR_IMU = np.array(
 """KITTI's calib_imu_to_velo.txt of 2011-09-26."""
 
 
-def error(drive: Drive, poses: str | None, truth: Pose) -> tuple[float, float]:
-    """Calibrate with a file of poses, or without motion; degrees and centimetres."""
-    motion = None if poses is None else Motion(poses=poses)
-    found = compare_poses(calibrate(load(drive.model_copy(update={"motion": motion}))).pose, truth)
-    return found.rotation_deg, found.camera_center_cm
+def estimated(street: MovingStreet, hidden: float = 0.0) -> dict[int, Pose]:
+    """Poses by the sweeps, without those before and after."""
+    odometry = Odometry()
+    for index in range(NUM_SWEEPS):
+        sweep = street.sweep(index)
+        points = in_jam(sweep.points, hidden) if hidden else sweep.points
+        odometry.add(points, sweep.times_s, round(stamp_s(index) * NS))
+    return dict(list(odometry.poses().items())[1:-1])
 
 
-def row(speed_m_s: float, seeds: range, points: int, width: int) -> tuple[str, ...]:
-    ways, turns, errors = [], [], {name: list[tuple[float, float]]() for name in ("true", "estimated", "not")}
+def row(speed_m_s: float, turn_rad_s: float, change: float, seeds: range, points: int) -> tuple[str, ...]:
+    ways, turns, errors = [], [], []
     for seed in seeds:
-        street = MovingStreet(speed_m_s, STREETS[speed_m_s], seed, points, width)
-        with tempfile.TemporaryDirectory() as name:
-            drive = read_drive(street.write(Path(name) / "drive"))
-            poses = drive_motion(drive).poses
-            drive.resolve("estimated.txt").write_text(tum_text(poses))
-            for motion, found in errors.items():
-                file = None if motion == "not" else f"{motion}.txt"
-                found.append(error(drive, file, street.T_camera_lidar))
-        way, turn = street.errors(dict(list(poses.items())[1:-1]))
+        street = MovingStreet(speed_m_s, turn_rad_s, seed, points, width=16, change=change)
+        poses = estimated(street)
+        way, turn = street.errors(poses)
         ways.append(way / (speed_m_s * SWEEP_S * (NUM_SWEEPS - 1)))
         turns.append(turn)
+        found = _core.Trajectory.through([stamp / NS for stamp in poses], list(poses.values()))
+        middles_s = [stamp_s(index) + 0.5 * SWEEP_S for index in range(1, NUM_SWEEPS - 1)]
+        errors.append([np.subtract(found.twist_at(each), _true_twist(street, each)) for each in middles_s])
+    of_frames = np.array(errors)
+    common = of_frames.mean(axis=1)
     cells = (
-        ", ".join(f"{median(each):.3f}" for each in zip(*found, strict=True)) for found in errors.values()
+        f"{_rms(of_frames[..., axes]):.{digits}f}, {_rms(common[..., axes]):.{digits}f}"
+        for axes, digits in ((slice(3), 3), (slice(3, 6), 4))
     )
-    return f"{speed_m_s:g} m/s", f"{median(ways):.2%}", f"{median(turns):.2f}", *cells
+    name = f"{speed_m_s:g} m/s"
+    if change:
+        name = f"{speed_m_s * (1.0 - change):g} to {speed_m_s * (1.0 + change):g} m/s"
+    return name, f"{median(ways):.2%}", f"{median(turns):.2f}", *cells
+
+
+def _true_twist(street: MovingStreet, time_s: float) -> list[float]:
+    return twist_from(street.pose(time_s - 0.005), street.pose(time_s + 0.005), 0.01)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def in_jam(points: np.ndarray, hidden: float) -> np.ndarray:
+    """Hide a share of the azimuths behind the flat sides of lorries that stay where they are beside the LiDAR."""
+    azimuths, level_m = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
+    parts = azimuths / (2.0 * np.pi) * NUM_LORRIES
+    middles = (np.floor(parts) + 0.5 * hidden) * 2.0 * np.pi / NUM_LORRIES
+    sides_m = LORRY_M / np.cos(azimuths - middles)
+    nearer = sides_m / level_m
+    is_hidden = (parts % 1.0 < hidden) & (nearer < 1.0) & (points[:, 2] * nearer < LORRY_TOP_M)
+    return np.where(is_hidden[:, None], points * nearer[:, None], points).astype(np.float32)
+
+
+def jam_row(hidden: float, seeds: range, points: int) -> tuple[str, ...]:
+    speeds = []
+    for speed_m_s in (1.0, 3.0):
+        found = []
+        for seed in seeds:
+            poses = estimated(MovingStreet(speed_m_s, 0.0, seed, points, width=16), hidden)
+            ends = list(poses.items())[:: max(len(poses) - 1, 1)]
+            if len(ends) == 2:
+                (start_ns, start), (end_ns, end) = ends
+                way_m = np.linalg.norm((inverse(start) @ end)[:3, 3])
+                found.append(float(way_m) * NS / (end_ns - start_ns))
+        speeds.append(f"{median(found):.2f}" if found else "none")
+    return f"{hidden:.0%}", *speeds
 
 
 def kitti_row(folder: Path) -> tuple[str, ...]:
@@ -87,7 +127,10 @@ def kitti_row(folder: Path) -> tuple[str, ...]:
     found, true = (inverse(each[0]) @ each[-1] for each in (poses, truth))
     off_cm = 100.0 * np.linalg.norm(found[:3, 3] - true[:3, 3])
     way_m = np.linalg.norm(true[:3, 3])
-    return folder.name, f"{way_m:.2f}", f"{off_cm:.1f}", f"{rotation_error_deg(found, true):.2f}"
+    turn_deg, seconds = rotation_error_deg(found, true), 0.1 * (len(truth) - 1)
+    axes = seconds * np.sqrt(3.0)
+    rates = f"{0.01 * off_cm / axes:.3f}, {np.radians(turn_deg) / axes:.4f}"
+    return folder.name, f"{way_m:.2f}", f"{off_cm:.1f}", f"{turn_deg:.2f}", rates
 
 
 def _turn(angle: float, axis: int) -> np.ndarray:
@@ -99,18 +142,19 @@ def _turn(angle: float, axis: int) -> np.ndarray:
     return R
 
 
-def main(
-    *, seeds: int = 3, first_seed: int = 300, points: int = 40_000, width: int = 640, kitti: str = ""
-) -> Iterator[str]:
+def main(*, seeds: int = 3, first_seed: int = 300, points: int = 40_000, kitti: str = "") -> Iterator[str]:
     """Print the tables, that of KITTI if its folder is given."""
-    header = "speed | error of the way | error of the turn, deg | true motion: deg, cm | motion of the sweeps | none"
-    yield from table(
-        header, (row(speed, range(first_seed, first_seed + seeds), points, width) for speed in STREETS)
-    )
+    of_seeds = range(first_seed, first_seed + seeds)
+    header = "speed | error of the way | error of the turn, deg | of a frame, of a drive: m/s | rad/s"
+    yield from table(header, (row(*street, of_seeds, points) for street in STREETS))
+    yield ""
+    header = "hidden by lorries in a jam | found of 1 m/s | of 3 m/s"
+    yield from table(header, (jam_row(hidden, of_seeds, points) for hidden in (0.5, 0.7, 0.85)))
     if kitti:
         folders = sorted(path.parent for path in Path(kitti).glob("*/*_sync/oxts"))
         yield ""
-        yield from table("KITTI raw | way, m | error, cm | error, deg", map(kitti_row, folders))
+        header = "KITTI raw | way, m | error, cm | error, deg | of an axis: m/s, rad/s"
+        yield from table(header, map(kitti_row, folders))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,101 @@
+"""Prints Markdown tables: what calibrations gain by the motion that sweeps tell.
+
+    python tests/benchmarks/odometry_gain.py [--seeds 3]
+
+A rig drives three seconds along a synthetic street, at 30 twisted sweeps. Drives are calibrated from nothing with the
+true motion, with that of the sweeps by KISS-ICP, and without any: median errors of the rotation and of the camera
+centre, with a global shutter and with one that rolls within 30 ms. Then images are 30 ms late, and `--estimate-delay`
+finds the offset on drives whose speed changes. Needs the extra `odometry`.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from benchmark import script, table
+from moving_street import MovingStreet
+
+from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.datasets.odometry import SIGMA, drive_motion, tum_text
+from semcal_cli.drive.document import Drive, Motion, MotionSigma, read_drive
+from semcal_cli.drive.loading import load
+from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.pipeline import calibrate
+from semcal_cli.result.calibration import Calibration
+
+STREETS = {
+    "5 m/s": (5.0, 0.3, 0.0, 0.0),
+    "10 m/s": (10.0, -0.2, 0.0, 0.0),
+    "15 m/s": (15.0, 0.15, 0.0, 0.0),
+    "7 to 13 m/s, 30 ms": (10.0, 0.2, 0.3, 0.03),
+}
+"""Speed, turn, the share by which both rise and fall, and the readout in seconds."""
+CHANGING = 10.0, 0.2, 0.3
+"""The same of the drives whose clock is late, between 7 and 13 m/s: they brake by up to 6 m/s^2."""
+LATE_S = 0.03
+JOINTLY = CalibrationConfig(refinement=RefinementConfig(jointly=JointlyConfig(with_delay=True)))
+
+
+def drive_of(street: MovingStreet, folder: Path, late_s: float = 0.0) -> Drive:
+    """Write a drive, with a file of the true poses and one of those that its sweeps tell."""
+    drive = read_drive(street.write(folder / "drive", late_s=late_s))
+    drive.resolve("estimated.txt").write_text(tum_text(drive_motion(drive).poses))
+    return drive
+
+
+def calibrated(drive: Drive, poses: str | None, config: CalibrationConfig) -> Calibration:
+    """Calibrate with a file of poses, or without motion."""
+    motion = None if poses is None else Motion(poses=poses)
+    if motion is not None and poses == "estimated.txt":
+        motion = motion.model_copy(update={"sigma": MotionSigma(**SIGMA)})
+    return calibrate(load(drive.model_copy(update={"motion": motion}), config), config)
+
+
+def row(name: str, seeds: range) -> tuple[str, ...]:
+    errors: dict[str | None, list[tuple[float, float]]] = {"true.txt": [], "estimated.txt": [], None: []}
+    speed_m_s, turn_rad_s, change, readout_s = STREETS[name]
+    for seed in seeds:
+        street = MovingStreet(speed_m_s, turn_rad_s, seed, change=change, readout_s=readout_s)
+        with tempfile.TemporaryDirectory() as folder:
+            drive = drive_of(street, Path(folder))
+            for poses, found in errors.items():
+                pose = calibrated(drive, poses, CalibrationConfig()).pose
+                error = compare_poses(pose, street.T_camera_lidar)
+                found.append((error.rotation_deg, error.camera_center_cm))
+    cells = (
+        ", ".join(f"{median(each):.3f}" for each in zip(*found, strict=True)) for found in errors.values()
+    )
+    return name, *cells
+
+
+def clock_row(seed: int) -> tuple[str, ...]:
+    street, cells = MovingStreet(*CHANGING[:2], seed, change=CHANGING[2]), []
+    with tempfile.TemporaryDirectory() as folder:
+        drive = drive_of(street, Path(folder), LATE_S)
+        for poses in ("true.txt", "estimated.txt"):
+            clock = calibrated(drive, poses, JOINTLY).clock
+            assert clock is not None
+            told = "not determined"
+            if clock.half_width_95_s is not None:
+                told = f"{1e3 * clock.time_offset_s:.1f} +- {1e3 * clock.half_width_95_s:.1f}"
+            cells.append(told if clock.is_kept or not clock.is_determined else f"{told}, not kept")
+    return str(seed), *cells
+
+
+def main(*, seeds: int = 3, first_seed: int = 300) -> Iterator[str]:
+    """Print the tables."""
+    of_seeds = range(first_seed, first_seed + seeds)
+    header = "speed, readout | true motion: deg, cm | motion of the sweeps | none"
+    yield from table(header, (row(name, of_seeds) for name in STREETS))
+    yield ""
+    header = "images 30 ms late, seed | found with the true motion, ms | with that of the sweeps"
+    yield from table(header, (clock_row(seed) for seed in of_seeds))
+
+
+if __name__ == "__main__":
+    script(main)
