@@ -3,15 +3,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from commands import invoke, unwrapped
 from conftest import edited
 
 from semcal_cli.assessment.inspection import DriveReport, inspect
+from semcal_cli.assessment.motion_report import NO_MOTION
 from semcal_cli.assessment.pairing import find_identical_files
 from semcal_cli.cli.inspect import LABEL_WIDTH
+from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.images import write_image
+from semcal_cli.synthetic.motion import vehicle_motion
+from semcal_cli.synthetic.synthesis import synthesize
 
 
 def looked_at(drive: Path) -> DriveReport:
@@ -177,3 +182,30 @@ def test_what_files_hold_reaches_the_terminal_as_letters(drive: Path) -> None:
     said = invoke("inspect", drive, "--frames").stdout
     assert "road\\x1b[2J\\nverdict" in said
     assert "\x1b" not in said
+
+
+def test_the_motion_is_told(tmp_path: Path) -> None:
+    """How fast the rig is at the images, that poses do not reach all of them, and that one speed tells no clock."""
+    config = SynthConfig(num_frames=3, seed=3, width=160, height=90, motion="mixed")
+    drive = tmp_path / "mixed"
+    synthesize(config, drive)
+    report = looked_at(drive)
+    motions = [vehicle_motion(config, number) for number in range(config.num_frames)]
+    speeds = [each.speed_m_s for each in motions if each is not None]
+    assert report.speeds_m_s == pytest.approx((min(speeds), max(speeds)), abs=1e-6)
+    assert report.span_s == pytest.approx(2.0)
+    assert "move much alike" not in " ".join(report.advice)
+    line = next(line for line in invoke("inspect", drive).stdout.splitlines() if line.startswith("motion"))
+    assert line.startswith(
+        f"motion      frames of 2 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, turns up to "
+    )
+    lines = (drive / "poses.txt").read_text().splitlines(keepends=True)
+    (drive / "poses.txt").write_text("".join(lines[:-1]))
+    last = yaml.safe_load((drive / DRIVE_FILE).read_text())["frames"][-1]["points"]
+    assert f"the poses do not reach the images of 1 frame {last}" in looked_at(drive).suspicions
+    with edited(drive) as document:
+        document["motion"] = {"twist": {"linear_m_s": [9.0, 0.0, 0.0], "angular_rad_s": [0.0, 0.0, 0.05]}}
+    assert "at 9.0 to 9.0 m/s with turns up to 2.9 degrees a second" in looked_at(drive).advice[-1]
+    with edited(drive) as document:
+        del document["motion"]
+    assert looked_at(drive).advice[-1] == NO_MOTION

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.intrinsics import implausible_intrinsics
 from semcal_cli.assessment.label_alignment import check_label_alignment
+from semcal_cli.assessment.motion_report import report_motion
 from semcal_cli.assessment.pairing import find_identical_files
 from semcal_cli.assessment.scale import check_scale, judge_scale
 from semcal_cli.config import MAX_FRAMES, InitializationConfig
@@ -97,6 +98,14 @@ class DriveReport:
     """Field of view of the camera through the principal point, across and down the image."""
     shared_classes: tuple[str, ...]
     """Class names that points and pixels share. A calibration needs none."""
+    median_range_m: float
+    """Range within which half of the points lie, metres."""
+    span_s: float | None
+    """Time from the first sweep to the last, in seconds; None without stamps."""
+    speeds_m_s: tuple[float, float] | None
+    """Lowest and highest speed at the images; None without poses or a twist."""
+    fastest_turn_deg_s: float | None
+    """Fastest turn at the images, in degrees a second; None without poses or a twist."""
     suspicions: tuple[str, ...]
     """Findings about the whole drive."""
     advice: tuple[str, ...] = ()
@@ -120,6 +129,7 @@ def inspect(drive: Drive) -> DriveReport:
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
     few = _loaded(probed)
+    motion = report_motion(drive)
     num_scenes = len(set(alike_frames([ranges[index] for index in readable])))
     elevations, azimuths = _field_of_points(points)
     field_of_view = _field_of_view(drive)
@@ -133,18 +143,23 @@ def inspect(drive: Drive) -> DriveReport:
         azimuths_deg=azimuths,
         field_of_view_deg=field_of_view,
         shared_classes=tuple(name for name in point_names or () if name in (pixel_names or ())),
+        median_range_m=float(np.median(np.linalg.norm(np.concatenate(points), axis=1))),
+        span_s=motion.span_s,
+        speeds_m_s=motion.speeds_m_s,
+        fastest_turn_deg_s=motion.fastest_turn_deg_s,
         suspicions=(
             *implausible_intrinsics(drive.camera).values(),
             *[NO_VIEW] * (min(field_of_view) < MIN_VIEW_DEG),
             *_check_images(drive),
             *_check_scale(points, few),
             *_check_classes(point_names, pixel_names),
+            *motion.suspicions,
             *_check_motion(drive, motion_error_px(probed, clouds), points),
             *([] if few is None else _check_mirroring(few)),
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
         ),
-        advice=_advice(len(readable), num_scenes, field_of_view[0]),
+        advice=(*_advice(len(readable), num_scenes, field_of_view[0]), *motion.advice),
     )
 
 

@@ -128,8 +128,10 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
         ("drive", f"{len(report.frames):,} frames, {num_points:,} points"),
         (
             "LiDAR",
-            f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth",
+            f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth, "
+            f"half of the points within {report.median_range_m:.1f} m",
         ),
+        *([] if report.span_s is None else [("motion", _motion(report, report.span_s))]),
         (
             "camera",
             f"{across:.1f} x {down:.1f} degrees; whether K and the lens are right is not checked here",
@@ -138,6 +140,17 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
         ("of pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
         ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
     ]
+
+
+def _motion(report: DriveReport, span_s: float) -> str:
+    """Say how long the drive is and how fast it moves."""
+    if report.speeds_m_s is None or report.fastest_turn_deg_s is None:
+        return f"frames of {span_s:.0f} s; no poses, no twist"
+    low, high = report.speeds_m_s
+    return (
+        f"frames of {span_s:.0f} s, at {low:.1f} to {high:.1f} m/s, turns up to "
+        f"{report.fastest_turn_deg_s:.0f} degrees a second"
+    )
 
 
 def _table(report: DriveReport) -> Table:

@@ -1,0 +1,84 @@
+"""What a drive says of its motion, for a person who wants to know whether the recording tells the clock."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from semcal_cli.drive.document import Drive, Motion
+from semcal_cli.drive.motion import read_trajectory
+from semcal_cli.errors import InputError
+
+LEAST_SPREAD_M_S, LEAST_TURN_DEG_S = 2.0, 5.0
+"""Difference of speeds and fastest turn, below both of which all frames move much alike. A clock that is 20 ms off
+puts frames at speeds 2 m/s apart 4 cm apart, and a turn of 5 degrees a second turns them by 0.1 degrees."""
+NO_MOTION = (
+    "the drive gives no motion, which deskews sweeps and checks the clock: give motion.poses, or take those of the "
+    "sweeps by `semcal odometry`, or of a recording by `semcal import bag --odometry`"
+)
+
+
+class MotionReport(NamedTuple):
+    """The motion of a drive at the moments of its images."""
+
+    span_s: float | None = None
+    """Time from the first sweep to the last, in seconds; None without stamps."""
+    speeds_m_s: tuple[float, float] | None = None
+    """Lowest and highest speed; None without poses or a twist."""
+    fastest_turn_deg_s: float | None = None
+    """Fastest turn, in degrees a second; None without poses or a twist."""
+    suspicions: tuple[str, ...] = ()
+    """Findings about it."""
+    advice: tuple[str, ...] = ()
+    """What is too little, and what would help."""
+
+
+def report_motion(drive: Drive) -> MotionReport:
+    """Look at the stamps and the motion of a drive."""
+    stamps = [frame.points_stamp for frame in drive.frames if frame.points_stamp is not None]
+    has_stamps = bool(stamps) and all(frame.image_stamp is not None for frame in drive.frames)
+    found = MotionReport(span_s=max(stamps) - min(stamps) if stamps else None)
+    if drive.motion is None:
+        return found._replace(advice=(NO_MOTION,) if has_stamps and len(stamps) > 1 else ())
+    if drive.motion.speed_m_s is not None:
+        return found
+    try:
+        twists, missed = _twists(drive, drive.motion)
+    except InputError as error:
+        return found._replace(suspicions=(str(error),))
+    suspicions = (_missed(missed),) if missed else ()
+    if not len(twists):
+        return found._replace(suspicions=suspicions)
+    speeds = np.linalg.norm(twists[:, :3], axis=1)
+    low, high = float(speeds.min()), float(speeds.max())
+    turn_deg_s = math.degrees(np.linalg.norm(twists[:, 3:], axis=1).max())
+    advice: tuple[str, ...] = ()
+    if high - low < LEAST_SPREAD_M_S and turn_deg_s < LEAST_TURN_DEG_S:
+        advice = (
+            f"all frames move much alike, at {low:.1f} to {high:.1f} m/s with turns up to {turn_deg_s:.1f} degrees a "
+            "second: record at different speeds, and turn, so that the clock can be checked",
+        )
+    return found._replace(
+        speeds_m_s=(low, high), fastest_turn_deg_s=turn_deg_s, suspicions=suspicions, advice=advice
+    )
+
+
+def _twists(drive: Drive, motion: Motion) -> tuple[np.ndarray, list[str]]:
+    """Read the twist (N, 6) at each image, metres and radians a second, and the sweeps that poses do not reach."""
+    if motion.twist is not None:
+        return np.array([[*motion.twist.linear_m_s, *motion.twist.angular_rad_s]]), []
+    assert motion.poses is not None
+    trajectory, twists, missed = read_trajectory(drive, motion.poses), [], []
+    for frame in drive.frames:
+        try:
+            twists.append(trajectory.twist_at((frame.image_stamp or 0.0) + drive.time_offset_s))
+        except ValueError:
+            missed.append(frame.points)
+    return np.array(twists).reshape(-1, 6), missed
+
+
+def _missed(sweeps: list[str]) -> str:
+    counted = "1 frame" if len(sweeps) == 1 else f"{len(sweeps):,} frames, first"
+    return f"the poses do not reach the images of {counted} {sweeps[0]}"
