@@ -138,6 +138,10 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
     [
         ({}, "motion: found none, needed one of twist, poses, speed_m_s"),
         ({"twist": TWIST, "speed_m_s": 3.0}, "motion: found twist and speed_m_s, needed one of"),
+        (
+            {"speed_m_s": 3.0, "sigma": {"linear_m_s": 0.1}},
+            "motion: found sigma beside speed_m_s, needed poses or a twist, whose errors it tells",
+        ),
         ({"poses": "far.txt"}, "motion: found one that moves points of .* beyond all bounds"),
         (
             {"poses": "late.txt"},
