@@ -15,7 +15,7 @@ from pathlib import Path
 MAX_LISTED = 8
 MAX_LISTED_LENGTH = 40
 MAX_MORE_DIGITS = 6
-"""Most digits that are added to tell two numbers apart."""
+"""Maximum number of digits that are added to tell two numbers apart."""
 
 
 class SemcalError(Exception):
@@ -79,9 +79,9 @@ def told_apart(found: float, needed: float, digits: int = 0, unit: str = "") -> 
 
     Args:
         found: What was found.
-        needed: What it is compared with, which is written without zeros at its end.
-        digits: Fewest digits after the point.
-        unit: "%" writes shares of 1 as per cent.
+        needed: The limit, which is written without trailing zeros.
+        digits: Minimum number of digits after the point.
+        unit: "%" writes fractions as per cent.
     """
     scale = 100.0 if unit == "%" else 1.0
     for places in range(digits, digits + MAX_MORE_DIGITS + 1):

@@ -160,7 +160,7 @@ def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) ->
     for source in (drive, drive / "drive.yaml"):
         arguments = ["convert", str(source), "--to", "opencalib", "-o", str(drive / "drive.yaml")]
         assert isinstance(CliRunner().invoke(semcal, arguments).exception, InputError)
-        with pytest.raises(InputError, match=r"drive.yaml: found the file that is read, needed another name"):
+        with pytest.raises(InputError, match=r"drive.yaml: found the input file, needed another name"):
             convert(source, "opencalib", drive / "drive.yaml")
     assert (drive / "drive.yaml").read_bytes() == before
     os.mkfifo(tmp_path / "pipe")

@@ -25,7 +25,7 @@ NEEDED: dict[Any, str] = {
 }
 """How messages name a type."""
 MAX_SEED = 2**63 - 1
-"""Largest seed."""
+"""Maximum seed."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Arrays of a program in place of files: readers make the same of both, and copy an array only where that is needed."""
+"""Arrays that a program passes instead of files: both become the same objects, and arrays are copied only if needed."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ Array: TypeAlias = npt.NDArray[Any]
 Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
 """Raw ids of pixels or points, or their probabilities."""
 MAX_ID = 65_535
-"""Largest id of a class."""
+"""Maximum id of a class."""
 
 
 class Form(NamedTuple):
     """A form that an array may have."""
 
     shape: tuple[int | str, ...]
-    """Sides of the array; letters stand for any number."""
+    """Lengths of the axes; a letter stands for any length."""
     kinds: tuple[type[np.generic], ...] = (np.integer, np.floating)
-    """Kinds of its numbers."""
+    """Allowed types of the numbers."""
     needed: str = "numbers"
-    """The kinds in words."""
+    """Name of these types in messages."""
 
     def __str__(self) -> str:
         """Write the shape as NumPy does."""
@@ -47,21 +47,21 @@ class Form(NamedTuple):
 
 
 COLORS = (np.uint8,), "uint8"
-"""Kind of the numbers of an image, and its words."""
+"""Type of the numbers of an image, and its name in messages."""
 POINTS = (Form(("N", 3)), Form(("N", 4)))
 """Forms of the points of a sweep, without and with intensity."""
 
 
 def check_array(name: str, array: object, forms: Sequence[Form]) -> None:
-    """Check that something is an array of one of some forms.
+    """Check that a value is an array of one of several forms.
 
     Args:
-        name: What messages call it.
-        array: Anything that a program gave.
-        forms: The forms.
+        name: Name in messages.
+        array: Any value that a program passes.
+        forms: The allowed forms.
 
     Raises:
-        InputError: it is no array, or has another shape or other numbers.
+        InputError: it is not an array, or its shape or type is wrong.
     """
     shapes = " or ".join(map(str, forms))
     if not isinstance(array, np.ndarray):
@@ -75,7 +75,7 @@ def check_array(name: str, array: object, forms: Sequence[Form]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ArrayCloud:
-    """A sweep with the fields of `_core.PointCloud`, which shares memory with a program's arrays where it can."""
+    """A sweep with the fields of `_core.PointCloud`, which shares memory with a program's arrays where possible."""
 
     points: npt.NDArray[np.float32]
     """(N, 3) metres, LiDAR frame, without no-returns: entries that are not finite or all zero."""
@@ -90,38 +90,38 @@ class ArrayCloud:
     label_shares: _core.ClassShares | None
     """Probabilities of raw class ids instead."""
     ring: None = None
-    """The beam of each point, which arrays do not tell."""
+    """The ring of each point, which arrays do not state."""
 
     @property
     def num_no_returns(self) -> int:
-        """Number of entries that were left out."""
+        """Number of no-returns that were left out."""
         return len(self.is_return) - len(self.points)
 
 
 Cloud: TypeAlias = _core.PointCloud | ArrayCloud
-"""A sweep as it was read from a file, or made of arrays."""
+"""A sweep read from a file, or made from arrays."""
 
 
 def cloud_of(
     name: str, points: Array, times: Array | None = None, labels: tuple[str, Array] | None = None
 ) -> ArrayCloud:
-    """Make a sweep of arrays.
+    """Make a sweep from arrays.
 
     Args:
-        name: What messages call the points.
+        name: Name of the points in messages.
         points: (N, 3) or (N, 4) metres, LiDAR frame, with the intensity in the fourth column.
         times: (N,) seconds.
-        labels: What messages call the labels, and their ids (N,) or probabilities (N, C).
+        labels: Name of the labels in messages, and their ids (N,) or probabilities (N, C).
 
     Raises:
         InputError: no entry is a point, or labels are wrong.
     """
-    with np.errstate(over="ignore"):  # What is infinite then is no point.
+    with np.errstate(over="ignore"):  # Entries that become infinite are not points.
         columns = points.astype(np.float32, copy=False)
     xyz = columns[:, :3]
     is_return = np.asarray(np.isfinite(xyz).all(axis=1) & xyz.any(axis=1))
     if not is_return.any():
-        raise InputError(f"{name}: found no point, needed places that are finite and not all zero")
+        raise InputError(f"{name}: found no points, needed coordinates that are finite and not all zero")
     kept = slice(None) if is_return.all() else is_return
     found = None if labels is None else labels_of(labels[0], labels[1][kept])
     return ArrayCloud(
@@ -135,15 +135,15 @@ def cloud_of(
 
 
 def labels_of(name: str, labels: Array, num_sides: int = 1) -> Labels:
-    """Give labels as 16-bit ids, or as shares if they are probabilities; ids of this kind stay as they are.
+    """Convert labels to 16-bit ids, or to shares if they are probabilities; 16-bit ids are not copied.
 
     Args:
-        name: What messages call the labels.
+        name: Name of the labels in messages.
         labels: Ids of points (N,) or of pixels (H, W), or probabilities with the classes along one more axis.
         num_sides: Number of axes of ids: 1 for points, 2 for pixels.
 
     Raises:
-        InputError: an id is no class id, a probability is negative or not finite, or classes are too many.
+        InputError: an id is out of range, a probability is negative or not finite, or there are too many classes.
     """
     if labels.ndim > num_sides:
         return _shares_of(name, labels)
@@ -155,7 +155,7 @@ def labels_of(name: str, labels: Array, num_sides: int = 1) -> Labels:
 
 
 def _shares_of(name: str, probabilities: Array) -> _core.ClassShares:
-    """Let the core read probabilities (..., C), from a file as it always does: this one lies in memory alone."""
+    """Let the core read probabilities (..., C) with its reader of files, from a file that exists only in memory."""
     descriptor = os.memfd_create("semcal")
     path = Path(f"/proc/self/fd/{descriptor}")
     with os.fdopen(descriptor, "w+b") as file:
@@ -169,14 +169,14 @@ def _shares_of(name: str, probabilities: Array) -> _core.ClassShares:
 
 
 def image_of(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Give an image (H, W) or (H, W, 3), red, green, blue, as files are read: (H, W, 3) blue, green, red."""
+    """Convert an image (H, W) or (H, W, 3), red, green, blue, to the form of a file's: (H, W, 3) blue, green, red."""
     if image.ndim == 2:
         return np.repeat(image[..., None], 3, axis=2)
     return np.ascontiguousarray(image[..., ::-1])
 
 
 def hash_array(array: Array) -> str:
-    """Compute the SHA-256 of the .npy file that `numpy.save` writes of an array, in hexadecimal digits."""
+    """Compute the SHA-256 of the .npy file that `numpy.save` would write, in hexadecimal digits."""
     digest = sha256()
     np.save(SimpleNamespace(write=digest.update), array, allow_pickle=False)
     return digest.hexdigest()

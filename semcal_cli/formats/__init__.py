@@ -177,7 +177,7 @@ def convert(
     if source.name == bases.TABLE:
         read_files.append(source.with_name(bases.SENSORS))
     if path is not None and any(is_same_file(path, each) for each in read_files):
-        raise InputError(f"{path}: found the file that is read, needed another name")
+        raise InputError(f"{path}: found the input file, needed another name")
     written = write_options or FormatOptions()
     if find_format(to).has_transform:
         found = read_extrinsic(source, from_format, read_options)

@@ -60,7 +60,7 @@ def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]
     if model not in lenses:
         raise InputError(f"--model: found {model!r}, needed one of: {', '.join(lenses)}")
     if block["model"] != model and (lenses[block["model"]].parameters or lenses[model].parameters):
-        raise InputError(f"{path}: found model {block['model']!r}, which cannot be taken as --model {model}")
+        raise InputError(f"{path}: found model {block['model']!r}, which --model {model} cannot replace")
     distortion, counts = block.get("distortion", []), lenses[model].counts
     if not isinstance(distortion, list) or len(distortion) not in counts:
         found = len(distortion) if isinstance(distortion, list) else describe(distortion)
