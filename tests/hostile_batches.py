@@ -15,10 +15,10 @@ BOTH = ("batch", "drive", "other", "-o")
 QUICK = ("--", "--no-polish", "--search-deg", "5", "--init", "other")
 PRECIOUS = "a year of work\n"
 APART = "needed a folder apart from the drives$"
-NEEDED = "needed a folder that is new, empty or of a batch$"
+NEEDED = "needed a folder that is new, empty or from a batch$"
 WHOLE_BATCH = r"^summary +out/summary.csv, out/summary.jsonl$"
 """Last line of a batch that did all drives, whatever became of them."""
-ONE_LINE = "found a name that no file has, needed one of at most 4,095 bytes in one line of UTF-8 text"
+ONE_LINE = "found an impossible file name, needed one line of UTF-8 text of at most 4,095 bytes"
 TAKEN = "a file of the batch, needed another name"
 UNKNOWN = f"which no batch wrote, {NEEDED}"
 
@@ -100,7 +100,7 @@ def drive_named(name: str) -> Callable[[Path], object]:
 
 FOLDERS: dict[str, Hostile] = {
     "results where the drives are": refused(
-        write("log.txt"), ".", rf"\.: found a folder that holds drive drive, {APART}", "log.txt"
+        write("log.txt"), ".", rf"\.: found a folder that contains drive drive, {APART}", "log.txt"
     ),
     "results in a drive": refused(
         write("drive/log.txt"),

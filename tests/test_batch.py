@@ -151,7 +151,7 @@ def test_results_of_two_drives_do_not_go_to_one_folder(
     shutil.copytree(copies / "000", tmp_path / "cwd" / str(copies)[1:] / "000")
     monkeypatch.chdir(tmp_path / "cwd")
     found = run(["batch", str(copies / "000"), f"{str(copies)[1:]}/000", "-o", str(tmp_path / "out")])
-    assert "found two drives whose results would go to one folder" in str(found.exception)
+    assert "found two drives whose results would go to the same folder" in str(found.exception)
 
 
 def test_more_time_is_a_reason_to_try_again(copies: Path, tmp_path: Path) -> None:
@@ -312,7 +312,7 @@ def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(cluster, "CONNECT_S", 1)
     found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"])
     assert found.exit_code == 1
-    assert "--dask tcp://127.0.0.1:1: found no scheduler there" in str(found.exception)
+    assert "--dask tcp://127.0.0.1:1: found no scheduler" in str(found.exception)
 
 
 @pytest.mark.parametrize("is_kept", [True, False])

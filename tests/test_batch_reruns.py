@@ -166,7 +166,7 @@ def test_results_that_vanish_are_failures(drives: Path, tmp_path: Path) -> None:
     outcomes = summary(out)
     assert len(outcomes) == NUM_DRIVES
     assert outcomes[0]["reasons"] == [
-        f"{out / folder_of(outcomes[0]['drive'])}/calibration.yaml: found nothing when the run ended, needed the result"
+        f"{out / folder_of(outcomes[0]['drive'])}/calibration.yaml: found no file when the run ended, needed the result"
     ]
     for outcome in outcomes:
         assert (outcome["status"] == "failed") == (outcome["result"] is None)

@@ -115,15 +115,17 @@ def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> No
     by_name = [replace(drive, stamp=12.3, drive=f"drive_{i}") for i, drive in enumerate(drives)]
     found = combine_drives(by_name[::-1], Limits())
     assert (found.order, found.parts[1].first, found.verdict) == ("name", "drive_15", "fail")
-    assert found.notes == ("drives have no stamps in seconds since 1970 that differ: ordered by name",)
+    assert found.notes == (
+        "drives are ordered by name: they do not have different stamps in seconds since 1970",
+    )
     assert combine_drives(drives, Limits()).notes == ()
 
 
 def test_cameras_that_differ_are_told() -> None:
     drives = [replace(drive, camera=f"k{index % 2}") for index, drive in enumerate(series_of("nothing"))]
     assert combine_drives(drives, Limits()).notes == (
-        "drives have 2 cameras, given or estimated, that differ in picture size, intrinsics or lens: the pose that "
-        "they agree on belongs to none of them; set one in all drives and calibrate them again",
+        "drives have 2 cameras, given or estimated, that differ in image size, intrinsics or lens model. The pose that "
+        "they agree on belongs to none of them: write one camera into all drives and calibrate them again",
     )
     assert combine_drives([replace(drive, camera="k0") for drive in drives], Limits()).notes == ()
 
@@ -230,9 +232,7 @@ def test_too_few_drives_decide_nothing() -> None:
     mostly_out = [replace(m, left_out="not trusted") for m in series_of("nothing")[:14]]
     found = combine_drives([*mostly_out, *series_of("nothing")[14:]], Limits())
     assert (found.verdict, found.reasons) == ("inconclusive", ("10 of 24 drives can be used, needed 50%",))
-    with pytest.raises(
-        CalibrationError, match="found no drive of 14 that can be used, needed 3; the first, 000"
-    ):
+    with pytest.raises(CalibrationError, match="found no usable drive among 14, needed 3; the first, 000"):
         combine_drives(mostly_out, Limits())
 
 
@@ -242,7 +242,7 @@ def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
     found = combine_drives(drives, Limits())
     assert found.verdict == "inconclusive"
     assert found.reasons == (
-        "1 of 24 drives have no stamp in seconds since 1970, needed one of each: the order of time is not known",
+        "1 of 24 drives have no stamp in seconds since 1970, needed one for each: their order in time is unknown",
     )
 
 

@@ -67,7 +67,7 @@ def test_the_exit_codes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"status": "pass"}, "line 2: status: found 'pass', of verify"),
+        ({"status": "pass"}, "line 2: status: found 'pass' from verify"),
         ({"status": "fine"}, "line 2: status: found 'fine', needed"),
         (
             {"T_camera_lidar": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
@@ -90,7 +90,10 @@ def test_the_exit_codes(tmp_path: Path) -> None:
             "line 2: covariance: found standard errors of 1e-160 to 1e-160 m, needed 1e-05 to 100",
         ),
         ({"covariance": (1e19**2 * np.eye(6)).tolist()}, "found standard errors of 1e+19 to 1e+19 m"),
-        (line(series_of("nothing")[0], drive="copy", result=None), "found the same result to the last bit"),
+        (
+            line(series_of("nothing")[0], drive="copy", result=None),
+            "found results that agree to the last bit",
+        ),
     ],
 )
 def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: Path) -> None:
@@ -99,7 +102,7 @@ def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: P
     found = run(write_summary(tmp_path / "batch", lines))
     if complaint is None:
         assert found.exit_code == 0
-        assert ("drives/001: nothing is known of its error" in found.stderr) == ("covariance" in changes)
+        assert ("drives/001: its error is unknown" in found.stderr) == ("covariance" in changes)
     else:
         assert isinstance(found.exception, InputError)
         assert complaint in str(found.exception)
@@ -122,7 +125,7 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
 
 
 def test_what_is_worst_stands_first(tmp_path: Path) -> None:
-    """In the page's tables: drives surely beyond, then those in the order of time; checks that fail, then the rest."""
+    """In the page's tables: drives clearly beyond the limits, then others by time; checks that fail, then the rest."""
     lines = [line(member) for member in series_of("outlier")]
     lines[9]["drive"] = "drives/zz"
     page = tmp_path / "f.html"

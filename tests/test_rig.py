@@ -229,7 +229,7 @@ IDENTITY = np.eye(4).tolist()
         ({"T_camera_camera": {"camera_0": {"camera_0": IDENTITY}}}, "found 'camera_0' beside itself"),
         (
             {"T_camera_camera": {"camera_0": {"camera_1": IDENTITY}, "camera_1": {"camera_0": IDENTITY}}},
-            "both ways, needed one of them",
+            "in both directions, needed one of them",
         ),
         (
             {"T_camera_camera": {"camera_0": {"camera_1": [[1, 2], [3, 4]]}}},
@@ -274,9 +274,7 @@ def test_drives_of_another_lidar_are_no_rig(rig: Path, tmp_path: Path) -> None:
     path = copied(rig, tmp_path, dict(zip(NAMES, NAMES, strict=True)))
     drive = tmp_path / "camera_1/drive.yaml"
     drive.write_text(drive.read_text().replace("channels: 32", "channels: 64"))
-    complaint = (
-        "cameras: found another lidar in the drive of 'camera_1' than in that of 'camera_0', needed one LiDAR"
-    )
+    complaint = "cameras: found different `lidar` blocks in the drives of 'camera_0' and 'camera_1', needed the same LiDAR"
     with pytest.raises(InputError, match=complaint):
         read_rig(path).read_drives()
 
@@ -299,7 +297,7 @@ def test_cameras_that_share_no_clouds_are_no_rig(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump({"semcal_rig": 1, "cameras": cameras}))
     assert str(run(path, "-o", tmp_path / "out").exception) == (
         f"{path}: cameras: found no cloud of 'left' and 'right' among those of 'front' and 'rear', "
-        "needed drives that name the same clouds, since the cameras of a rig belong to one LiDAR"
+        "needed drives that name the same clouds, because the cameras of a rig share one LiDAR"
     )
     assert not (tmp_path / "out").exists()
 

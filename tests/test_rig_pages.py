@@ -144,7 +144,7 @@ def test_results_that_do_not_belong_to_the_rig(rig: Path, rig_results: Results, 
     moved = document["cameras"]["camera_0"] | {"T_camera_lidar": T}
     file.write_text(yaml.safe_dump(document | {"cameras": document["cameras"] | {"camera_0": moved}}))
     assert complaint(out) == (
-        f"{out}/camera_0.yaml: found another T_camera_lidar than in {file}, needed files of one run"
+        f"{out}/camera_0.yaml: found a T_camera_lidar that differs from that in {file}, needed files of one run"
     )
     file.write_text(yaml.safe_dump(document | {"num_sweeps": "three"}))
     assert f"{file}: num_sweeps: " in complaint(out)

@@ -1,1 +1,1 @@
-"""Batches of drives: processes that may crash or hang run them, and a record keeps the outcome of each."""
+"""Batches of drives, which run in processes that may crash or hang and leave a record of each outcome."""

@@ -21,7 +21,7 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 CONNECT_S = 30
 _of_thread = threading.local()
-"""Process of each thread of a worker of the cluster; it stays for the next batch."""
+"""Process of each thread of a Dask worker, which is kept for the next batch."""
 
 
 def connect(address: str) -> Client:
@@ -37,7 +37,7 @@ def connect(address: str) -> Client:
         return Client(address, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"--dask {address}: found no scheduler there: {reason}") from None
+        raise InputError(f"--dask {address}: found no scheduler: {reason}") from None
 
 
 def execute_on(client: Client, folder: Path, run: Run) -> Execute:
@@ -48,7 +48,7 @@ def execute_on(client: Client, folder: Path, run: Run) -> Execute:
             try:
                 yield get()
             except LostWorkerError as error:
-                # There is no record of this: the next run does the drive again.
+                # There is no record of this, so the next run repeats the drive.
                 yield failed(task.drive, str(error))
 
     return execute
@@ -73,7 +73,7 @@ def on_cluster(
         try:
             answer: Answer = done.result()
         except KilledWorker:
-            raise LostWorkerError("its worker was lost again and again") from None
+            raise LostWorkerError("its worker was lost repeatedly") from None
         return answer
 
     try:
@@ -85,7 +85,7 @@ def on_cluster(
 
 def worker_of_thread() -> Worker:
     """Give the process of this thread of a worker of the cluster, which stays for the next item."""
-    # Dask's nannies make their workers daemons, which may have no processes; ours end with them.
+    # Dask's nannies make workers daemons, which must not have child processes; ours end with their worker.
     multiprocessing.current_process().daemon = False
     if not hasattr(_of_thread, "process"):
         _of_thread.process = Worker()

@@ -1,6 +1,6 @@
-"""The folders of a batch's results: apart from the drives, made by a batch, and free of links and pipes.
+"""The folders of a batch's results, which are apart from the drives, made by a batch, and free of links and pipes.
 
-Each folder gets a marker before anything else is written there. A batch then knows its own folders, also after it was
+Each folder gets a marker before anything else is written there. A batch thus recognises its own folders, even if it was
 killed at any moment, and never replaces a file that a person wrote.
 """
 
@@ -19,25 +19,25 @@ from semcal_cli.files.reading import FILE, FOLDER, LINK, check_own_file, kind_of
 from semcal_cli.files.writing import locked, make_folder, open_own
 
 LOCK, MARKER = ".lock", ".semcal_batch"
-"""Markers of the folder of all results and of a drive's."""
+"""Markers of the folder of all results and of a drive's folder."""
 MARK = b"A folder of semcal batch, which replaces its files.\n"
 """Content of a marker."""
 OF_ALL = (LOCK, CSV, JSONL)
 OF_DRIVE = (MARKER, RECORD, LOG, TIMES, *RESULTS.values(), *(f"{name}{PART}" for name in RESULTS.values()))
 TEMPORARY = re.compile(r"\.[0-9a-f]{16}\.tmp")
-"""Names of the files that `files.writing` renames when they are whole."""
-_NEEDED = "needed a folder that is new, empty or of a batch"
+"""Names of the files that `files.writing` renames when they are complete."""
+_NEEDED = "needed a folder that is new, empty or from a batch"
 
 
 def check_apart(drives: Iterable[str], output: Path) -> None:
-    """Check that the folder of all results is no drive's folder, and that none of them lies in the other.
+    """Check that the folder of all results is not a drive's folder, and that neither is inside the other.
 
     Args:
-        drives: The drives, folders or files.
+        drives: The drives: folders or files.
         output: The folder as the user gave it.
 
     Raises:
-        InputError: results would lie among the files of a drive.
+        InputError: results would be among the files of a drive.
     """
     results = os.path.realpath(output)
     for drive in drives:
@@ -45,14 +45,14 @@ def check_apart(drives: Iterable[str], output: Path) -> None:
             shared = os.path.commonpath([results, folder])
             if shared in (results, folder):
                 found = "the folder of" if results == folder else "a folder in"
-                found = found if shared == folder else "a folder that holds"
+                found = found if shared == folder else "a folder that contains"
                 raise InputError(
                     f"{output}: found {found} drive {drive}, needed a folder apart from the drives"
                 )
 
 
 def check_distinct_folders(drives: Iterable[str]) -> None:
-    """Check that no two drives have the same results folder, and that none has the name of a file of results.
+    """Check that no two drives share a results folder, and that no such folder has the name of a file of the batch.
 
     Raises:
         InputError: two drives have the same folder, or a drive's folder would be in the way of a file.
@@ -62,8 +62,8 @@ def check_distinct_folders(drives: Iterable[str]) -> None:
         owner = owners.setdefault(folder_of(drive), drive)
         if owner != drive:
             raise InputError(
-                f"{owner}, {drive}: found two drives whose results would go to one folder, {folder_of(drive)}, needed "
-                "other names, or two batches"
+                f"{owner}, {drive}: found two drives whose results would go to the same folder {folder_of(drive)}, "
+                "needed different names or two batches"
             )
     for folder, drive in owners.items():
         for path in (folder, *folder.parents[:-1]):
@@ -74,15 +74,15 @@ def check_distinct_folders(drives: Iterable[str]) -> None:
 
 
 def check_made_by_batch(tasks: Sequence[Task], folder: Path, output: Path) -> None:
-    """Check that no file of the results folders was written by anything but a batch; to be called before any work.
+    """Check that only a batch wrote the files in the results folders; to be called before any work.
 
     Args:
-        tasks: The tasks, whose folders lie in `folder`.
+        tasks: The tasks, whose folders are in `folder`.
         folder: The folder of all results, which need not exist.
         output: The same as the user gave it, for messages.
 
     Raises:
-        InputError: a folder has a file that would be replaced, a link is in the way, or the results of another batch.
+        InputError: a folder contains a file that would be replaced, a link, or the results of another batch.
     """
     for name in OF_ALL:
         check_own_file(output / name)
@@ -102,7 +102,7 @@ def check_made_by_batch(tasks: Sequence[Task], folder: Path, output: Path) -> No
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[int]:
-    """Lock the folder of all results, and mark it; gives the descriptor of the lock.
+    """Lock and mark the folder of all results; yields the descriptor of the lock.
 
     Raises:
         InputError: another batch is using the folder, or it cannot be written to.
@@ -113,14 +113,14 @@ def claimed(folder: Path) -> Iterator[int]:
 
 
 def is_still_claimed(lock: int, folder: Path) -> bool:
-    """Tell whether the folder of a lock is still there; a person may have removed or replaced it."""
+    """Whether the folder of a lock is still there; a person may have removed or replaced it."""
     with suppress(OSError):
         return os.path.samestat(os.fstat(lock), os.lstat(folder / LOCK))
     return False
 
 
 def make_folder_of_drive(task: Task, folder: Path) -> None:
-    """Make and mark the folder of a drive's results, and check that only files stand where files will be written.
+    """Make and mark the folder of a drive's results, and check that nothing but files is where files will be written.
 
     Raises:
         InputError: the folder cannot be made, or a link, a pipe or a folder is in the way.
@@ -136,7 +136,7 @@ def make_folder_of_drive(task: Task, folder: Path) -> None:
 
 
 def _folders_of_drive(drive: str) -> set[str]:
-    """Real folders of a drive; a drive file that is a link has two."""
+    """Find the real folders of a drive; a drive file that is a link has two."""
     path = Path(drive)
     if kind_of(path.resolve()) == FILE:
         return {os.path.realpath(path.parent), str(path.resolve().parent)}
@@ -144,7 +144,7 @@ def _folders_of_drive(drive: str) -> set[str]:
 
 
 def _check_marked(marker: Path, shown: Path) -> None:
-    """Check that a folder has a marker, or no files that would be replaced."""
+    """Check that a folder has a marker or no files that would be replaced."""
     mark, folder = _mark(marker), marker.parent
     if mark == MARK:
         return
@@ -152,14 +152,14 @@ def _check_marked(marker: Path, shown: Path) -> None:
     with suppress(OSError):  # There is no such folder, or the batch cannot write there.
         names = {each.name for each in folder.iterdir()}
     ours = {name for name in names if name in OF_ALL or name in OF_DRIVE or TEMPORARY.fullmatch(name)}
-    # A batch that is killed as it begins leaves a part of a marker. Nothing but files and links is ever replaced.
+    # A batch that was killed at its start leaves part of a marker. Only files and links are ever replaced.
     kept = {name for name in ours if kind_of(folder / name) in (FILE, LINK)}
     if found := kept - ({marker.name} if MARK.startswith(mark) else set()):
         raise InputError(f"{shown}: found {min(found)}, which no batch wrote, {_NEEDED}")
 
 
 def _find_folder(task: Task, folder: Path, output: Path) -> Path | None:
-    """Find the folder of a drive's results, which is no link; None if there is none yet."""
+    """Find the folder of a drive's results, which must not be a link; None if there is none yet."""
     place = folder
     for part in Path(task.folder).relative_to(folder).parts:
         place /= part
@@ -178,7 +178,7 @@ def _mark(path: Path) -> bytes:
 
 
 def _write_mark(marker: int, path: Path) -> None:
-    """Write a marker, or what is missing of one whose writing was interrupted."""
+    """Write a marker, or the rest of one whose writing was interrupted."""
     try:
         written = os.fstat(marker).st_size
         if written < len(MARK):

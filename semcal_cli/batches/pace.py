@@ -1,4 +1,4 @@
-"""The pace of a run over many items: which are being done, since when, and how long the rest may take."""
+"""Progress of a run over many items: which are running, since when, and how long the rest may take."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from time import monotonic
 
 
 class Pace:
-    """Is told which items are done before a run, which begin and which end; threads may tell it at the same time."""
+    """Keeps track of the items that begin and end, and of those done before a run; its methods are thread-safe."""
 
     def __init__(self, num_items: int, num_jobs: int, clock: Callable[[], float] = monotonic) -> None:
-        """Begin to watch.
+        """Start the clock.
 
         Args:
             num_items: Number of all items.
-            num_jobs: Number of items at a time.
-            clock: Seconds since any moment.
+            num_jobs: Number of items that run at a time.
+            clock: Returns seconds since an arbitrary moment.
         """
         self.num_items = self.num_left = num_items
         self._num_jobs, self._clock, self._started = num_jobs, clock, clock()
@@ -26,11 +26,11 @@ class Pace:
 
     @property
     def num_done(self) -> int:
-        """Number of items that are done, now or before the run."""
+        """Number of items that were done in this run or before."""
         return self.num_items - self.num_left
 
     def resume(self, num_done: int, num_items: int) -> None:
-        """Begin a run of which some items are done already; they are no measure of how long the others take."""
+        """Begin a run some of whose items are already done; these do not count for the estimate of the time left."""
         self.num_items, self.num_left = num_items, num_items - num_done
 
     def skip(self) -> None:
@@ -43,7 +43,7 @@ class Pace:
             self._begun[name] = self._clock()
 
     def end(self, name: str) -> None:
-        """Note that an item is done; where it ran elsewhere, nobody told that it began."""
+        """Note that an item is done. The beginning of items that run on a cluster is not known."""
         with self._lock:
             begun = self._begun.pop(name, None)
             if begun is not None:
@@ -52,7 +52,7 @@ class Pace:
             self.num_left -= 1
 
     def running(self) -> list[tuple[str, float]]:
-        """List the names of the items that are being done, each with the seconds since it began, the oldest first."""
+        """List the names of the running items, each with the seconds since it began, oldest first."""
         with self._lock:
             now = self._clock()
             return [(name, now - begun) for name, begun in self._begun.items()]
@@ -60,7 +60,7 @@ class Pace:
     def left_s(self) -> float | None:
         """Estimate the seconds until all items are done; None while nothing is known.
 
-        Each item that is left is taken to last as long as the mean of those that have ended.
+        Each remaining item is assumed to take the mean time of those that have ended.
         """
         if self._num_ended == 0:
             return None

@@ -1,6 +1,6 @@
-"""Processes that work on one item after another, so that loaded code stays; each may crash or hang.
+"""Processes that work on one item after another and keep loaded code; each may crash or hang.
 
-pebble watches them. With loky, one killed process fails all items that wait, and an item that hangs has no limit.
+pebble watches them. With loky, one killed process would fail all waiting items, and items have no time limit.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import Any, TypeVar
 from pebble import ProcessExpired, ProcessPool
 
 FAULTS = frozenset({signal.SIGFPE, signal.SIGILL, signal.SIGSEGV, signal.SIGSYS, signal.SIGTRAP})
-"""Signals that a process brings upon itself; all others come from outside. So does SIGBUS: the file behind mapped
-memory has shrunk, or its disk is full or broken. So does SIGABRT, with which the core ends where memory is refused, as
-the kernel's SIGKILL does elsewhere. Some bugs abort as well: the work is then done again in vain."""
+"""Signals that a process causes itself; all others come from outside. SIGBUS counts as from outside: the file behind
+mapped memory has shrunk, or its disk is full or broken. So does SIGABRT, by which the core ends when it is refused
+memory; elsewhere the kernel sends SIGKILL. Some bugs abort as well: the work is then repeated in vain."""
 
 NUM_ATTEMPTS = 2
-"""Times that a process may end before pebble knows that it began its work; it also looks so, rarely, just after."""
+"""Number of times that a process may end before pebble sees its work begin; in rare cases, the work has just begun."""
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -39,38 +39,38 @@ class ProcessError(Exception):
         """Keep the cause.
 
         Args:
-            reason: Cause in words.
-            is_timed_out: Whether the process was ended since it took too long.
-            is_from_outside: Whether something else ended the process: the work is not to blame.
+            reason: The cause in words.
+            is_timed_out: Whether the process was ended because it took too long.
+            is_from_outside: Whether something else ended the process, so that the work is not to blame.
         """
         super().__init__(reason)
         self.is_timed_out, self.is_from_outside = is_timed_out, is_from_outside
 
 
 class Worker:
-    """A process that one thread at a time asks; it begins with the first question, and is replaced when it ends."""
+    """A process that works for one thread at a time; it starts with the first request and is replaced if it ends."""
 
     def __init__(self) -> None:
         self._pool, self._is_stopped = _make_pool(), False
         self._answer: Future[Any] | None = None
 
     def ask(self, work: Callable[..., Answer], *arguments: object, timeout_s: float | None = None) -> Answer:
-        """Let the process do a piece of work, and return what it returns.
+        """Let the process do some work, and return the result.
 
         Args:
             work: Function of a module; it is pickled, as are its arguments and its result.
             arguments: Arguments of the function.
-            timeout_s: Longest time of the work in seconds.
+            timeout_s: Time limit of the work in seconds.
 
         Raises:
-            ProcessError: the process ended, or the time did.
+            ProcessError: the process ended, or the time ran out.
             CancelledError: the worker was stopped.
             Exception: whatever the work raises.
         """
         for _ in range(NUM_ATTEMPTS):
             try:
                 answer = self._pool.schedule(work, arguments, timeout=timeout_s)
-            except RuntimeError:  # The process was ended while it had nothing to do, and took its pool along.
+            except RuntimeError:  # The process was ended while idle, and its pool with it.
                 self._pool.join()
                 self._pool = _make_pool()
                 answer = self._pool.schedule(work, arguments, timeout=timeout_s)
@@ -90,14 +90,14 @@ class Worker:
         raise ProcessError("the process ended as it began its work", is_from_outside=True)
 
     def stop(self) -> None:
-        """Refuse more work, and wake the thread that waits for an answer."""
+        """Refuse further work, and wake the thread that waits for an answer."""
         self._is_stopped = True
         if self._answer is not None:
             self._answer.cancel()
         self._pool.stop()
 
     def close(self) -> None:
-        """End the process of a stopped worker that no thread asks any more."""
+        """End the process of a stopped worker that no thread uses any more."""
         self._pool.stop()
         self._pool.join()
 
@@ -105,11 +105,11 @@ class Worker:
 def in_processes(
     items: Sequence[Item], do: Callable[[Worker, Item], Outcome], num_jobs: int
 ) -> Generator[Outcome, None, None]:
-    """Work on items on this machine, several at a time, and yield the outcome of each when it is done.
+    """Work on items on this machine, several at a time, and yield each outcome when it is ready.
 
     Args:
         items: Items to work on.
-        do: Does an item by what it asks a worker; its exceptions end the run.
+        do: Does an item with the help of a worker; its exceptions end the run.
         num_jobs: Number of processes at a time.
     """
     workers = [Worker() for _ in range(min(num_jobs, len(items)))]
@@ -125,7 +125,7 @@ def in_processes(
             free.put(worker)
 
     threads = ThreadPoolExecutor(num_jobs, initializer=_defer_interrupts)
-    # The pool is not used in a `with`, which would wait for all items when this process is told to stop.
+    # The pool is not used in a `with` statement, which would wait for all items when this process is told to stop.
     try:
         for done in as_completed([threads.submit(do_by_any, item) for item in items]):
             yield done.result()
@@ -138,8 +138,8 @@ def in_processes(
 
 
 def _defer_interrupts() -> None:
-    """Let the processes that this thread starts wait with Ctrl-C until they are ready for it: they inherit the mask."""
-    # Python starts this one with the first process, and then unblocks the signal.
+    """Block Ctrl-C in the processes that this thread starts, which inherit the mask, until they are ready for it."""
+    # Python would start the tracker with the first process, and then unblock the signal.
     resource_tracker.ensure_running()
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
@@ -147,28 +147,28 @@ def _defer_interrupts() -> None:
 def _make_pool() -> ProcessPool:
     """Make a pool of one process.
 
-    Several in one pool share a pipe: what one takes from it as it is killed would be lost. A fork of this process would
-    copy locks that its other threads hold.
+    Several processes in one pool share a pipe: what one takes from it when it is killed would be lost. A fork of this
+    process would copy locks that its other threads hold.
     """
     return ProcessPool(1, initializer=_begin, context=multiprocessing.get_context("spawn"))
 
 
 def _begin() -> None:
     """Prepare a new process."""
-    # Its work reads empty input, and what it prints goes nowhere.
+    # Its work reads empty input, and its output is discarded.
     null = os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)
     os.dup2(null, 1)
-    # A handler is not inherited by programs that the work starts, as pebble's ignoring is: Ctrl-C ends them.
+    # Unlike pebble's SIG_IGN, a handler is not inherited by programs that the work starts: Ctrl-C ends them.
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    # pebble's handler waits until the core returns, and makes an exit code of the signal.
+    # pebble's handler would wait until the core returns, and turn the signal into an exit code.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that asks it has gone, whatever it is doing."""
+    """End this process when its parent is gone, whatever it is doing."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

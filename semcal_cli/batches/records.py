@@ -1,9 +1,9 @@
-"""The record that a batch keeps of each drive, and the summary of all of them.
+"""The record that a batch keeps of each drive, and the summary of all drives.
 
-A record is written as a whole when the drive is done. It names the files that were read, with their hashes. A stopped
-batch can then resume where it was, and run those drives again whose result would change. A record is no second place
-of the truth: it holds the hash of the result that its outcome was made from, and a hash of itself, so that one that was
-edited counts as none. The bytes of a summary do not depend on the machine or the duration.
+A record is written in one step when the drive is done. It names the files that were read, with their hashes, so that a
+stopped batch can resume and run only those drives again whose result would change. It also contains the hash of the
+result that its outcome was made from, and a hash of itself: an edited record or result does not count. The bytes of a
+summary do not depend on the machine or the duration.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from semcal_cli.geometry.poses import camera_center, quaternion_xyzw
 from semcal_cli.result.uncertainty import Covariance
 
 MAX_RECORD_BYTES = 32 << 20
-"""Largest size of a record, whoever reads it: that of a drive of some 100,000 files."""
+"""Largest size of a record, enough for a drive of some 100,000 files."""
 _version = cache(version)
 """Version of a package; looking it up takes milliseconds."""
 SIGNED = ', "sha256": "'
-"""What precedes the hash of a record."""
+"""Text before the hash of a record."""
 WORST_FIRST = (1, 3, 4, 0)
-"""Exit codes of drives, the most important first."""
+"""Exit codes of drives, most important first."""
 CSV, JSONL = "summary.csv", "summary.jsonl"
 COLUMNS = (
     *("drive", "status", "exit_code", "mutual_information_nats"),
@@ -69,20 +69,20 @@ Inputs: TypeAlias = dict[str, FileState | None]
 
 
 class RecordedOutcome(Outcome):
-    """An outcome in a record, whose covariance is that of a calibration."""
+    """An outcome in a record; its covariance is checked like that of a calibration."""
 
     covariance: Covariance | None = None
 
 
 class Record(StrictModel):
-    """All that a batch knows of a drive that is done."""
+    """All that a batch knows about a finished drive."""
 
     semcal_record: Version
     """Version of this format."""
     asked: dict[str, JsonValue]
-    """All that changes the answer, except the files."""
+    """Everything that affects the answer except the files."""
     timed_out_s: float | None
-    """Limit that the drive exceeded, in seconds; null if it did not."""
+    """Time limit that the drive exceeded, in seconds; null if it did not."""
     outcome: RecordedOutcome
     """Outcome of the drive."""
     result: FileState | None
@@ -90,7 +90,7 @@ class Record(StrictModel):
 
 
 _STATE: TypeAdapter[FileState | None] = TypeAdapter(FileState | None)
-"""State of a file that a drive names in a record; null if the file could not be read."""
+"""State of a file of a drive in a record; null if the file could not be read."""
 
 
 def read_state(path: Path, *, with_hash: bool = True) -> FileState | None:
@@ -103,10 +103,10 @@ def read_state(path: Path, *, with_hash: bool = True) -> FileState | None:
 
 
 def read_inputs(task: Task) -> Inputs:
-    """Read the state of each file that a task reads, by absolute path; for a broken drive, of its known files.
+    """Read the state of each file that a task reads, by absolute path; for a broken drive, only of its known files.
 
-    Sizes are judged first. A drive with a file that no command reads is refused: nothing of it is hashed, and its state
-    is that of sizes and times.
+    Sizes are checked first. A drive with a file that is too large to be read is refused: none of its files is hashed,
+    and their state is size and time only.
     """
     file = drive_file(Path(task.path))
     paths = dict.fromkeys((file, *map(Path, task.also)), MAX_DOCUMENT_BYTES)
@@ -140,7 +140,7 @@ def write_record(task: Task, outcome: Outcome, inputs: Inputs, *, timed_out: boo
 
 
 def read_outcome(task: Task) -> Outcome | None:
-    """Read the outcome of a drive; None if it has none, or if a new run could give another one."""
+    """Read the outcome of a drive; None if it has none or if a new run could give another one."""
     path = Path(task.folder) / RECORD
     if kind_of(path) != FILE:
         return None
@@ -150,16 +150,16 @@ def read_outcome(task: Task) -> Outcome | None:
         if text != _signed(unsigned):
             return None
         document = json.loads(unsigned)
-        # The first file that is wrong ends the check: there may be many, and pydantic keeps each error.
+        # The check ends at the first wrong file: there may be many, and pydantic would keep each error.
         files = {name: _STATE.validate_python(state) for name, state in document.pop("files").items()}
         record = validate(Record, document, path)
     except (InputError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
-        return None  # It is no record, or one of another version.
+        return None  # It is not a record, or one of another version.
     has_more_time = record.timed_out_s is not None and (task.timeout_s or math.inf) > record.timed_out_s
     if record.asked != _asked(task) or has_more_time:
         return None
     if record.outcome.status != FAILED:
-        # A link to the result is none.
+        # A link does not count as a result.
         has_result = record.result is not None and kind_of(task.result) == FILE
         if not has_result or not _is_unchanged(str(task.result), record.result):
             return None
@@ -169,26 +169,26 @@ def read_outcome(task: Task) -> Outcome | None:
 
 
 def _signed(text: str) -> str:
-    """Add the hash of a record to its text, as the last key; an edited text does not fit it."""
+    """Add the hash of a record to its text, as the last key, which shows whether the text was edited."""
     return f'{text[:-1]}{SIGNED}{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
 
 
 def _size(path: Path) -> int:
-    """Size of a file in bytes; 0 if there is none."""
+    """Return the size of a file in bytes; 0 if there is none."""
     with suppress(OSError, ValueError):
         return path.stat().st_size
     return 0
 
 
 def _asked(task: Task) -> dict[str, object]:
-    """All that changes the answer, except the files."""
+    """Everything that affects the answer except the files."""
     asked = {"drive": task.drive, "path": task.path, "command": task.command}
     return {**asked, "arguments": list(task.arguments), "version": _version("semcal")}
 
 
 def _is_unchanged(path: str, state: FileState | None) -> bool:
     try:
-        found = os.stat(path)  # noqa: PTH116 - of many files, whose paths take longer than the call
+        found = os.stat(path)  # noqa: PTH116 - making a Path takes longer than the call, for many files
     except (OSError, ValueError):
         return state is None
     if state is None:
@@ -202,7 +202,7 @@ def _is_unchanged(path: str, state: FileState | None) -> bool:
 
 
 def worst(exit_codes: Iterable[int]) -> int:
-    """Exit code of a batch from those of its drives: 1 over 3 over 4 over 0."""
+    """Choose the exit code of a batch from those of its drives: 1, then 3, then 4, then 0."""
     return min(exit_codes, key=WORST_FIRST.index, default=0)
 
 
@@ -230,7 +230,7 @@ def _row(outcome: Outcome) -> list[object]:
         T = np.array(outcome.T_camera_lidar)
         pose = [*T[:3, 3].tolist(), *quaternion_xyzw(T).tolist(), *camera_center(T).tolist()]
     if outcome.covariance is not None:
-        # The covariance is of a twist on the left: rho moves the camera's centre along the camera's axes.
+        # The covariance is that of a twist on the left: rho moves the camera centre along the camera's axes.
         deviations = np.sqrt(np.diag(np.array(outcome.covariance))).tolist()
         sigmas = [*deviations[:3], *map(math.degrees, deviations[3:])]
     known = (outcome.mutual_information_nats, outcome.stamp, outcome.result)

@@ -1,7 +1,7 @@
-"""A run over many drives, which may be stopped or killed at any moment and then goes on where it was.
+"""A run over many drives, which may be stopped or killed at any moment and then resumes.
 
-Each drive runs in a process that may crash or hang. A failure of the machine is no outcome of the drive: the next run
-does it again.
+Each drive runs in a process that may crash or hang. A failure of the machine is not an outcome of the drive: the next
+run repeats the drive.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from semcal_cli.files.reading import FILE, kind_of
 from semcal_cli.files.writing import open_own
 
 Execute: TypeAlias = Callable[[Sequence[Task]], Generator[Outcome, None, None]]
-"""Function that runs tasks, and yields the outcome of each when it is done."""
+"""Function that runs tasks and yields the outcome of each when it is done."""
 Run: TypeAlias = Callable[[Task, Inputs], Outcome]
-"""Function that runs the command of a task in its process, and records the outcome unless the machine failed."""
+"""Function that runs the command of a task in its process and records the outcome unless the machine failed."""
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -37,7 +37,7 @@ MACHINE = frozenset(
         *(errno.ESTALE, errno.ETIMEDOUT, errno.ENOTCONN, errno.EHOSTDOWN, errno.EHOSTUNREACH, errno.ENETDOWN),
     }
 )
-"""Errors of the system that no file's content causes: full and broken disks, limits, lost storage."""
+"""System errors that no content of a file causes: full or broken disks, limits, lost storage."""
 
 
 def run_batch(
@@ -48,7 +48,7 @@ def run_batch(
     force: bool = False,
     on_done: Callable[[Outcome, bool], None] = lambda outcome, is_new: None,
 ) -> list[Outcome]:
-    """Run all drives that have no outcome yet, and write the summary of all, also when the run is stopped.
+    """Run all drives that have no outcome yet, and write the summary of all, even when the run is stopped.
 
     Args:
         tasks: One task for each drive.
@@ -58,7 +58,7 @@ def run_batch(
         on_done: Called with each outcome, and whether it is new.
 
     Returns:
-        Outcomes as the summary has them: a drive whose result was removed during the run has failed.
+        Outcomes as in the summary: a drive whose result was removed during the run has failed.
 
     Raises:
         InputError: another batch is using the folder, or it cannot be written to.
@@ -67,7 +67,7 @@ def run_batch(
     def with_result(outcome: Outcome) -> Outcome:
         if outcome.result is None or kind_of(folder / outcome.result) == FILE:
             return outcome
-        found = f"{folder / outcome.result}: found nothing when the run ended, needed the result"
+        found = f"{folder / outcome.result}: found no file when the run ended, needed the result"
         return failed(outcome.drive, found)
 
     with claimed(folder) as lock:
@@ -94,10 +94,10 @@ def resume(
     Args:
         items: All items of the run.
         read_result: Reads the result of an item; None if the item is not done yet.
-        execute: Works on items, and yields the result of each when it is done; closed when the run is stopped.
+        execute: Works on items and yields the result of each when it is done; it is closed when the run is stopped.
         on_done: Called with each result, and whether it is new.
-        finish: Called with all results at the end, or with those there are when the run is stopped; it may change
-            the list.
+        finish: Called with all results at the end, or with those so far when the run is stopped; it may change the
+            list.
 
     Returns:
         All results, as `finish` leaves them: first those already known, then the new ones in the order of their
@@ -113,7 +113,7 @@ def resume(
             results.append(known)
             on_done(known, False)
     try:
-        # The generator is closed here, not when a traceback releases it: its processes end with it.
+        # Closing the generator ends its processes; a traceback would keep it alive.
         with closing(execute(missing)) as new:
             for result in new:
                 results.append(result)
@@ -130,9 +130,9 @@ def execute_here(
 
     Args:
         folder: Folder of all results.
-        num_jobs: Number of tasks at a time.
+        num_jobs: Number of tasks that run at a time.
         run: Function that runs the command of a task.
-        on_begin: Called with each drive when it begins, by several threads.
+        on_begin: Called with each drive when it begins, from several threads.
     """
 
     def do(worker: Worker, task: Task) -> Outcome:
@@ -143,7 +143,7 @@ def execute_here(
 
 
 def execute_task(folder: Path, worker: Worker, run: Run, task: Task) -> Outcome:
-    """Run the task of a drive, and record its outcome; a folder that cannot be written fails only this drive.
+    """Run the task of a drive and record its outcome; a folder that cannot be written fails only this drive.
 
     Raises:
         CancelledError: the batch was stopped.
@@ -161,7 +161,7 @@ def execute_task(folder: Path, worker: Worker, run: Run, task: Task) -> Outcome:
             outcome = failed(task.drive, reason)
             with suppress(OSError, InputError), open_own(Path(task.folder) / LOG) as log:
                 log.write(f"{reason}\n".encode())
-            # A process that ends before the files of the drive are read does not do so by their content.
+            # A process that ends before it has read the drive's files does not end because of their content.
             if error.is_timed_out or (inputs and not error.is_from_outside):
                 write_record(task, outcome, inputs, timed_out=error.is_timed_out)
             return outcome
@@ -169,16 +169,16 @@ def execute_task(folder: Path, worker: Worker, run: Run, task: Task) -> Outcome:
         return failed(task.drive, str(error))
     except OSError as error:
         return failed(task.drive, f"{error.filename or task.folder}: {os_reason(error)}")
-    except MemoryError as error:  # The process can read no files, and goes on with the next drive.
+    except MemoryError as error:  # The process could not read the files, and continues with the next drive.
         return failed(task.drive, f"MemoryError: {error}")
 
 
 def is_of_machine(failure: BaseException | None, folder: Path) -> bool:
-    """Tell whether a run failed for the machine's reasons: another run may succeed without any change.
+    """Whether the machine, and not the drive, made a run fail, so that another run may succeed without any change.
 
     Args:
         failure: The error that ended the run, if any.
-        folder: Folder of the results: whatever cannot be written there is not the drive's fault.
+        folder: Folder of the results; what cannot be written there is not the drive's fault.
     """
     ours = os.path.realpath(folder) + os.sep
     while failure is not None:
@@ -190,6 +190,6 @@ def is_of_machine(failure: BaseException | None, folder: Path) -> bool:
                 isinstance(name, str) and os.path.realpath(name).startswith(ours)
             ):
                 return True
-        # An error for the user is raised for one of the system.
+        # An error for the user is raised from one of the system.
         failure = failure.__cause__ or failure.__context__
     return False

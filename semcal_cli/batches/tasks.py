@@ -1,4 +1,4 @@
-"""The tasks of a batch, and their outcomes: what a drive's result says, or why there is none."""
+"""The tasks of a batch and their outcomes: what a drive's result says, or why there is none."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from semcal_cli.result.uncertainty import Covariance, CovarianceEntries, check_p
 LISTS = (".txt", ".list")
 MAGIC = "*?["
 MAX_SHOWN = 200
-"""Characters of a wrong name that a message shows."""
+"""Number of characters of a wrong name that a message shows."""
 MAX_NAME_BYTES = 4095
-"""Longest name of a file, which is that of Linux: looking up the parts of one of megabytes takes minutes."""
+"""Longest file name, which is Linux's limit: resolving a name of megabytes would take minutes."""
 
 
 def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
-    """List drives, each once, in the order of their names.
+    """List drives, each once, ordered by name.
 
     Args:
-        arguments: Folders, drive files, patterns, text files with one of these a line, or - for standard input.
+        arguments: Folders, drive files, patterns, text files with one of these on each line, or - for standard input.
         stdin: Standard input; None if it is closed.
 
     Raises:
         InputError: no drives are named, a pattern matches nothing, a list cannot be read, or a name or the working
-            folder's is not one line of UTF-8 text.
+            folder is not one line of UTF-8 text.
     """
     _checked(str(Path.cwd()))
     found: dict[str, str] = {}
@@ -53,7 +53,7 @@ def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
 
 
 def folder_of(drive: str) -> PurePosixPath:
-    """Folder of a drive's results, relative to the folder of all results: it has the drive's name."""
+    """Name the folder of a drive's results after the drive, relative to the folder of all results."""
     path = PurePosixPath(drive)
     if path.name == DRIVE_FILE:
         path = path.parent
@@ -73,7 +73,7 @@ def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
 
 
 def _listed(content: bytes, source: str) -> list[str]:
-    """Names of drives, one on each line; empty lines and lines that begin with # are ignored."""
+    """Read names of drives, one on each line; empty lines and lines that begin with # are ignored."""
     if len(content) > MAX_DOCUMENT_BYTES:
         raise InputError(f"{source}: found more than {MAX_DOCUMENT_BYTES >> 20} MiB, needed a list of drives")
     names = []
@@ -86,7 +86,7 @@ def _listed(content: bytes, source: str) -> list[str]:
 
 
 def _checked(name: str, where: str = "") -> str:
-    """Check that a name can stand in a line of the summary and of the terminal."""
+    """Check that a name fits in one line of the summary and of the terminal."""
     text = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
     if (
         text == name
@@ -95,8 +95,8 @@ def _checked(name: str, where: str = "") -> str:
         and len(name.encode()) <= MAX_NAME_BYTES
     ):
         return name
-    needed = f"needed one of at most {MAX_NAME_BYTES:,} bytes in one line of UTF-8 text"
-    raise InputError(f"{where}{printable(text[:MAX_SHOWN])}: found a name that no file has, {needed}")
+    needed = f"needed one line of UTF-8 text of at most {MAX_NAME_BYTES:,} bytes"
+    raise InputError(f"{where}{printable(text[:MAX_SHOWN])}: found an impossible file name, {needed}")
 
 
 def _matches(name: str) -> list[str]:
@@ -107,9 +107,9 @@ def _matches(name: str) -> list[str]:
     try:
         found = sorted(map(str, root.glob(str(path.relative_to(root)))))
     except (OSError, ValueError) as error:
-        raise InputError(f"{name}: found no pattern: {' '.join(str(error).splitlines())}") from None
+        raise InputError(f"{name}: found an invalid pattern: {' '.join(str(error).splitlines())}") from None
     if not found:
-        raise InputError(f"{name}: found nothing of this pattern, needed drives")
+        raise InputError(f"{name}: found no match for this pattern, needed drives")
     return found
 
 
@@ -126,7 +126,7 @@ Status: TypeAlias = Literal[
 
 @dataclass(frozen=True)
 class Task:
-    """The run of a command on one drive, by any process; paths are absolute."""
+    """The run of a command on one drive, in any process; paths are absolute."""
 
     drive: str
     """Name of the drive as the user gave it."""
@@ -137,15 +137,15 @@ class Task:
     command: str
     """`calibrate` or `verify`."""
     arguments: tuple[str, ...] = ()
-    """Arguments of the command that change the answer."""
+    """Arguments of the command that affect the answer."""
     also: tuple[str, ...] = ()
-    """Files that the command reads beside those of the drive."""
+    """Files that the command reads besides those of the drive."""
     num_threads: int = 1
     """Threads of its process."""
     max_points: int = MAX_POINTS
     """Points of the largest sweep that the command reads."""
     timeout_s: float | None = None
-    """Seconds after which the drive has failed; None: it may take as long as it does."""
+    """Seconds after which the drive has failed; None without a limit."""
 
     @property
     def result(self) -> Path:
@@ -159,13 +159,13 @@ class Outcome(StrictModel):
     drive: FileName
     """The drive as it was given."""
     status: Status
-    """What `calibrate` says of its answer, or the verdict of `verify`; or `failed`."""
+    """Status of the calibration, verdict of `verify`, or `failed`."""
     exit_code: Literal[0, 1, 3, 4]
     """Exit code of the command."""
     reasons: Annotated[tuple[str, ...], length(0)]
-    """Sentences that say why it is not trusted or has failed."""
+    """Sentences that say why the drive is not trusted or has failed."""
     topics: Annotated[tuple[Topic, ...], length(0)] = ()
-    """Topic of each of the reasons: its entry in docs/troubleshooting.md; none for one that has failed."""
+    """Topic of each reason, which is its entry in docs/troubleshooting.md; empty for a drive that has failed."""
     stamp: Stamp | None = None
     """Stamp of the first frame in seconds, if it has one."""
     T_camera_lidar: Transform | None = None
@@ -175,11 +175,11 @@ class Outcome(StrictModel):
     mutual_information_nats: Figure | None = None
     """Mutual information at the transform."""
     camera: Annotated[str, Field(pattern=r"\S")] | None = None
-    """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
+    """Hash of the camera, given or estimated, that the transform belongs to; see `provenance.camera_hash`."""
     result: FileName | None = None
     """File of the result, relative to the folder of the batch."""
     covariance_of_intrinsics: Covariance | None = None
-    """(6, 6) part of the covariance by errors of K, which all drives of a camera share."""
+    """(6, 6) part of the covariance from errors of K, which all drives of a camera share."""
 
     @model_validator(mode="after")
     def _check_part(self) -> Outcome:
@@ -188,7 +188,7 @@ class Outcome(StrictModel):
 
 
 def failed(drive: str, reason: str) -> Outcome:
-    """Make the outcome of a drive that has no answer; its reason is one line that any file can hold."""
+    """Make the outcome of a drive without an answer; its reason is put on one line of valid UTF-8."""
     text = reason.encode(errors="backslashreplace").decode()
     reasons = (" ".join(text.splitlines()),)
     return Outcome(drive=drive, status="failed", exit_code=1, reasons=reasons)

@@ -201,9 +201,9 @@ def _worst_first(drives: Sequence[ComparedDrive]) -> list[ComparedDrive]:
 def _apart(drive: ComparedDrive) -> str:
     from semcal_cli.fleet.verdict import total
 
-    verdict = "disagrees, within what is allowed"
+    verdict = "disagrees, but is within the limits"
     if drive.is_far:
-        verdict = "surely beyond what is allowed" if drive.verdict == "fail" else "perhaps beyond"
+        verdict = "clearly beyond the limits" if drive.verdict == "fail" else "possibly beyond the limits"
     return f"{drive.member.drive}: {total(drive.offset)} off, {verdict}"
 
 

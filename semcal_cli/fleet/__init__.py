@@ -1,1 +1,1 @@
-"""Many calibrations of one rig: what they agree on, which do not, and whether the rig has changed."""
+"""Many calibrations of one rig: what they agree on, which ones disagree, and whether the rig has changed."""

@@ -1,4 +1,4 @@
-"""The drives of one rig combined: their mean, the drives that disagree, the changes of the rig, and a verdict.
+"""Combination of the drives of one rig: their mean, the drives that disagree, the rig's changes, and a verdict.
 
 Every drive is compared with the rig's pose at its time; the pose at the last drive is the current one.
 """
@@ -27,7 +27,7 @@ from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.result.uncertainty import NORMAL_95
 
 ALPHA = 0.01
-"""Probability that a drive of a consistent fleet is said to disagree (Bonferroni)."""
+"""Probability that any drive of a consistent fleet is reported as disagreeing (Bonferroni)."""
 DAY_S = 86_400.0
 
 
@@ -35,7 +35,7 @@ def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose 
     """Combine the drives of one rig.
 
     Args:
-        members: The drives, in any order: their stamps sort them, or their names if they have no stamps.
+        members: The drives in any order; they are sorted by stamp, or by name if they have no stamps.
         limits: Largest allowed offsets of the drives, and changes of the rig.
         T_reference: T_camera_lidar (4, 4) that the rig should have.
 
@@ -78,19 +78,19 @@ def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose 
 
 @dataclass(frozen=True)
 class _Series:
-    """Drives in the order of time, in local coordinates about their mean."""
+    """Drives in chronological order, in local coordinates about their mean."""
 
     times: npt.NDArray[np.float64]
     T_middle: Pose
     """Mean of the drives, T_camera_lidar."""
     coordinates: Vectors
     covariances: Matrices
-    """Stated covariances, with the scatter beyond them."""
+    """Stated covariances, with the extra scatter added."""
     extra: Scatter
     factors: npt.NDArray[np.float64]
-    """(6,) half widths of a 95 % interval in standard errors, by Student's distribution."""
+    """(6,) half widths of a 95 % interval, in standard errors, from Student's distribution."""
     of_intrinsics: npt.NDArray[np.float64]
-    """(6, 6) mean covariance by errors of K, of the drives that state it. No number of drives reduces it."""
+    """(6, 6) mean covariance from errors of K, over the drives that state it. More drives do not reduce it."""
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -102,20 +102,20 @@ class _Series:
         return Offset(_along_axes(coordinates), _half_widths(covariance, self.factors))
 
     def half_widths(self, covariance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Half widths (6,) of a combined pose by the scatter of the drives (6, 6) and by errors of K."""
+        """Half widths (6,) of a combined pose, from the scatter of the drives (6, 6) and from errors of K."""
         of_intrinsics = _half_widths(self.of_intrinsics, np.full(6, NORMAL_95))
         return np.hypot(_half_widths(covariance, self.factors), of_intrinsics)
 
 
 def _along_axes(coordinates: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Offsets (..., 6) of the camera, metres and degrees, by local coordinates: rho moves its centre the other way."""
+    """Convert local coordinates to offsets (..., 6), metres and degrees; rho moves the camera centre the other way."""
     return np.concatenate([-coordinates[..., :3], np.degrees(coordinates[..., 3:])], axis=-1)
 
 
 def _half_widths(
     covariance: npt.NDArray[np.float64], factors: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Half widths (6,): standard errors times factors (6,), metres and degrees."""
+    """Compute half widths (6,), metres and degrees: standard errors times factors (6,)."""
     sigmas = factors * np.sqrt(np.diag(covariance))
     return np.concatenate([sigmas[:3], np.degrees(sigmas[3:])])
 
@@ -130,7 +130,7 @@ def _usable(members: Sequence[Member]) -> tuple[list[Member], tuple[Member, ...]
     left_out = tuple(sorted((m for m in members if m.left_out is not None), key=lambda m: m.drive))
     if not usable:
         raise CalibrationError(
-            f"found no drive of {len(members):,} that can be used, needed {MIN_DRIVES}; the first, "
+            f"found no usable drive among {len(members):,}, needed {MIN_DRIVES}; the first, "
             f"{left_out[0].drive}: {left_out[0].left_out}"
             if left_out
             else f"found no drives, needed {MIN_DRIVES}"
@@ -139,7 +139,7 @@ def _usable(members: Sequence[Member]) -> tuple[list[Member], tuple[Member, ...]
 
 
 def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], Order]:
-    """Sort drives by their stamps, in days since the first; by their names if the stamps do not compare."""
+    """Sort drives by stamp, in days since the first, or by name if their stamps cannot be compared."""
     by_name = sorted(used, key=lambda member: _natural(member.drive))
     stamps = [member.stamp for member in by_name if member.stamp is not None and member.has_stamp]
     if len(stamps) < len(used) or len(set(stamps)) == 1:
@@ -199,7 +199,7 @@ def _compare_drives(
 
 
 def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tuple[Part, ...]:
-    """Describe each stretch of time in which the rig stayed as it was."""
+    """Describe each period in which the rig did not change."""
     expected, covariances = history.expected, history.covariances
 
     def change(before: int, after: int) -> Offset:

@@ -1,11 +1,11 @@
-"""The mean of the calibrations of one rig: a robust mean of transforms, weighted by their certainty.
+"""The mean of the calibrations of one rig: a robust mean of transforms, weighted by their covariances.
 
-Transforms are compared in local coordinates about a reference (`geometry.twists.local_coordinates`), in which
-their covariances are stated.
+Transforms are compared in local coordinates about a reference (`geometry.twists.local_coordinates`), in which their
+covariances are expressed.
 
 The mean is that of a multivariate Student distribution (Lange, Little and Taylor, 1989), which gives outliers a small
-weight. Calibrations of one rig scatter by more than their stated errors, since the labels of one drive err alike. The
-differences of neighbours in time measure this scatter; a rig that changes once hardly alters them.
+weight. Calibrations of one rig scatter by more than their stated errors, because the labels of a drive share errors.
+The differences between neighbours in time measure this scatter, since a single change of the rig hardly affects them.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ Matrices = npt.NDArray[np.float64]
 
 STUDENT_DOF = 4.0
 WIDENING = 1.23
-"""Factor from the inverse of the weighted information to the covariance of this mean of normal transforms (the
-sandwich of an M-estimator: E[w^2 d^2] / 6 by the square of E[w + w' d^2 / 3], times E[w]; d^2 is chi squared)."""
+"""Factor from the inverse of the weighted information to the covariance of this mean for normal errors (the sandwich
+of an M-estimator: E[w^2 d^2] / 6 divided by the square of E[w + w' d^2 / 3], times E[w]; d^2 is chi-square)."""
 MAX_SQUARE = 4.0
-"""Limit on the squared difference of neighbours, in variances."""
+"""Limit on the squared difference between neighbours, in variances."""
 EFFICIENCY, MEDIAN_EFFICIENCY = 0.6, 0.25
-"""Efficiency of the variance of neighbours' differences, and of their median, relative to the variance about a
-known mean."""
+"""Efficiency of the variance of the differences between neighbours, and of their median, relative to the variance about
+a known mean."""
 FAR = 0.0005
-"""Probability, to either side, of a difference by chance; rarer differences are left out of the scatter."""
+"""Probability, on each side, below which a difference is not due to chance and is left out of the scatter."""
 NUM_HALVINGS = 80
 MAX_ROUNDS = 50
 SETTLED = 1e-12
-"""Length of the last step, metres and radians, at which the mean has converged."""
+"""Largest entry of the last step, metres and radians, at which the mean has converged."""
 
 
 class Mean(NamedTuple):
@@ -63,10 +63,10 @@ class Scatter(NamedTuple):
 def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
     """Estimate the scatter of a series beyond its stated covariances.
 
-    With the extra variance the differences of neighbours are as large as those of a normal distribution. Their median
-    is matched first: a minority of wrong drives cannot spoil it. Differences that are then too large for chance are
-    left out, as where a drive is an outlier or the rig changed. The squares of the others count up to a limit (Huber's
-    second proposal, 1964), which uses more of the data than the median.
+    The extra variance makes the differences between neighbours as large as those of a normal distribution. First their
+    median is matched, which a minority of wrong drives cannot spoil. Differences that are then too large for chance are
+    left out: there a drive is an outlier, or the rig changed. The squares of the others count up to a limit (Huber's
+    second proposal, 1964), which uses more of the data than the median does.
     """
     num_differences = len(series) - 1
     if num_differences < 2:
@@ -85,7 +85,7 @@ def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
         stated[is_near], squared[is_near], lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean
     )
     share = np.maximum(found / (found + variances.mean(axis=0)), np.finfo(float).tiny)
-    # An extra variance of zero is not known any better than this number of differences allows.
+    # Even an extra variance of zero is known no better than this number of differences allows.
     return Scatter(found, np.minimum(EFFICIENCY * len(is_near) / share**2, len(is_near)))
 
 
@@ -94,7 +94,7 @@ def _solve(
 ) -> npt.NDArray[np.float64]:
     """Find the extra variances (6,) at which the excess of the squared differences, in variances, is zero.
 
-    They are zero where the stated variances are enough.
+    They are zero where the stated variances suffice.
     """
     low, high = np.zeros(6), squared.max(axis=0) * len(squared)
     for _ in range(NUM_HALVINGS):
@@ -113,7 +113,7 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
         covariances: (N, 6, 6) of (rho, phi) of each, including the scatter beyond the stated errors.
     """
     information = np.linalg.inv(covariances)
-    # The start is the pose whose rotation and centre are nearest to the medians, which outliers do not move.
+    # The start is the pose nearest to the medians, which outliers do not move.
     coordinates = local_coordinates(poses, poses[0])
     off = np.abs(coordinates - np.median(coordinates, axis=0))
     scale = np.maximum(np.median(off, axis=0), np.finfo(float).eps)

@@ -1,4 +1,4 @@
-"""The course of a fleet over time, drawn: each axis of the camera on its own for the page, or all as one picture."""
+"""Plots of a fleet over time: each axis of the camera on its own for the page, or all of them as one image."""
 
 from __future__ import annotations
 
@@ -41,28 +41,28 @@ UNITS = np.array([1000.0] * 3 + [1.0] * 3)
 """Factors from metres and degrees to the drawn units, millimetres and degrees."""
 NAMES = tuple(f"{name}, {'mm' if i < 3 else 'degrees'}" for i, name in enumerate(AXIS_NAMES))
 MAX_DRAWN = 1500
-"""Largest number of drives that agree and are drawn; all others are drawn."""
+"""Largest number of agreeing drives that are drawn; all other drives are drawn."""
 STYLES: dict[Kind, tuple[str, str, str]] = {
     "agrees": (ACCENT, "o", "drives, with 95 % intervals"),
     "disagrees": (OPEN, "s", "drives that disagree"),
-    "beyond": (BAD, "D", "drives surely beyond what is allowed"),
+    "beyond": (BAD, "D", "drives clearly beyond the limits"),
 }
 """Colour, marker and meaning of each kind of drive."""
 SIZE, PICTURE_SIZE = (340.0, 220.0), (12.0, 8.0)
-"""Size of a drawing of the page in pixels, and of the picture in inches."""
+"""Size of a plot on the page in pixels, and of the image in inches."""
 TOP = 30.0
-"""Room above the lines of a drawing of the page for two rows of names of changes, pixels."""
+"""Room for two rows of names of changes above a plot on the page, pixels."""
 ROW = 13.0
 NUM_ROWS = 2
 BESIDE = 0.03
-"""Room beside the first and the last drive, as a share of the whole time."""
+"""Margin before the first and after the last drive, relative to the whole time span."""
 WIDEST_INTERVAL = 2.0
-"""Largest half width of an interval that is drawn whole, as a multiple of the range of all drives."""
+"""Largest half width of an interval that is drawn in full, relative to the range of all drives."""
 HEADROOM = 0.06
 LEAST_RANGE = 0.02
-"""Least range of what is drawn, as a share of what is allowed."""
+"""Least range of the y axis, relative to the limit."""
 MANY = 150
-"""Number of drives from which bars overlap."""
+"""Number of drives above which bars overlap."""
 
 
 class Change(NamedTuple):
@@ -73,24 +73,24 @@ class Change(NamedTuple):
     name: str
     """Label of the first drive after it."""
     sizes: list[str]
-    """Size along each axis in its unit; empty where it may be chance."""
+    """Size on each axis in its unit; empty where it may be due to chance."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """What is drawn of a fleet: poses along and about the six axes of the camera, millimetres and degrees.
+    """What the plots of a fleet show: poses along and about the camera's axes, millimetres and degrees.
 
-    They are relative to the pose at the last drive.
+    Poses are relative to the pose at the last drive.
     """
 
     times: npt.NDArray[np.float64]
-    """(N,) times: days since the first drive, or numbers of drives."""
+    """(N,) times: days since the first drive, or indices of drives."""
     labels: list[str]
-    """(N,) labels of the drives on the axis of time."""
+    """(N,) labels of the drives on the time axis."""
     title: str
     """Meaning of the labels."""
     kinds: npt.NDArray[np.str_]
-    """(N,) how each drive is judged."""
+    """(N,) kind of each drive."""
     parts: npt.NDArray[np.intp]
     """(N,) part of the history of each drive."""
     found: npt.NDArray[np.float64]
@@ -100,15 +100,15 @@ class Course:
     expected: npt.NDArray[np.float64]
     """(N, 6) pose of the rig at the time of each drive."""
     allowed: npt.NDArray[np.float64]
-    """(6,) largest allowed offset from what is expected."""
+    """(6,) largest allowed offset from the expected pose."""
     changes: list[Change]
 
 
 def course_of(fleet: Fleet) -> Course:
-    """Choose what is drawn of a fleet: all drives that disagree, and of many others evenly spaced ones."""
+    """Choose what to draw of a fleet: all drives that disagree, and evenly spaced ones of many others."""
     kinds = [kind_of(drive) for drive in fleet.drives]
     agreeing = evenly_spaced([i for i, kind in enumerate(kinds) if kind == "agrees"], MAX_DRAWN)
-    # The ends of a part are those of its line.
+    # The line of a part ends where the part does.
     starts = np.flatnonzero(np.diff([drive.part for drive in fleet.drives]))
     ends = {0, len(kinds) - 1, *starts.tolist(), *(starts + 1).tolist()}
     chosen = sorted({*agreeing, *ends, *(i for i, kind in enumerate(kinds) if kind != "agrees")})
@@ -130,14 +130,14 @@ def course_of(fleet: Fleet) -> Course:
 
 
 def kind_of(drive: ComparedDrive) -> Kind:
-    """Say how a drive is judged: surely beyond what is allowed, disagreeing or far off, or neither."""
+    """Judge a drive: clearly beyond the limits, disagreeing or possibly beyond them, or neither."""
     if drive.verdict == "fail":
         return "beyond"
     return "disagrees" if drive.disagrees or drive.is_far else "agrees"
 
 
 def _names(fleet: Fleet) -> list[str]:
-    """Name each drive briefly: without the folder that all are in, or by its number if names are long."""
+    """Name each drive briefly: without the folder that all share, or by its number if names are long."""
     names = [drive.member.drive for drive in fleet.drives]
     folder = names[0].rpartition("/")[0]
     if folder and all(name.rpartition("/")[0] == folder for name in names):
@@ -146,9 +146,9 @@ def _names(fleet: Fleet) -> list[str]:
 
 
 def _labels(fleet: Fleet, drives: Sequence[ComparedDrive], names: list[str]) -> tuple[list[str], str]:
-    """Label drives with their dates, if they are in the order of their stamps, else with their names."""
+    """Label drives with their dates if they are ordered by stamp, or else with their names."""
     if fleet.order == "name":
-        return names, "drives, in the order of their names"
+        return names, "drives, ordered by name"
     stamps = [drive.member.stamp or 0.0 for drive in drives]
     form = "%Y-%m-%d" if stamps[-1] - stamps[0] > 3.0 * DAY_S else "%m-%d %H:%M"
     try:
@@ -159,7 +159,7 @@ def _labels(fleet: Fleet, drives: Sequence[ComparedDrive], names: list[str]) -> 
 
 
 def _changes(fleet: Fleet, names: Sequence[str]) -> list[Change]:
-    """Place each change between the two drives that it lies between."""
+    """Place each change halfway between the drives before and after it."""
     found, begin = [], 0
     for before, part in pairwise(fleet.parts):
         begin += before.num_drives
@@ -175,7 +175,7 @@ def _changes(fleet: Fleet, names: Sequence[str]) -> list[Change]:
 
 
 def course_plots(course: Course) -> list[Plot]:
-    """Draw the drives along and about each axis for a page."""
+    """Plot the drives along and about each axis for a page."""
     return [
         Plot(name, page_svg(f"{name}: each drive over time", SIZE, partial(_draw, course, i), TOP))
         for i, name in enumerate(NAMES)
@@ -183,14 +183,14 @@ def course_plots(course: Course) -> list[Plot]:
 
 
 def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
-    """Draw the drives and the rig's pose at their times, relative to the pose at the last drive; 95 % intervals."""
+    """Plot the drives with 95 % intervals and the rig's pose over time, relative to the pose at the last drive."""
     course = course_of(fleet)
 
     def draw(figure: Figure) -> None:
         all_axes = figure.subplots(3, 2).T.ravel()
         for axes, name in zip(all_axes, NAMES, strict=True):
             axes.set_title(name, loc="left", pad=2.0 + ROW * NUM_ROWS * bool(course.changes))
-        figure.draw_without_rendering()  # names find their places when the axes have theirs
+        figure.draw_without_rendering()  # names are placed relative to the axes
         for i, axes in enumerate(all_axes):
             _draw(course, i, axes)
         handles, labels = all_axes[0].get_legend_handles_labels()
@@ -201,7 +201,7 @@ def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
 
 
 def _draw(course: Course, axis: int, axes: Axes) -> None:
-    """Draw one axis of the camera: what held, what is allowed about it, the drives, and the changes."""
+    """Draw one axis of the camera: the rig's pose, the limits about it, the drives, and the changes."""
     beside = BESIDE * float(np.ptp(course.times)) or 0.5
     axes.set_xlim(course.times[0] - beside, course.times[-1] + beside)
     axes.set(ylim=_range(course, axis), xlabel=course.title)
@@ -214,7 +214,7 @@ def _draw(course: Course, axis: int, axes: Axes) -> None:
         expected = np.array([expected[0], *expected, expected[-1]])
         low, high = expected - course.allowed[axis], expected + course.allowed[axis]
         axes.fill_between(times, low, high, color=INK, alpha=0.08, linewidth=0.0, label="allowed")
-        axes.plot(times, expected, color=INK, linewidth=1.5, label="holds then")
+        axes.plot(times, expected, color=INK, linewidth=1.5, label="rig's pose")
     for kind, (color, marker, label) in STYLES.items():
         if (chosen := course.kinds == kind).any():
             where = course.times[chosen], course.found[chosen, axis], course.half_widths[chosen, axis]
@@ -225,9 +225,9 @@ def _draw(course: Course, axis: int, axes: Axes) -> None:
 
 
 def _range(course: Course, axis: int) -> tuple[float, float]:
-    """Least and largest value that is drawn: all drives and what held; wide intervals are cut.
+    """Choose the range of the y axis: all drives and the rig's pose, with wide intervals cut off.
 
-    What is allowed may reach farther: it would flatten drives that agree much better than they have to.
+    The limits may reach farther: including them would flatten drives that agree much better than they need to.
     """
     found, expected = course.found[:, axis], course.expected[:, axis]
     span = max(float(np.ptp([*found, *expected])), LEAST_RANGE * float(course.allowed[axis]))
@@ -239,9 +239,9 @@ def _range(course: Course, axis: int) -> tuple[float, float]:
 
 
 def _draw_changes(axes: Axes, course: Course, axis: int) -> None:
-    """Draw each change as a line with the first drive after it, and its size along this axis.
+    """Draw each change as a line, labelled with the first drive after it and its size on this axis.
 
-    Names stand above the axes in two rows; where they would overlap, only the line stands.
+    Labels are above the axes in two rows; where they would overlap, only the line is drawn.
     """
     box = axes.get_window_extent()
     scale = POINTS_PER_INCH / axes.figure.dpi

@@ -1,4 +1,4 @@
-"""The result of combining the drives of one rig: the camera's pose, the drives that disagree, and the changes."""
+"""The combined result of the drives of one rig: the camera's pose, the drives that disagree, and the changes."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Order: TypeAlias = Literal["stamp", "name"]
 
 @dataclass(frozen=True)
 class Offset:
-    """The offset of a transform from another one, along and about the axes of the other one's camera."""
+    """The offset of a transform from another one, along and about the axes of the other camera."""
 
     values: npt.NDArray[np.float64]
-    """(6,) offset of the camera's centre, metres, and of its rotation, degrees."""
+    """(6,) offset of the camera centre, metres, and of the rotation, degrees."""
     half_widths: npt.NDArray[np.float64]
     """(6,) half widths of the 95 % intervals, metres and degrees."""
 
     @property
     def distance_m(self) -> float:
-        """Length of the offset of the camera's centre, metres."""
+        """Length of the offset of the camera centre, metres."""
         return float(np.linalg.norm(self.values[:3]))
 
     @property
@@ -38,7 +38,7 @@ class Offset:
         return float(np.linalg.norm(self.values[3:]))
 
     def judge(self, limits: Limits) -> tuple[Check, ...]:
-        """Judge the offset along and about each axis, and in all."""
+        """Judge the offset along and about each axis, and in total."""
         return judge(self.values[:3].tolist(), self.values[3:].tolist(), self.half_widths.tolist(), limits)
 
     def describe(self) -> dict[str, Any]:
@@ -54,19 +54,19 @@ class ComparedDrive:
     time: float
     part: int
     expected: npt.NDArray[np.float64]
-    """(6,) camera's place and rotation at the time of the drive, relative to those at the last drive; metres and
+    """(6,) camera centre and rotation of the rig at the time of the drive, relative to the last drive; metres and
     degrees."""
     offset: Offset
     disagrees: bool
     """Whether the offset is larger than chance explains."""
     is_far: bool
-    """Whether the offset itself, whatever its interval, is beyond a limit."""
+    """Whether the offset itself is beyond a limit, whatever its interval."""
     verdict: Verdict
-    """`fail` if the offset is surely beyond a limit."""
+    """`fail` if the offset is beyond a limit with its whole interval."""
 
     @property
     def is_suspect(self) -> bool:
-        """Whether the offset is beyond a limit, but not surely."""
+        """Whether the offset is beyond a limit, but not with its whole interval."""
         return self.is_far and self.verdict != "fail"
 
     def describe(self) -> dict[str, Any]:
@@ -84,22 +84,22 @@ class ComparedDrive:
 
 @dataclass(frozen=True)
 class Part:
-    """A stretch of time in which the rig stayed as it was, or the whole of a fleet that drifts."""
+    """A period in which the rig did not change, or the whole of a fleet that drifts."""
 
     first: str
     last: str
     num_drives: int
     T_camera_lidar: Pose
-    """T_camera_lidar (4, 4) at the end of the stretch."""
+    """T_camera_lidar (4, 4) at the end of the period."""
     half_widths: npt.NDArray[np.float64]
-    """(6,) half widths of the 95 % intervals of the camera's place and rotation, metres and degrees."""
+    """(6,) half widths of the 95 % intervals of the camera centre and rotation, metres and degrees."""
     change: Offset | None
     """Offset from the part before; None for the first part."""
     change_in_all: Offset | None
     """Offset from the first part, unless that is the part before."""
 
     def describe(self) -> dict[str, Any]:
-        """Make the entry of the stretch in the document of a fleet."""
+        """Make the entry of the period in the document of a fleet."""
         return {
             "first": self.first,
             "last": self.last,
@@ -126,15 +126,15 @@ class Fleet:
     covariance: npt.NDArray[np.float64]
     """(6, 6) covariance of a twist on the left of the pose, (rho, phi)."""
     scatter: npt.NDArray[np.float64]
-    """(6,) standard deviation of the camera's place and rotation beyond the stated errors of the drives, metres and
+    """(6,) standard deviation of the camera centre and rotation beyond the stated errors of the drives, metres and
     degrees."""
     order: Order
-    """`stamp`: times are days since the first drive; `name`: times count drives, since stamps do not compare."""
+    """`stamp`: times are days since the first drive; `name`: times count drives, since stamps cannot be compared."""
     parts: tuple[Part, ...]
     drift: Offset | None
     """Offset from the first drive to the last, if a drift explains the drives better than changes do."""
     drives: tuple[ComparedDrive, ...]
-    """Drives in the order of time."""
+    """Drives in chronological order."""
     left_out: tuple[Member, ...]
     limits: Limits
 
@@ -144,7 +144,7 @@ def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None 
 
     Args:
         fleet: Combined result of the drives.
-        read: SHA-256 of each file that was read, by its name.
+        read: SHA-256 of each file that was read, by name.
         reference: SHA-256 of the file of the transform that the rig should have.
     """
     T, limits = fleet.T_camera_lidar, fleet.limits
@@ -177,7 +177,7 @@ def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None 
 
 
 def _by_kind(values: npt.NDArray[np.float64], prefix: str = "") -> dict[str, Any]:
-    """Name figures (6,) of the camera's place and of its rotation."""
+    """Name figures (6,) of the camera centre and of the rotation."""
     return {
         f"{prefix}camera_center_m": values[:3].tolist(),
         f"{prefix}rotation_deg": values[3:].tolist(),

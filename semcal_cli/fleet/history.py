@@ -1,11 +1,11 @@
-"""The history of a rig: it stays as it is, changes at some times, or drifts.
+"""The history of a rig, which is constant, changes at some times, or drifts.
 
 The Bayesian information criterion chooses the model that explains the drives best.
 
 Change points are found by binary segmentation (Scott and Knott, 1974): a series is split where two means explain it
-best, if they explain it better than chance does, and then each part again. The gain of a split is the statistic of the
-likelihood ratio; the best of n splits of nothing but noise exceeds the quantile of its distribution at 1 - alpha / n no
-more often than alpha (Bonferroni).
+best, if they explain it better than chance, and then each part is split again. The gain of a split is the likelihood
+ratio statistic; for pure noise, the best of n splits exceeds the quantile of its distribution at 1 - alpha / n with a
+probability of at most alpha (Bonferroni).
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 ALPHA = 0.01
 MIN_LENGTH = 3
-"""Least number of calibrations between two changes, so that no single calibration is taken for a stretch of time."""
+"""Least number of calibrations between two changes, so that no single calibration counts as a period."""
 NUM_ROUNDS = 10
-"""Rounds in which drives are weighted again by their distance from the line."""
+"""Number of rounds that reweight drives by their distance from the line."""
 WINDOW = 5
-"""Number of calibrations whose median is the usual place at a time."""
+"""Number of calibrations whose median is the usual pose at a time."""
 MIN_DRIFT_DRIVES = 6
-"""Least number of drives that tell a line from chance."""
+"""Least number of drives that distinguish a line from chance."""
 
 
 @dataclass(frozen=True)
 class RigHistory:
-    """Places of a rig at each drive, in local coordinates."""
+    """Poses of a rig at each drive, in local coordinates."""
 
     expected: Vectors
-    """(N, 6) place of the rig at each drive."""
+    """(N, 6) pose of the rig at each drive."""
     covariances: Matrices
-    """(N, 6, 6) covariance of the place at each drive."""
+    """(N, 6, 6) covariance of the pose at each drive."""
     starts: tuple[int, ...] = (0,)
-    """Indices of the drives at which parts begin."""
+    """Indices of the drives at which periods without change begin."""
     drift: Drift | None = None
 
 
@@ -49,7 +49,7 @@ def find_history(
     """Find the model that explains the drives best: no change, changes, or a drift.
 
     Args:
-        times: Times of the drives in any unit, ascending.
+        times: Times of the drives, ascending, in any unit.
         series: (N, 6) local coordinates of the drives.
         covariances: (N, 6, 6) covariance of each drive, including the scatter beyond the stated errors.
         degrees_of_freedom: Degrees of freedom of that scatter.
@@ -57,7 +57,7 @@ def find_history(
     weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
 
     def misfit(model: RigHistory, num_parameters: int) -> float:
-        """Bayesian information criterion (Schwarz, 1978), by the weights of the series, whatever the model is."""
+        """Bayesian information criterion (Schwarz, 1978), with the same weights for all models."""
         off = series - model.expected
         squared = float(np.einsum("ni,nij,nj->", off, weighted, off))
         return squared + num_parameters * float(np.log(len(series)))
@@ -76,10 +76,10 @@ def find_history(
 
 
 def _in_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -> RigHistory:
-    """Take the robust mean of each part as the place of the rig in it."""
+    """Take the robust mean of each part as the rig's pose in it."""
     expected, known = np.zeros_like(series), np.zeros_like(covariances)
     for begin, end in zip(starts, (*starts[1:], len(series)), strict=True):
-        # Local coordinates are so small that the rotation of their own frame does not matter.
+        # Local coordinates are small enough that the rotation of their own frame does not matter.
         poses = [pose_at(np.eye(4), each) for each in series[begin:end]]
         mean = robust_mean(poses, covariances[begin:end])
         expected[begin:end] = local_coordinates([mean.T_camera_lidar], np.eye(4))
@@ -89,7 +89,7 @@ def _in_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -
 
 @dataclass(frozen=True)
 class Drift:
-    """A steady change over the whole series, a straight line of (rho, phi) over time."""
+    """A steady change over the whole series: a straight line of (rho, phi) over time."""
 
     per_unit: npt.NDArray[np.float64]
     """(6,) change of (rho, phi) per unit of time."""
@@ -115,10 +115,10 @@ class Drift:
 
 
 def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: float) -> list[int]:
-    """Find the indices, ascending, at which a part of a series begins that differs from the part before.
+    """Find the ascending indices at which the rig changes: each begins a part that differs from the one before.
 
     Args:
-        series: (N, 6) local coordinates, in the order of time.
+        series: (N, 6) local coordinates, in chronological order.
         covariances: (N, 6, 6) covariance of each, including the scatter beyond the stated errors.
         degrees_of_freedom: Degrees of freedom of that scatter.
     """
@@ -151,7 +151,7 @@ def drift(
 
 def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -> Drift:
     total = weighted.sum(0)
-    # Times are counted from their weighted mean, the same for all axes: slope and level are then hardly correlated.
+    # Counting times from their weighted mean, the same for all axes, nearly decorrelates slope and level.
     middle = float(np.average(times, weights=np.trace(weighted, axis1=1, axis2=2)))
     centered = times - middle
     crossed = np.einsum("n,nij->ij", centered, weighted)
@@ -165,7 +165,7 @@ def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -
 
 
 def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:
-    """The best place to split the series, if the split explains more than chance does."""
+    """Find the best place to split the series; None if no split explains more than chance."""
     count = len(series)
     if count < 2 * MIN_LENGTH:
         return None
@@ -181,14 +181,14 @@ def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:
 
 
 def _explained(information: Matrices, pull: Vectors) -> npt.NDArray[np.float64]:
-    """Part of the squared series that a weighted mean explains: b^T A^-1 b."""
+    """Compute the part of the squared series that a weighted mean explains: b^T A^-1 b."""
     explained: npt.NDArray[np.float64] = (pull * np.linalg.solve(information, pull[..., None])[..., 0]).sum(1)
     return explained
 
 
 def _weights(series: Vectors, covariances: Matrices) -> npt.NDArray[np.float64]:
-    """Weights of Student's distribution about the usual place at each time: a single outlier is then no change."""
-    # At either end the window is that of the nearest drive with a whole window around it.
+    """Compute Student weights about the usual pose at each time, so that a single outlier is not a change."""
+    # At either end, drives share the window of the nearest drive that has a whole window around it.
     count = len(series)
     begins = np.clip(np.arange(count) - WINDOW // 2, 0, max(count - WINDOW, 0))
     usual = np.array([np.median(series[begin : begin + WINDOW], axis=0) for begin in begins])

@@ -1,4 +1,4 @@
-"""A fleet as one page that needs no network."""
+"""A fleet as a single page that needs no network."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from semcal_cli.report.template import Reason, Verdict, render_page
 from semcal_cli.result.uncertainty import intervals, widest
 
 KINDS: dict[Kind, str] = {
-    "beyond": "drive surely beyond what is allowed",
-    "disagrees": "drive that disagrees, or is perhaps beyond what is allowed",
+    "beyond": "drive clearly beyond the limits",
+    "disagrees": "drive that disagrees or is possibly beyond the limits",
     "agrees": "drive",
 }
-"""Meaning of the dots, the worst first."""
+"""Meaning of the dots, worst first."""
 MAX_ROWS = 1000
 """Largest number of rows of a table; the result file has all."""
 MAX_PARTS = 100
-"""Largest number of parts of the history that the page shows, the last ones."""
+"""Largest number of parts of the history that the page shows; the last ones are kept."""
 
 
 def page_html(fleet: Fleet, given: str) -> str:
     """Make the page.
 
     Args:
-        fleet: Combined result that the page shows.
+        fleet: The combined result.
         given: Names of the inputs that it was computed from.
     """
     course, scatter = course_of(fleet), intervals(fleet.scatter.tolist())
@@ -53,7 +53,7 @@ def page_html(fleet: Fleet, given: str) -> str:
         intervals=intervals,
         known=intervals(known),
         scatter=scatter,
-        is_scattered=scatter != intervals([0.0] * 6),  # as it reads
+        is_scattered=scatter != intervals([0.0] * 6),  # after rounding
         course=course,
         plots=course_plots(course),
         kinds=KINDS,

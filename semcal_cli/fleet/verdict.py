@@ -1,4 +1,4 @@
-"""The verdict on a fleet, and what it says in plain words: the same on the page, in the terminal and in the result."""
+"""The verdict on a fleet in plain words, which are the same on the page, in the terminal and in the result."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from semcal_cli.fleet.members import Member
 
 MIN_DRIVES = 3
-"""Least number of drives that tell how they scatter."""
+"""Least number of drives that show how much drives scatter."""
 MIN_USED = 0.5
-"""Least share of the drives that can be used; if most drives fail, the rest says little."""
+"""Least fraction of usable drives; if most drives fail, the rest says little."""
 MAX_NAMED = 8
-"""Largest number of changes that are told."""
+"""Largest number of changes that are described."""
 FAR_M = 10.0
-"""Distance at which the displacement of a point is told."""
+"""Distance at which the displacement of a point is stated."""
 WAYS = (("to the right", "to the left"), ("down", "up"), ("forward", "back"))
-"""Where the camera went along each of its axes, by a positive and by a negative offset."""
+"""Direction of a positive and of a negative offset along each axis of the camera."""
 TURNS = ("pitch", "yaw", "roll")
 """Rotations about the camera's axes x, y and z."""
 SIGNS = (
-    "A positive pitch moves what the camera sees up in the picture, a positive yaw to the right, and a positive roll "
+    "A positive pitch moves what the camera sees up in the image, a positive yaw to the right, and a positive roll "
     "turns it clockwise."
 )
 SUBJECTS = {"known to": "how well the pose is known", "drift": "drift, first to last drive"}
@@ -47,7 +47,7 @@ def judge_fleet(
     """Judge the combined pose.
 
     Args:
-        known: A zero offset, with the intervals of the transform at the last drive.
+        known: A zero offset with the intervals of the transform at the last drive.
         off_reference: Offset from the transform that the rig should have, if there is one.
         parts: Parts of the history, each with its change.
         drifted: Offset from the first drive to the last, if the rig drifts.
@@ -73,17 +73,17 @@ def conclude(
     parts: Sequence[Part],
     drifted: Offset | None,
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """Give the verdict on the fleet, with sentences on the changes and on missing information."""
+    """Give the verdict on the fleet, with sentences about changes and missing information."""
     num_used, num_all = len(drives), len(drives) + len(left_out)
-    # A drive whose pose is uncertain is no reason to distrust the fleet; a drive that seems far off is.
+    # A drive with an uncertain pose is no reason to distrust the fleet; a drive that seems far off is.
     verdicts = [*(check.verdict for check in checks), *(drive.verdict for drive in drives if drive.is_far)]
     reasons = change_lines(parts)
     if drifted is not None:
         reasons.append(f"drifted from the first drive to the last: {motions(drifted)}")
     for words, found in (
-        ("surely farther off than is allowed", [d for d in drives if d.verdict == "fail"]),
-        ("farther off than is allowed, not surely", [d for d in drives if d.is_suspect]),
-        ("disagreeing, within what is allowed", [d for d in drives if d.disagrees and not d.is_far]),
+        ("clearly beyond the limits", [d for d in drives if d.verdict == "fail"]),
+        ("possibly beyond the limits", [d for d in drives if d.is_suspect]),
+        ("disagree but are within the limits", [d for d in drives if d.disagrees and not d.is_far]),
     ):
         if found:
             names = listed(drive.member.drive for drive in found)
@@ -92,12 +92,12 @@ def conclude(
     if 0 < num_stamped < num_used:
         # With drives ordered by name, a change or a drift may look like scatter.
         reasons.append(
-            f"{num_used - num_stamped:,} of {num_used:,} drives have no stamp in seconds since 1970, needed one of "
-            "each: the order of time is not known"
+            f"{num_used - num_stamped:,} of {num_used:,} drives have no stamp in seconds since 1970, needed one for "
+            "each: their order in time is unknown"
         )
     if num_used < MIN_DRIVES:
         reasons.append(
-            f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to tell how they scatter"
+            f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to see how much they scatter"
         )
     elif num_used < MIN_USED * num_all:
         reasons.append(f"{num_used:,} of {num_all:,} drives can be used, needed {MIN_USED:.0%}")
@@ -110,18 +110,19 @@ def notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
     """Give notes for the reader that do not affect the verdict."""
     found = []
     if order == "name":
-        found.append("drives have no stamps in seconds since 1970 that differ: ordered by name")
+        found.append("drives are ordered by name: they do not have different stamps in seconds since 1970")
     num_cameras = len({member.camera for member in used if member.camera is not None})
     if num_cameras > 1:
         found.append(
-            f"drives have {num_cameras:,} cameras, given or estimated, that differ in picture size, intrinsics or "
-            "lens: the pose that they agree on belongs to none of them; set one in all drives and calibrate them again"
+            f"drives have {num_cameras:,} cameras, given or estimated, that differ in image size, intrinsics or "
+            "lens model. The pose that they agree on belongs to none of them: write one camera into all drives and "
+            "calibrate them again"
         )
     return tuple(found)
 
 
 def figures(value: float, half_width: float, least: int) -> tuple[str, str]:
-    """Format a value and the half width of its interval, as many digits as the interval has something to say on.
+    """Format a value and the half width of its interval with as many digits as the interval justifies.
 
     Args:
         value: The value.
@@ -131,13 +132,13 @@ def figures(value: float, half_width: float, least: int) -> tuple[str, str]:
     decimals = least
     if half_width > 0.0:
         power = math.floor(math.log10(half_width))
-        # Rounding 0.014 to 0.01 would take away a third of it.
+        # Rounding 0.014 to 0.01 would lose a third of it.
         decimals = max(least, min((half_width < 2.0 * 10.0**power) - power, 6))
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{half_width:.{decimals}f}"
 
 
 def motions(offset: Offset) -> str:
-    """Tell what surely differs along and about each axis, the surest first; the likeliest if nothing surely does."""
+    """List what differs beyond its interval on each axis, clearest first; if nothing does, what comes closest."""
     ratios = np.abs(offset.values) / np.maximum(offset.half_widths, np.finfo(float).tiny)
     surest = np.argsort(-ratios, kind="stable").tolist()
     named = [axis for axis in surest if ratios[axis] > 1.0] or surest[:1]
@@ -154,19 +155,19 @@ def _motion(axis: int, off: float, half_width: float) -> str:
 
 
 def total(offset: Offset) -> str:
-    """Tell an offset in two figures."""
+    """Write an offset as two figures."""
     return f"{1000.0 * offset.distance_m:.1f} mm and {offset.angle_deg:.3f} degrees"
 
 
 def change_lines(parts: Sequence[Part]) -> list[str]:
-    """Tell the first changes, between which drives and what each was, and how many more there are."""
+    """Describe the first changes and between which drives they are, and count the others."""
     changes = [
         f"changed between {before.last} and {after.first}: {motions(after.change)}"
         for before, after in pairwise(parts)
         if after.change is not None
     ]
     num_more = len(changes) - MAX_NAMED
-    return [*changes[:MAX_NAMED], *([f"changed {num_more:,} times more"] if num_more > 0 else [])]
+    return [*changes[:MAX_NAMED], *([f"changed {num_more:,} more times"] if num_more > 0 else [])]
 
 
 class CheckWords(NamedTuple):
@@ -183,7 +184,7 @@ class CheckWords(NamedTuple):
 
 
 def check_words(check: Check) -> CheckWords:
-    """Tell a check of the combined pose, or of a drive, which has no subject."""
+    """Put a check into words: of the combined pose or, without a subject, of a drive."""
     subject, _, quantity = check.name.rpartition(": ")
     scale, unit, least = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "degrees", 3)
     found, half_width = figures(scale * check.offset, scale * (check.half_width or 0.0), least)
@@ -192,26 +193,26 @@ def check_words(check: Check) -> CheckWords:
 
 
 def in_all(drive: ComparedDrive, limits: Limits) -> list[CheckWords]:
-    """Tell how far a drive is off in all: its camera's centre, and its rotation."""
+    """Say how far a drive is off in total: its camera centre and its rotation."""
     return [check_words(check) for check in drive.offset.judge(limits) if check.name.endswith(IN_ALL)]
 
 
 def title(fleet: Fleet) -> str:
     """State the verdict in a few words."""
     if fleet.verdict == "inconclusive":
-        return "The drives cannot decide"
+        return "The drives do not decide"
     if fleet.verdict == "pass":
         moved = fleet.drift is not None or len(fleet.parts) > 1
-        return "The rig holds, within what is allowed" if moved else "The rig holds"
+        return "The rig moved within the limits" if moved else "The rig is stable"
     for subject, words in (
         ("change", "The rig changed"),
         ("drift", "The rig drifts"),
-        ("from the reference", "The rig is not where its reference has it"),
+        ("from the reference", "The rig is not at its reference"),
     ):
         if _fails(fleet, subject):
             return words
     count = sum(drive.verdict == "fail" for drive in fleet.drives)
-    return f"{count:,} of {len(fleet.drives):,} drives {'is' if count == 1 else 'are'} beyond what is allowed"
+    return f"{count:,} of {len(fleet.drives):,} drives {'is' if count == 1 else 'are'} beyond the limits"
 
 
 def _fails(fleet: Fleet, subject: str) -> bool:
@@ -219,32 +220,32 @@ def _fails(fleet: Fleet, subject: str) -> bool:
 
 
 def sentences(fleet: Fleet) -> list[str]:
-    """Say what holds now, what that means, and what to do."""
+    """Say which transform is valid now, what that means, and what to do."""
     last, num_used = fleet.parts[-1], len(fleet.drives)
     known = widest(last.half_widths.tolist())
     if fleet.drift is not None:
         found = [
-            f"The transform below holds at the last drive, {last.last}, to {known}.",
-            f"The camera moves slowly against the LiDAR, and {_displaced(fleet.drift)} from the first drive to the "
-            "last: each drive needs the transform of its own time, and the mount needs a look.",
+            f"The transform below is that of the last drive, {last.last}, to within {known}.",
+            f"The camera moves slowly relative to the LiDAR: {_displaced(fleet.drift)} between the first drive and the "
+            "last. Use the transform of each drive's own time, and check the mount.",
         ]
     elif last.change is not None:
         found = [
-            f"The transform below holds from {last.first} on, to {known}.",
-            f"The camera moved against the LiDAR, and {_displaced(last.change)} by the last change: "
-            "earlier drives need the transform of their own time, which stands below, too.",
+            f"The transform below is valid from {last.first} on, to within {known}.",
+            f"The camera moved relative to the LiDAR: {_displaced(last.change)} because of the last change. "
+            "For earlier drives, use the transform of their own time, which is also below.",
         ]
     else:
         num_off = sum(drive.disagrees or drive.verdict == "fail" for drive in fleet.drives)
         which = f"{num_used - num_off:,} of {num_used:,}" if num_off else f"all {num_used:,}"
-        found = [f"One transform, below, holds for {which} drives, to {known}."]
+        found = [f"The transform below is valid for {which} drives, to within {known}."]
     if _fails(fleet, "from the reference"):
         found.append(
-            "It surely is not the reference: use it in the reference's place, or mount the camera anew."
+            "It clearly differs from the reference: use it instead of the reference, or remount the camera."
         )
     if any(drive.verdict == "fail" for drive in fleet.drives):
         found.append(
-            "Drives surely beyond what is allowed have wrong data or a wrong calibration: look at them."
+            "Drives clearly beyond the limits have wrong data or a wrong calibration: run semcal inspect on them."
         )
     if fleet.verdict == "inconclusive":
         found.append("More drives, or longer ones, narrow the intervals until the verdict is clear.")
@@ -252,6 +253,6 @@ def sentences(fleet: Fleet) -> list[str]:
 
 
 def _displaced(offset: Offset) -> str:
-    """Tell how far a point far ahead lands from its place."""
+    """Say by how much a distant point is displaced."""
     off_mm = 1000.0 * math.hypot(FAR_M * math.radians(offset.angle_deg), offset.distance_m)
-    return f"a point {FAR_M:g} m away lands up to {off_mm:.0f} mm elsewhere"
+    return f"a point {FAR_M:g} m away is displaced by up to {off_mm:.0f} mm"

@@ -7,8 +7,8 @@ With errors xi_a and xi_b on the left of the two transforms, to first order
     exp(xi_a) T_a_lidar (exp(xi_b) T_b_lidar)^-1 = exp(xi_a - Ad(T_a_b) xi_b) T_a_b
 
 The covariance is the sum of that of xi_a and that of xi_b, mapped by the adjoint of T_a_b (Barfoot, *State Estimation
-for Robotics*, 2017, section 7.3). The two errors are taken as independent. Cameras that look at the same points share
-errors of the point labels, which partly cancel, so the covariance is rather too large.
+for Robotics*, 2017, section 7.3). The two errors are taken as independent. Cameras that see the same points share
+errors of the point labels, which partly cancel, so the covariance is too large rather than too small.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Reference:
     T_a_b: Pose
     """(4, 4), p_a = T_a_b p_b, metres."""
     source: str
-    """Name of its source."""
+    """Where it comes from."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,15 @@ class Pair:
     T_a_b: Pose
     """(4, 4), p_a = T_a_b p_b, metres."""
     uncertainty: Uncertainty | None
-    """Uncertainty of T_a_b, for a twist on its left in the frame of a; None if that of a camera is unknown."""
+    """Uncertainty of T_a_b, for a twist on its left in the frame of a; None if that of either camera is unknown."""
     reference: Reference | None
     """Reference transform, if there is one."""
     is_doubted: bool = False
-    """Whether a camera is not trusted."""
+    """Whether either camera is not trusted."""
 
     @property
     def believed_uncertainty(self) -> Uncertainty | None:
-        """Uncertainty as people are shown it: none if a camera is not trusted."""
+        """Uncertainty to show; None if either camera is not trusted."""
         return None if self.is_doubted else self.uncertainty
 
     @property
@@ -77,21 +77,21 @@ class Pair:
 
     @property
     def is_explained(self) -> bool | None:
-        """Whether the 95 % region of all six axes together contains the reference.
+        """Whether the joint 95 % region of all six axes contains the reference.
 
-        None without a reference, and if the region is not known or a camera is not trusted.
+        None without a reference, if the region is unknown, or if either camera is not trusted.
         """
         known = self.believed_uncertainty
         if self.error is None or known is None:
             return None
-        # A translation rho moves the camera's centre in the opposite direction.
+        # A translation rho moves the camera centre in the opposite direction.
         center_m = [-0.01 * x for x in self.error.camera_center_xyz_cm]
         off = np.array([*center_m, *np.radians(self.error.rotation_xyz_deg)])
         squared = float(off @ np.linalg.solve(np.array(known.covariance), off))
         return squared <= joint_quantile(0.05, min(known.degrees_of_freedom))
 
     def describe(self) -> dict[str, Any]:
-        """Make the entry of the pair in the document of a rig; the camera's position is that of a in the frame of b."""
+        """Make the entry of the pair in the document of a rig; the camera centre is that of a in the frame of b."""
         reference, beside = None, {"weak_directions", "label_bleed", "intrinsics_cost"}
         if self.reference is not None:
             reference = {
@@ -120,7 +120,7 @@ class RigCalibration:
     failures: Mapping[str, str]
     """Error of each camera that has no calibration."""
     pairs: tuple[Pair, ...]
-    """Transforms between two cameras each."""
+    """Transform between each two cameras."""
     num_sweeps: int
     """Number of different clouds that were read."""
 
@@ -133,7 +133,7 @@ class RigCalibration:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Findings and errors of all cameras, each after the camera's name."""
+        """Findings and errors of all cameras, each preceded by the camera's name."""
         return (
             *(f"{name}: {reason}" for name, reason in self.failures.items()),
             *(f"{name}: {reason}" for name, each in self.cameras.items() for reason in each.reasons),
@@ -141,7 +141,7 @@ class RigCalibration:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences that the user should read and that change no verdict."""
+        """Sentences that the user should read and that do not affect the verdict."""
         notes = []
         for pair in self.pairs:
             if pair.is_explained is False and pair.error is not None and pair.reference is not None:
@@ -159,7 +159,7 @@ def combine(
     failures: Mapping[str, str],
     num_sweeps: int,
 ) -> RigCalibration:
-    """Combine the calibrations of a rig's cameras, and compare each pair with the references of the rig or the drives.
+    """Combine the calibrations of a rig's cameras, and compare each pair with the reference of the rig or the drives.
 
     Args:
         rig: The rig.

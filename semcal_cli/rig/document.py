@@ -22,24 +22,24 @@ from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, 
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
 
 RESULT = "rig_calibration"
-"""Name of the result of the whole rig, beside the results of its cameras."""
+"""Name of the result of the whole rig, next to the results of its cameras."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 SAMPLE_BYTES = 65_536
-"""Bytes in the middle of a file by which copies are recognised, with the file's size. No two sweeps agree in them."""
+"""Number of bytes in the middle of a file that, with its size, identify copies. No two sweeps agree in them."""
 Group: TypeAlias = tuple[list[str], set[Hashable]]
 """Names of cameras, and what identifies their clouds."""
 
 
 class Rig(StrictModel):
-    """Content of a rig.yaml. Each camera has a drive of its own, and the drives name the same clouds."""
+    """Content of a rig.yaml. Each camera has its own drive, and the drives name the same clouds."""
 
     semcal_rig: Version
     """Version of this format."""
     cameras: Annotated[dict[str, FileName], Field(min_length=2)]
     """Drive of each camera: its folder or its file, relative to the rig.yaml."""
     T_camera_camera: dict[str, dict[str, StatedTransform]] = {}
-    """Reference transforms between cameras, for comparison only. The transform under a and then b is T_a_b with
-    p_a = T_a_b * p_b, in metres, as a stereo calibration gives it."""
+    """Reference transforms between cameras, for comparison only. The entry b under a is T_a_b in metres, with
+    p_a = T_a_b * p_b, as from a stereo calibration."""
 
     _path: Path = PrivateAttr(default=Path(RIG_FILE))
 
@@ -49,9 +49,9 @@ class Rig(StrictModel):
         for name in cameras:
             # The results are files with these names.
             if not NAME.fullmatch(name):
-                raise mismatch(describe(name), "a name of letters, digits, _, - and . for a camera")
+                raise mismatch(describe(name), "a camera name of letters, digits, _, - and .")
             if name.lower() == RESULT:
-                raise mismatch(describe(name), "a name other than that of the rig's own result")
+                raise mismatch(describe(name), "a name that differs from that of the rig's own result")
         folded: dict[str, str] = {}
         for name in cameras:
             if folded.setdefault(name.lower(), name) != name:
@@ -68,11 +68,11 @@ class Rig(StrictModel):
                     needed = one_of(name, self.cameras)
                     raise ValueError(f"T_camera_camera: found camera {describe(name)}, needed {needed}")
             if to in others:
-                raise ValueError(f"T_camera_camera: found {to!r} beside itself, needed two cameras")
+                raise ValueError(f"T_camera_camera: found {to!r} under itself, needed two different cameras")
             for other in others:
                 if to in self.T_camera_camera.get(other, {}):
                     raise ValueError(
-                        f"T_camera_camera: found {to!r} and {other!r} both ways, needed one of them"
+                        f"T_camera_camera: found {to!r} and {other!r} in both directions, needed one of them"
                     )
         return self
 
@@ -104,20 +104,20 @@ class Rig(StrictModel):
         for first, name in pairwise(stated):
             if stated[first] != stated[name]:
                 raise InputError(
-                    f"{self._path}: cameras: found another lidar in the drive of {name!r} than in that of {first!r}, "
-                    "needed one LiDAR"
+                    f"{self._path}: cameras: found different `lidar` blocks in the drives of {first!r} and {name!r}, "
+                    "needed the same LiDAR"
                 )
         group, *others = connected_cameras(drives) or [[]]
         if others:
             apart, rest = (" and ".join(map(repr, names)) for names in (chain.from_iterable(others), group))
             raise InputError(
                 f"{self._path}: cameras: found no cloud of {apart} among those of {rest}, "
-                "needed drives that name the same clouds, since the cameras of a rig belong to one LiDAR"
+                "needed drives that name the same clouds, because the cameras of a rig share one LiDAR"
             )
         return drives
 
     def reference(self, to: str, other: str) -> Pose | None:
-        """Return the reference T_to_other (4, 4) of two cameras, whichever way the file states it; None without one."""
+        """Return the reference T_to_other (4, 4) of two cameras, stated in either direction; None without one."""
         if (T := self.T_camera_camera.get(to, {}).get(other)) is not None:
             return nearest_rigid(np.array(T))
         if (T := self.T_camera_camera.get(other, {}).get(to)) is not None:
@@ -140,7 +140,7 @@ def find_rig(path: Path) -> Path | None:
     if is_folder(path):
         file = path / RIG_FILE
         return file if file.exists() and not (path / DRIVE_FILE).exists() else None
-    # A file without the word need not be parsed, which takes time for a long drive.
+    # A file without the key is not parsed, which would take time for a long drive.
     return path if RIG.encode() in read_bytes(path) and RIG in read_document(path) else None
 
 
@@ -158,8 +158,8 @@ def read_rig(path: Path) -> Rig:
 def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
     """Group the cameras that share clouds, directly or through other cameras.
 
-    A cloud is shared if two drives name one file, or copies of one file. Files are opened only where cameras share none
-    by name. A group with clouds that cannot be read is left out then, since nothing can be said of it.
+    A cloud is shared if two drives name the same file or copies of it. Files are opened only where cameras share none
+    by name. A group with unreadable clouds is then left out, since nothing can be said about it.
 
     Args:
         drives: Drive of each camera.
@@ -185,7 +185,7 @@ def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
 
 
 def cloud_path(drive: Drive, name: str) -> Path:
-    """Resolve the name of a cloud in a drive, links too."""
+    """Resolve the name of a cloud in a drive, including links."""
     return Path(os.path.realpath(drive.resolve(name)))
 
 

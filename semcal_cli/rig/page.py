@@ -1,4 +1,4 @@
-"""The calibration of a rig as one page that needs no network."""
+"""The calibration of a rig as a single page that needs no network."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ STATUSES = {
     "not_assessed": "not assessed",
     "trusted": "trusted",
 }
-"""Status of a camera in words, the worst first."""
-BY_CAMERA, BY_PICTURE = "camera that sees them", "pictures"
+"""Status of a camera in words, worst first."""
+BY_CAMERA, BY_PICTURE = "camera that sees them", "images"
 """Meanings of the colours of points in the 3-D view."""
 
 
@@ -54,11 +54,11 @@ def rig_page_html(
         progress: Called with a description of each step.
 
     Raises:
-        InputError: a sweep or a picture is missing or wrong.
+        InputError: a sweep or an image is missing or wrong.
     """
     progress("reading a frame of each camera")
     views = _camera_views(drives, {name: each.pose for name, each in found.cameras.items()})
-    progress("drawing points on pictures")
+    progress("drawing points on images")
     pictures, depths = _pictures(views)
     progress("writing the page")
     cloud = _rig_cloud(views)
@@ -87,14 +87,14 @@ def rig_page_html(
 
 
 def rig_verdict(found: RigCalibration) -> Verdict:
-    """State the verdict on a rig: whether all its cameras may be used, and which may not."""
+    """State the verdict on a rig: whether all its cameras can be used, and which cannot."""
     statuses = _statuses(found)
     names = {status: [name for name, each in statuses.items() if each == status] for status in STATUSES}
     if found.status == "trusted":
         uncertainties = [each.believed_uncertainty for each in found.cameras.values()]
         known = [each.half_widths for each in uncertainties if each is not None]
         widths = [max(axis) for axis in zip(*known, strict=True)]
-        sure = f"each is known to {widest(widths)}, or better" if known else ""
+        sure = f"each is known to {widest(widths)} or better" if known else ""
         all_of_them = "Both" if len(statuses) == 2 else f"All {len(statuses)}"
         return Verdict("trusted", "The rig is trusted", f"{all_of_them} cameras are trusted.", sure)
     worst, is_failed = names[found.status], found.status == "failed"
@@ -102,7 +102,7 @@ def rig_verdict(found: RigCalibration) -> Verdict:
     title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[found.status]}"
     said = {
         "These can be used": names["trusted"],
-        "Nothing tells how sure these are": names["not_assessed"],
+        "The accuracy of these is unknown": names["not_assessed"],
         "Do not use these, for the reasons below": names["failed"] + names["not_trusted"],
     }
     sentence = " ".join(f"{words}: {listed(named)}." for words, named in said.items() if named)
@@ -115,16 +115,16 @@ def rig_verdict(found: RigCalibration) -> Verdict:
 
 
 def _statuses(found: RigCalibration) -> dict[str, str]:
-    """Status of each camera, the worst first."""
+    """List the status of each camera, worst first."""
     calibrated = sorted(found.cameras.items(), key=lambda item: WORST_FIRST.index(item[1].status))
     return dict.fromkeys(found.failures, "failed") | {name: each.status for name, each in calibrated}
 
 
 def _how_sure(calibration: Calibration) -> str:
-    """Say how sure the transform of a camera is."""
+    """Say how accurate the transform of a camera is."""
     if calibration.believed_uncertainty is not None:
         return f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
-    return "Nothing is known of its error." if calibration.uncertainty is None else NOT_BELIEVED
+    return "Its error is unknown." if calibration.uncertainty is None else NOT_BELIEVED
 
 
 def _pair_notation(pair: Pair) -> Notation:
@@ -141,15 +141,15 @@ class _CameraView:
     color: Rgb
     T_camera_lidar: Pose
     drive: Drive
-    """Drive of the one frame."""
+    """Drive with this frame only."""
     observations: Observations
     """Points of the frame, without labels."""
     is_of_sweep: bool
-    """Whether the frame is of the sweep that the 3-D view shows."""
+    """Whether the frame has the sweep that the 3-D view shows."""
 
 
 def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> list[_CameraView]:
-    """Read one frame of each camera that has a pose: that of the sweep that most cameras have, or else its first."""
+    """Read one frame of each camera with a pose: that of the sweep that most cameras share, or else its first."""
     sweeps = {
         name: [cloud_path(drives[name], frame.points) for frame in drives[name].frames] for name in poses
     }
@@ -166,7 +166,7 @@ def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> lis
 
 
 def _pictures(views: list[_CameraView]) -> tuple[dict[str, str], dict[str, str]]:
-    """Draw the points of each camera's frame by their distance: data URIs, and the colours of distances."""
+    """Draw the points of each camera's frame, coloured by distance: data URIs, and the legend of distances."""
     max_bytes = min(MAX_BYTES, MAX_PICTURE_BYTES // len(views))
 
     def draw(view: _CameraView) -> tuple[str, Legend]:
@@ -181,14 +181,14 @@ def _pictures(views: list[_CameraView]) -> tuple[dict[str, str], dict[str, str]]
 
 
 def _rig_cloud(views: list[_CameraView]) -> Cloud:
-    """Colour the points of the sweep by the camera that sees them, and by the cameras' pictures."""
+    """Colour the points of the sweep by the camera that sees them, and by the cameras' images."""
     shown = next(view for view in views if view.is_of_sweep)
     points = shown.observations.clouds[0].points
     is_seen = np.zeros(len(points), np.bool_)
     found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {BY_CAMERA: [], BY_PICTURE: []}
-    # Where views overlap, the first camera has the points: its colours are put on last.
+    # Where views overlap, points belong to the first camera: its colours are set last.
     for view in reversed(views):
-        # Each camera sees the sweep at the moment of its own picture.
+        # Each camera sees the sweep at the moment of its own image.
         own = view.observations.clouds[0].points if view.is_of_sweep else points
         seen = points_in_image(own, view.T_camera_lidar, view.observations.camera)
         is_seen[seen.indices[~seen.is_hidden]] = True

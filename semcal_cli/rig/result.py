@@ -1,4 +1,4 @@
-"""The result of a rig's calibration, read again: the rig_calibration.yaml and the calibrations beside it."""
+"""Reading of a rig's result: the rig_calibration.yaml and the calibrations next to it."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class CameraResult(StrictModel):
     """Result of one camera in the document of a rig's calibration."""
 
     status: Literal["failed", "trusted", "not_trusted", "not_assessed"]
-    """Status of its calibration, or `failed` without one."""
+    """Status of its calibration; `failed` without one."""
     reasons: list[str]
     """Findings of its calibration, or the error."""
     calibration: FileName | None = None
-    """File of its calibration, relative to the document; nothing if it failed."""
+    """File of its calibration, relative to the document; absent if it failed."""
     T_camera_lidar: StatedTransform | None = None
-    """Its transform; nothing if it failed."""
+    """Its transform; absent if it failed."""
 
 
 class RigResult(StrictModel):
@@ -42,17 +42,17 @@ class RigResult(StrictModel):
     reasons: list[str]
     """Findings and errors of all cameras."""
     notes: list[str]
-    """Sentences that change no verdict."""
+    """Sentences that do not affect the verdict."""
     cameras: dict[str, CameraResult]
     """Result of each camera."""
     pairs: list[dict[str, Any]]
-    """Transforms between two cameras each; they are computed again where they are needed."""
+    """Transform between each two cameras; it is recomputed where it is needed."""
     num_sweeps: int
     """Number of different clouds that were read."""
     input: dict[str, Any]
-    """The rig.yaml, and the hashes of what was read."""
+    """The rig.yaml, and the hashes of the files that were read."""
     versions: dict[str, str]
-    """Versions of semcal and of what it is built on."""
+    """Versions of semcal and of its dependencies."""
 
 
 class RigFiles(NamedTuple):
@@ -60,9 +60,9 @@ class RigFiles(NamedTuple):
 
     found: RigCalibration
     drives: dict[str, Drive]
-    """Drive of each camera, as its result sees it."""
+    """Drive of each camera, with the camera and clock of its result."""
     read: list[Path]
-    """All files of both, the document of the result last."""
+    """All files of the rig and of its result, with the document of the result last."""
 
 
 def read_rig_files(rig_file: Path, result: Path, max_points: int = MAX_POINTS) -> RigFiles:
@@ -74,7 +74,7 @@ def read_rig_files(rig_file: Path, result: Path, max_points: int = MAX_POINTS) -
         max_points: Points of the largest sweep that is read.
 
     Raises:
-        InputError: a file is missing or wrong, or the result is of another rig.
+        InputError: a file is missing or wrong, or the result is from another rig.
     """
     rig, file = read_rig(rig_file), result / f"{RESULT}.yaml" if is_folder(result) else result
     drives = rig.read_drives(max_points)
@@ -95,7 +95,7 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
         path: File of the result.
 
     Raises:
-        InputError: a file is missing or wrong, is of other cameras, or the files do not belong together.
+        InputError: a file is missing, wrong or for other cameras, or the files do not belong together.
     """
     document = read_document(path)
     if KEY not in document:
@@ -116,5 +116,7 @@ def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibr
         file = path.parent / camera.calibration
         cameras[name] = read_calibration(file)
         if cameras[name].rows_camera_lidar != camera.T_camera_lidar:
-            raise InputError(f"{file}: found another T_camera_lidar than in {path}, needed files of one run")
+            raise InputError(
+                f"{file}: found a T_camera_lidar that differs from that in {path}, needed files of one run"
+            )
     return combine(rig, drives, cameras, failures, result.num_sweeps)
