@@ -96,7 +96,7 @@ def test_most_of_many_bad_drives_are_counted(tmp_path: Path, capsys: pytest.Capt
     ("count", "change", "expected"),
     [
         (1, {}, None),
-        (2, {}, "note             2 of 2 drives can be used, needed 3 to see how much they scatter"),
+        (2, {}, "note             2 of 2 drives can be used, needed 3 to show their scatter"),
         (
             3,
             {"camera": "two"},

@@ -79,7 +79,7 @@ def test_the_exit_codes(tmp_path: Path) -> None:
         ),
         ({"covariance": np.zeros((6, 6)).tolist()}, "line 2: covariance: found standard errors of 0 to"),
         ({"covariance": None}, None),
-        ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found nothing"),
+        ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found none"),
         ({"camera": ""}, "line 2: camera: found '', needed text that matches \\S"),
         ({"extra": 1}, "line 2: unknown key 'extra'"),
         ({"drive": "a\x00b"}, "line 2: drive: found"),

@@ -214,7 +214,7 @@ IDENTITY = np.eye(4).tolist()
     ("changes", "complaint"),
     [
         ({"cameras": {"front": "camera_0"}}, "cameras: found a mapping of 1, needed at least 2"),
-        ({"cameras": {"front": "camera_0", "a/b": "camera_1"}}, "needed a name of letters"),
+        ({"cameras": {"front": "camera_0", "a/b": "camera_1"}}, "needed a camera name of letters"),
         (
             {"cameras": {"front": "camera_0", "Front": "camera_1"}},
             "needed names that differ in more than case",
@@ -226,7 +226,7 @@ IDENTITY = np.eye(4).tolist()
         ({"cameras": {"a": "camera_0", "b": "none"}}, "none: no such file"),
         ({"camera": {}}, "unknown key 'camera'; the nearest known key is 'cameras'"),
         ({"T_camera_camera": {"camera_0": {"left": IDENTITY}}}, "found camera 'left', needed one of"),
-        ({"T_camera_camera": {"camera_0": {"camera_0": IDENTITY}}}, "found 'camera_0' beside itself"),
+        ({"T_camera_camera": {"camera_0": {"camera_0": IDENTITY}}}, "found 'camera_0' under itself"),
         (
             {"T_camera_camera": {"camera_0": {"camera_1": IDENTITY}, "camera_1": {"camera_0": IDENTITY}}},
             "in both directions, needed one of them",
@@ -236,7 +236,7 @@ IDENTITY = np.eye(4).tolist()
             "T_camera_camera.camera_0.camera_1",
         ),
         ({"semcal_rig": 2}, "semcal_rig: found 2"),
-        ({"cameras": {"a": "camera_0", "Rig_Calibration": "camera_1"}}, "needed a name other than"),
+        ({"cameras": {"a": "camera_0", "Rig_Calibration": "camera_1"}}, "needed a name that differs from"),
     ],
 )
 def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def conclude(
         )
     if num_used < MIN_DRIVES:
         reasons.append(
-            f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to see how much they scatter"
+            f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to show their scatter"
         )
     elif num_used < MIN_USED * num_all:
         reasons.append(f"{num_used:,} of {num_all:,} drives can be used, needed {MIN_USED:.0%}")
