@@ -274,7 +274,9 @@ def test_drives_of_another_lidar_are_no_rig(rig: Path, tmp_path: Path) -> None:
     path = copied(rig, tmp_path, dict(zip(NAMES, NAMES, strict=True)))
     drive = tmp_path / "camera_1/drive.yaml"
     drive.write_text(drive.read_text().replace("channels: 32", "channels: 64"))
-    complaint = "cameras: found different `lidar` blocks in the drives of 'camera_0' and 'camera_1', needed the same LiDAR"
+    complaint = (
+        "found different `lidar` blocks in the drives of 'camera_0' and 'camera_1', needed the same LiDAR"
+    )
     with pytest.raises(InputError, match=complaint):
         read_rig(path).read_drives()
 
