@@ -328,7 +328,7 @@ def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> No
         (".laz", 227 + 54 + 12, b"\1\0\0\0", "promises 1 chunks of 1 points of 2 items in "),
         (".laz", 227 + 54 + 32, b"\0\0", "promises 1 chunks of 50000 points of 0 items in "),
         (".laz", -8, b"\xff" * 4, "promises "),
-        (".laz", 0, b"PLAS", "is not a readable LAS file: it does not begin with LASF"),
+        (".laz", 0, b"PLAS", "is not a readable LAS file: it has no LAS header"),
     ],
 )
 def test_a_las_that_promises_too_much_is_refused_at_once(

@@ -26,8 +26,8 @@ Zoom: TypeAlias = Literal["exact", "paper"]
 LABELS: tuple[CueName, ...] = ("labels",)
 AUTO: tuple[CueName, ...] = ("auto",)
 MAX_FRAMES = 70
-"""Maximum number of frames used of a longer drive. More hardly improve an answer, because the errors of the labels'
-borders then dominate."""
+"""Maximum number of frames used of a longer drive. More frames hardly improve an answer, because the errors of
+the labels' borders then dominate."""
 MAX_PIXELS = 100_000_000
 """Maximum number of pixels of an image."""
 MAX_POINTS = 10_000_000

@@ -41,7 +41,7 @@ MIN_CHUNK_POINTS = 100
 """Minimum number of points in a chunk; with smaller chunks, the table is larger than the data."""
 
 Key: TypeAlias = tuple[Hashable, Hashable]
-"""What a sweep is kept under: its points and its labels."""
+"""Key of a kept sweep: its points and its labels."""
 Source = TypeVar("Source")
 
 FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label"}
@@ -92,7 +92,7 @@ class Sweeps:
     def taken(
         self, keys: Sequence[Key], sources: Sequence[Source], read: Callable[[list[Source]], Sequence[Cloud]]
     ) -> list[Cloud]:
-        """Give the sweep of each key: that which is kept, or else what is read of its source."""
+        """Give the sweep of each key, either kept or read from its source."""
         missing = {key: source for key, source in zip(keys, sources, strict=True) if key not in self._clouds}
         self._clouds.update(zip(missing, read(list(missing.values())), strict=True))
         return [self._clouds[key] for key in keys]
@@ -155,7 +155,7 @@ def _check_header(path: Path, file: BinaryIO, max_points: int) -> None:
 
     start, size = file.read(START.size), size_of(file)
     if len(start) < START.size or not start.startswith(b"LASF"):
-        raise InputError(f"{path}: is not a readable LAS file: it does not begin with LASF")
+        raise InputError(f"{path}: is not a readable LAS file: it has no LAS header")
     header_bytes, offset, num_vlrs = START.unpack(start)
     if offset > size or header_bytes + num_vlrs * VLR_BYTES > offset:
         raise InputError(

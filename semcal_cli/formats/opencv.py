@@ -142,7 +142,7 @@ def _mei(storage: Node) -> Intrinsics:
 
 def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
     def model_of(distortion: Node, count: int) -> str:
-        """Derive the camera model from the number of coefficients; four are also those of cv2.fisheye."""
+        """Derive the camera model from the number of coefficients; cv2.fisheye also has four."""
         if model is not None:
             return model
         if "fisheye_model" in storage.mapping:
