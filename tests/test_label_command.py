@@ -11,7 +11,16 @@ import onnx
 import pytest
 import yaml
 from click.testing import CliRunner, Result
-from networks import POINT_CARD, card, color_network, constant_network, range_network, save, street_network
+from networks import (
+    POINT_CARD,
+    STREET_COLORS,
+    card,
+    color_network,
+    constant_network,
+    range_network,
+    save,
+    street_network,
+)
 from onnx import TensorProto, helper
 
 from semcal_cli import _core
@@ -90,6 +99,39 @@ def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_pa
     (plain / "drive.yaml").write_text(yaml.safe_dump(document))
     found = run(*arguments, "-o", tmp_path / "some")
     assert "found labels of another model, drive or settings" in str(found.exception)
+
+
+@pytest.mark.parametrize("is_renamed", [False, True])
+def test_a_second_network_tells_how_far_both_agree(plain: Path, tmp_path: Path, is_renamed: bool) -> None:
+    """The second takes roads for green and the other way round; by other names, that is the same answer."""
+    (tmp_path / "b").mkdir()
+    nets = street_network(tmp_path), tmp_path / "b/net.onnx"
+    color_network(nets[1], stride=2, colors=STREET_COLORS[[0, 2, 1, 3]])
+    names = ["Himmel", "gruen", "Strasse", "braun"] if is_renamed else ["sky", "road", "green", "brown"]
+    card(tmp_path / "b", classes=names, licence="of nobody")
+    out = tmp_path / "out"
+    models = [word for net in nets for word in ("--image-model", net)]
+    found = run("label", plain, *models, "-o", out)
+    assert found.exit_code == 0, found.output
+    assert "licence of net.onnx: of nobody" in found.output
+    drives = [read_drive(out / name) for name in ("drive.yaml", "drive_2.yaml")]
+    assert drives[0].networks is not None
+    assert drives[0].networks.second is not None
+    share = drives[0].networks.second.disagreement
+    assert drives[1].networks is not None
+    assert drives[1].networks.image is not None
+    assert drives[1].networks.image.licence == "of nobody"
+    first, second = (
+        np.stack([cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted((out / name).glob("*.png"))])
+        for name in ("image_labels", "image_labels_2")
+    )
+    assert share == pytest.approx(0.0 if is_renamed else (first != second).mean(), abs=0.01)
+    assert 0.2 < (first != second).mean() < 0.8
+    line = f"a second network, in drive_2.yaml, differs in {share:.1%} of the pixels"
+    assert line in found.output
+    assert line in run("inspect", out).output
+    assert "networks" in run("inspect", out, "--json").output
+    assert "found 3, needed at most 2" in run("label", plain, *models, *models[:2], "-o", out).output
 
 
 def test_a_picture_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: Path, tmp_path: Path) -> None:

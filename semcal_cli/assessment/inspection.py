@@ -108,6 +108,8 @@ class DriveReport:
     """Fastest turn at the images, in degrees a second; None without poses or a twist."""
     suspicions: tuple[str, ...]
     """Findings about the whole drive."""
+    networks: tuple[str, ...] = ()
+    """Sentences about the networks that made the labels, and how far two of them differ."""
     advice: tuple[str, ...] = ()
     """Sentences about what is probably too little for a calibration, and what would help."""
 
@@ -159,6 +161,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
         ),
+        networks=() if drive.networks is None else tuple(drive.networks.describe()),
         advice=(*_advice(len(readable), num_scenes, field_of_view[0]), *motion.advice),
     )
 

@@ -138,6 +138,7 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
         ),
         ("of points", f"{_commonest(of_points)}{none_needed}"),
         ("of pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
+        *(("network", line) for line in report.networks),
         ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
     ]
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Literal
@@ -21,17 +22,16 @@ if TYPE_CHECKING:
     from semcal_cli.labelling.sides import Side
 
 
+MOST_NETWORKS = 2
+"""Most networks that label the same images."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class ImageSettings:
-    """Options about the network that labels pictures."""
+class NetworkSettings:
+    """Options about networks that label pictures."""
 
     section = "Labels of pictures"
     rules = [given("--image-card", "--rectify").requires("--image-model", "--show")]
-    image_model: str | None = option(
-        "Network that labels the pictures: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
-        "a short name, as cityscapes.",
-        metavar="FILE|NAME",
-    )
     image_card: str | None = option(
         "What the network wants and gives: a ready card, as segformer-cityscapes, or a file; FILE.yaml beside "
         "FILE.onnx if not given.",
@@ -47,7 +47,14 @@ class ImageSettings:
     )
 
     def picture_labeller(
-        self, drive: Drive, terminal: Terminal, device: Device = "cpu", num_threads: int | None = None
+        self,
+        drive: Drive,
+        name: str,
+        terminal: Terminal,
+        device: Device = "cpu",
+        num_threads: int | None = None,
+        *,
+        card: str | None = None,
     ) -> PictureLabeller:
         """Open the network, and tell what had to be guessed of it.
 
@@ -59,13 +66,23 @@ class ImageSettings:
         from semcal_cli.labelling.network import open_network
         from semcal_cli.labelling.pictures import PictureLabeller
 
-        assert self.image_model is not None  # where it is asked for
-        path = find_model(self.image_model, self.max_download_mb, terminal.on_event)
-        model = picture_model(open_network(path, device, num_threads), self.image_card)
+        path = find_model(name, self.max_download_mb, terminal.on_event)
+        model = picture_model(open_network(path, device, num_threads), card)
         terminal.print(*(f"guessed: {guess}" for guess in model.guesses))
         if model.licence is not None:
             terminal.print(f"licence of {path.name}: {model.licence}")
         return PictureLabeller(model, drive.camera, is_rectified=self.rectify)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageSettings(NetworkSettings):
+    """Options about the network that labels pictures."""
+
+    image_model: str | None = option(
+        "Network that labels the pictures: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
+        "a short name, as cityscapes.",
+        metavar="FILE|NAME",
+    )
 
 
 def label_on_the_way(
@@ -83,9 +100,9 @@ def label_on_the_way(
 
     start, whole = perf_counter(), read_drive(drive, max_points)
     chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
-    labeller = images.picture_labeller(chosen, terminal)
+    assert images.image_model is not None  # where it is asked for
+    labeller = images.picture_labeller(chosen, images.image_model, terminal, card=images.image_card)
     path = label_beside(chosen, picture_side(labeller), terminal.on_event)
-    assert images.image_model is not None
     did = f"{len(chosen.frames)} pictures by {Path(images.image_model).name}, in {path}"
     terminal.print(f"labels   {perf_counter() - start:6.2f} s   {did}")
     return path
@@ -100,6 +117,12 @@ def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> 
     return is_asked
 
 
+def _check_pair(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(names) > MOST_NETWORKS:
+        raise click.BadParameter(f"found {len(names)}, needed at most {MOST_NETWORKS}.", ctx, param)
+    return names
+
+
 def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
     if path is not None and path.suffix.lower() != ".png":
         raise click.BadParameter(f"found {path}, needed a .png.", ctx, param)
@@ -107,7 +130,22 @@ def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) ->
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabelSettings(ImageSettings, ThreadSettings):
+class PairSettings(NetworkSettings):
+    """Options about one network or two that label images."""
+
+    section = "Labels of pictures"
+    image_model: tuple[str, ...] = option(
+        "Network that labels the images: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
+        "a short name, as cityscapes. A second one, in drive_2.yaml, tells how far to believe the first.",
+        metavar="FILE|NAME",
+        multiple=True,
+        callback=_check_pair,
+        default=(),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelSettings(PairSettings, ThreadSettings):
     """What the options of `label` say."""
 
     rules = [
@@ -177,33 +215,26 @@ def label(settings: LabelSettings) -> None:
 
 def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> None:
     """Label a drive, draw the preview, and say what was done."""
-    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.document import output_drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.networks import LabelNetworks
     from semcal_cli.errors import InputError
     from semcal_cli.labelling.drives import label_drive
-    from semcal_cli.labelling.sides import picture_side
+    from semcal_cli.labelling.pairs import note_second, second_file
 
     drive = read_drive(path, settings.max_points)
     num_frames = len(drive.frames)
     indices = evenly_spaced(range(num_frames), settings.max_frames or num_frames)
-    sides = []
-    if settings.image_model is not None:
-        labeller = settings.picture_labeller(drive, terminal, settings.device, settings.threads)
-        if settings.preview is not None:
-            _preview(drive, labeller, settings.preview, terminal)
-        sides.append(picture_side(labeller, has_probabilities=settings.probabilities))
-    sides += _point_sides(settings)
+    of_points, of_images = _point_sides(settings), _image_sides(drive, settings, terminal)
     if settings.output is None:
         return
-    start = perf_counter()
-    done = label_drive(
-        drive,
-        sides,
-        settings.output,
-        indices=indices,
-        force=settings.force,
-        on_event=terminal.on_event,
-    )
+    start, path = perf_counter(), output_drive_file(settings.output)
+    run = partial(label_drive, drive, indices=indices, force=settings.force, on_event=terminal.on_event)
+    done = run([*of_images[:1], *of_points], path)
+    for side in of_images[1:]:
+        second = run([side, *of_points], second_file(path)).path
+        noted = note_second(path, second)
+        terminal.print(*(line for line in LabelNetworks(second=noted).describe()))
     before = f", {done.num_before:,} label files were there" if done.num_before else ""
     terminal.print(
         f"wrote {done.path}: {done.num_frames:,} frames in {perf_counter() - start:.1f} s{before}",
@@ -211,6 +242,23 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
     )
     if done.failures:
         raise InputError(f"{len(done.failures)} of {len(indices)} frames failed; {done.failures[0]}")
+
+
+def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> list[Side]:
+    """Open the networks of images; the card that is named is that of the first. A preview is of the first, too."""
+    from semcal_cli.labelling.sides import picture_side
+
+    sides: list[Side] = []
+    for name in settings.image_model:
+        card = None if sides else settings.image_card
+        labeller = settings.picture_labeller(
+            drive, name, terminal, settings.device, settings.threads, card=card
+        )
+        if settings.preview is not None and not sides:
+            _preview(drive, labeller, settings.preview, terminal)
+        side = picture_side(labeller, has_probabilities=settings.probabilities)
+        sides.append(replace(side, folder=f"{side.key}_2") if sides else side)
+    return sides
 
 
 def _point_sides(settings: LabelSettings) -> list[Side]:

@@ -6,9 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from semcal_cli.files.validation import StrictModel
-
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
+from semcal_cli.files.validation import FileName, Share, StrictModel
 
 
 class LabelNetwork(StrictModel):
@@ -22,6 +20,15 @@ class LabelNetwork(StrictModel):
     """Licence of its weights, if its card or the list of short names states one."""
 
 
+class SecondLabels(StrictModel):
+    """Label images of a second network, in a drive of their own."""
+
+    drive: FileName
+    """The drive.yaml with them, relative to that with those of the first."""
+    disagreement: Share | None = None
+    """Share of pixels to which the two give different classes; absent if no pixel has a class of both."""
+
+
 class LabelNetworks(StrictModel):
     """Networks that made the labels of each side; a side without one was labelled otherwise."""
 
@@ -29,3 +36,18 @@ class LabelNetworks(StrictModel):
     """The network of the label images."""
     points: LabelNetwork | None = None
     """The network of the labels of points."""
+    second: SecondLabels | None = None
+    """Label images of a second network beside those of the first."""
+
+    def describe(self) -> list[str]:
+        """Name the networks, one a line, and how far two differ."""
+        lines = [
+            f"of {side}: {network.name}{'' if network.licence is None else f', {network.licence}'}"
+            for side, network in (("pixels", self.image), ("points", self.points))
+            if network is not None
+        ]
+        if self.second is not None:
+            share = self.second.disagreement
+            differ = "has no pixel in common" if share is None else f"differs in {share:.1%} of the pixels"
+            lines.append(f"a second network, in {self.second.drive}, {differ}")
+        return lines

@@ -139,7 +139,7 @@ def _text(settings: object) -> str:
 
 def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: bool) -> list[Path]:
     """Make the folder of the labels, check its record, and name the label file of each frame."""
-    folder = root / side.key
+    folder = root / (side.folder or side.key)
     make_folder(folder)
     record, settings = folder / RECORD, dict(side.settings)
     if not by_content:
@@ -199,6 +199,8 @@ def _document(
     for side in sides:
         name = "image" if side.key == "image_labels" else "points"
         networks.pop(name, None)
+        if name == "image":
+            networks.pop("second", None)
         if side.network is not None:
             networks[name] = side.network.model_dump(mode="json", exclude_none=True)
     if networks:

@@ -44,7 +44,7 @@ class Side:
     """Labels of pictures or of points, as files of a drive."""
 
     key: Literal["image_labels", "point_labels"]
-    """Key of a frame's label file, and name of the folder."""
+    """Key of a frame's label file."""
     source: Literal["image", "points"]
     """Key of the file that is labelled."""
     suffix: str
@@ -61,6 +61,8 @@ class Side:
     """Tells whether a label file is there and whole."""
     origin: str | None = None
     """Name and commit of the network on the hub, if it is from there."""
+    folder: str | None = None
+    """Name of the folder of the label files; None for the key."""
     network: LabelNetwork | None = None
     """The network that labels; None where there is none."""
 

@@ -190,8 +190,8 @@ def windows() -> Any:
     return transformers.EomtImageProcessorPil(size=size, do_split_image=True, do_pad=False)
 
 
-OVERLAP = "EoMT, a picture of 16 to 9"
-"""The network whose windows overlap; the other pictures are of 2 to 1."""
+OVERLAP = "EoMT, an image of 16 to 9"
+"""The network whose windows overlap; the others are of 2 to 1."""
 NETWORKS: dict[str, Callable[[], Network]] = {
     "SegFormer": segformer,
     "UperNet": upernet,
@@ -264,7 +264,7 @@ def main(*, width: int = 1024, only: str = "") -> Iterator[str]:
             ),
         )
     yield ""
-    yield f"transformers {transformers.__version__}, a picture {width} pixels wide."
+    yield f"transformers {transformers.__version__}, an image {width} pixels wide."
 
 
 def compared(name: str, make: Callable[[], Network], picture: np.ndarray, folder: Path) -> tuple[str, ...]:
