@@ -33,6 +33,7 @@ NEAR_DEG, NEAR_CM = 0.3, 5.0
 
 NUMBER = r"\d+\.\d+"
 RUNS = {
+    "arrays.py --pairs 2 --width 160 --cue labels --repeats 1": 1,
     "batch.py --drives 1 --bookkeeping 3 --frames 2 --width 160": 5,
     "bootstrap.py --pool POOL --seeds 1 --resamples 2 --pairs 1 --pairs 2 --frames 2 --width 320": 2,
     "cues.py --seeds 1 --frames 2 --width 160": 5,

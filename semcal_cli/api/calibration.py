@@ -42,8 +42,6 @@ class Calibration(document.Calibration):
         """Whether both state the same; where they come from does not count."""
         return isinstance(other, document.Calibration) and self.model_dump() == other.model_dump()
 
-    __hash__ = document.Calibration.__hash__
-
     def overlay(self, image: npt.NDArray[np.uint8], points: npt.ArrayLike) -> npt.NDArray[np.uint8]:
         """Draw points on a darkened image, red near by, blue far away; those that nearer ones hide are left out.
 

@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, one_of
 from semcal_cli.files.arrays import COLORS, POINTS, Array, Form, check_array
 
 POSES = "poses"
@@ -109,11 +109,9 @@ def document_of(given: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
     Raises:
         InputError: an argument is missing, not known or of the wrong form; the message names it.
     """
-    known = {*ArrayInput.__annotations__}
-    for name in given.keys() - known:
-        raise InputError(
-            f"{name}: found an argument that is not known, needed some of: {', '.join(sorted(known))}"
-        )
+    known = list(ArrayInput.__annotations__)
+    for name in given.keys() - set(known):
+        raise InputError(f"{name}: found an argument that is not known, needed {one_of(name, known)}")
     camera, points = given.get("camera"), given.get("points")
     if not isinstance(camera, Camera):
         raise InputError(f"camera: found {type(camera).__name__}, needed semcal.Camera")

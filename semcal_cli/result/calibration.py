@@ -48,9 +48,9 @@ class Projection(NamedTuple):
     """Points on the image of a camera."""
 
     pixels: NDArray[np.float64]
-    """(N, 2), (u, v), an integer is a pixel centre; NaN where the lens does not reach, as behind the camera."""
+    """(N, 2), (u, v), an integer is a pixel centre; NaN where the model of the lens does not hold."""
     is_in_front: NDArray[np.bool_]
-    """(N,) whether the lens reaches the point."""
+    """(N,) whether the point lies before the camera: z > 0 in its frame."""
     is_in_image: NDArray[np.bool_]
     """(N,) whether the point lies on a pixel of the image; nearer points may hide it."""
 
@@ -175,10 +175,11 @@ class Calibration(StrictModel):
         array = np.asarray(points)
         check_array("points", array, POINTS)
         T, camera = self.T_camera_lidar, self.used_camera
-        pixels = core_camera(camera).project(np.ascontiguousarray(array[:, :3] @ T[:3, :3].T + T[:3, 3]))
+        points_camera = np.ascontiguousarray(array[:, :3] @ T[:3, :3].T + T[:3, 3])
+        pixels = core_camera(camera).project(points_camera)
         with np.errstate(invalid="ignore"):  # What is no number is not inside.
             is_inside = (pixels >= -0.5) & (pixels < np.array(camera.size) - 0.5)
-        return Projection(pixels, np.isfinite(pixels[:, 0]), np.asarray(is_inside.all(axis=1)))
+        return Projection(pixels, points_camera[:, 2] > 0.0, np.asarray(is_inside.all(axis=1)))
 
     @property
     def believed_uncertainty(self) -> Uncertainty | None:

@@ -1,0 +1,127 @@
+"""What a program does with a calibration: project, draw, save, show; and many drives in one call."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import semcal_cli as semcal
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.reading import read_clouds, read_frame_image
+from semcal_cli.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def calibration(synthetic: Drive) -> semcal.Calibration:
+    return semcal.calibrate(synthetic)
+
+
+@pytest.fixture(scope="module")
+def points(synthetic: Drive) -> np.ndarray:
+    return read_clouds(synthetic)[0].points
+
+
+@pytest.fixture(scope="module")
+def image(synthetic: Drive) -> np.ndarray:
+    """Red, green, blue."""
+    return np.ascontiguousarray(read_frame_image(synthetic, synthetic.frames[0])[..., ::-1])
+
+
+def test_points_are_projected_as_the_core_does(
+    synthetic: Drive, calibration: semcal.Calibration, points: np.ndarray
+) -> None:
+    found, T = calibration.project(points), calibration.T_camera_lidar
+    assert found.is_in_front.tolist() == ((points @ T[:3, :3].T + T[:3, 3])[:, 2] > 0.0).tolist()
+    seen = _core.project_points(core_camera(synthetic.camera), points, T)
+    assert found.is_in_image.tolist() == np.isfinite(seen.ranges).tolist()
+    np.testing.assert_allclose(found.pixels[found.is_in_image], seen.pixels[found.is_in_image], atol=1e-9)
+    assert np.isnan(found.pixels[~found.is_in_front]).all()
+    with pytest.raises(InputError, match=r"^points: found shape \(3,\), needed \(N, 3\) or \(N, 4\)"):
+        calibration.project([1.0, 2.0, 3.0])
+
+
+def test_points_are_drawn_where_they_are_projected(
+    calibration: semcal.Calibration, points: np.ndarray, image: np.ndarray
+) -> None:
+    before, ahead = image.copy(), calibration.T_lidar_camera @ np.array([0.0, 0.0, 3.0, 1.0])
+    drawn = calibration.overlay(image, ahead[None, :3])
+    assert (image == before).all()
+    ((u, v),) = calibration.project(ahead[None, :3]).pixels.round().astype(int)
+    red, _, blue = drawn[v, u].tolist()
+    assert red > 100 > blue  # near by
+    changed = np.argwhere((drawn != calibration.overlay(image, -1000.0 * ahead[None, :3])).any(axis=2))
+    assert np.abs(changed - (v, u)).max() <= 2
+    assert calibration.overlay(image[..., 0], points).shape == image.shape
+    with pytest.raises(
+        InputError, match=r"^image: found shape \(90, 160, 3\), needed \(180, 320\) or \(180, 320, 3\)"
+    ):
+        calibration.overlay(image[::2, ::2], points)
+
+
+def test_it_is_saved_whole_and_for_other_tools(calibration: semcal.Calibration, tmp_path: Path) -> None:
+    calibration.save(tmp_path / "whole.yaml")
+    again = semcal.read_calibration(tmp_path / "whole.yaml")
+    assert again == calibration
+    assert again.trusted
+    np.testing.assert_array_equal(again.covariance, calibration.uncertainty.covariance)
+    calibration.save(tmp_path / "camchain.yaml", to="kalibr")
+    written = yaml.safe_load((tmp_path / "camchain.yaml").read_text())
+    np.testing.assert_allclose(written["cam0"]["T_cam_lidar"], calibration.T_camera_lidar, atol=1e-9)
+    assert written["cam0"]["resolution"] == [320, 180]
+    with pytest.raises(InputError, match="found format 'no-such-tool', needed one of"):
+        calibration.save(tmp_path / "nothing", to="no-such-tool")
+
+
+def test_a_notebook_shows_the_verdict_the_interval_and_the_image(calibration: semcal.Calibration) -> None:
+    shown = calibration._repr_html_()
+    assert "Trusted:" in shown
+    assert re.search(r"\u00b1 [0-9.]+ mm", shown)
+    assert 'src="data:image/jpeg;base64,' in shown
+    assert "<script" not in shown
+    assert len(shown) < 100_000
+    doubted = calibration.model_copy(update={"status": "not_trusted", "reasons": ("a < b",), "topics": ()})
+    doubted._drive = Path("/nowhere")
+    assert "Not trusted" in doubted._repr_html_()
+    assert "a &lt; b" in doubted._repr_html_()
+    assert "<img" not in doubted._repr_html_()
+
+
+def test_given_poses_are_refined_assessed_and_verified(
+    synthetic: Drive, calibration: semcal.Calibration
+) -> None:
+    T = calibration.T_camera_lidar
+    off = T.copy()
+    off[:3, 3] += 0.05
+    refined = semcal.refine(synthetic, off)
+    assert semcal.compare_poses(refined.T_camera_lidar, T).camera_center_cm < 1.0
+    assessed = semcal.assess(synthetic, T)
+    assert assessed.trusted
+    assert list(assessed.stages) == ["initial", "polished"]
+    np.testing.assert_allclose(np.diag(assessed.covariance), np.diag(calibration.covariance), rtol=0.2)
+    assert semcal.verify(synthetic, T).verdict == "pass"
+    assert (
+        semcal.verify(synthetic, calibration).verdict == "inconclusive"
+    )  # it was calibrated from these sweeps
+
+
+def test_a_batch_yields_an_error_where_a_drive_has_no_answer(synthetic: Drive) -> None:
+    """That drives of a batch are calibrated is shown by docs/python.md, whose session runs."""
+    ((drive, error),) = semcal.batch([synthetic], timeout_s=0.001)
+    assert drive is synthetic
+    assert isinstance(error, semcal.SemcalError)
+    assert str(error) == "timed out after 0.001 s"
+
+
+def test_the_import_is_semcal_cli_beside_a_clone_too(tmp_path: Path) -> None:
+    """A folder of this name is an empty namespace to Python, in which nothing is found."""
+    (tmp_path / "semcal").mkdir()
+    program = "import semcal_cli as semcal; print(semcal.__version__)"
+    for arguments in (["-c", program], ["-m", "semcal_cli", "--version"]):
+        printed = subprocess.check_output([sys.executable, *arguments], cwd=tmp_path, text=True)
+        assert semcal.__version__ in printed
