@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from fleets import SIGMAS, TRUTH, series_of
+from matplotlib.figure import Figure
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
@@ -15,17 +16,17 @@ from semcal_cli.fleet.course import SIZE, TOP, course_of, course_plots, plot_fle
 from semcal_cli.fleet.fleet import Fleet
 from semcal_cli.fleet.members import Member
 from semcal_cli.geometry.twists import local_coordinates, pose_at
-from semcal_cli.report.drawing import BOTTOM, VARIABLES
+from semcal_cli.report.drawing import BOTTOM, POINTS_PER_INCH, VARIABLES, name_places
 
-NARROWEST_LETTER_PX = 5.0
-"""Less than the width of any letter of a date."""
+NARROWEST_LETTER_PX = 6.0
+"""Less than the width of a digit."""
 
 
 def fleet_of(members: list[Member]) -> Fleet:
     return combine_drives(members, Limits())
 
 
-@pytest.mark.parametrize("count", [2, 3, 7, 24, 400])
+@pytest.mark.parametrize("count", [2, 3, 7, 12, 24, 400])
 @pytest.mark.parametrize("name", [None, "{:014d}", "a_name_that_has_no_room_{:d}", "$x^{:d}$ <b>"])
 def test_names_below_a_drawing_do_not_run_together(count: int, name: str | None) -> None:
     """Of dates, of names and of numbers in their place; the first and the last are among them."""
@@ -47,6 +48,20 @@ def test_names_below_a_drawing_do_not_run_together(count: int, name: str | None)
         ends.append((begin, begin + width))
     assert all(end < begin for (_, end), (begin, _) in pairwise(ends))
     assert ends[-1][1] <= SIZE[0]
+
+
+def test_names_of_places_at_any_distance_stay_apart() -> None:
+    """Dates of drives that were made now and then, as wide as they are drawn."""
+    rng, dpi = np.random.default_rng(0), POINTS_PER_INCH
+    for _ in range(30):
+        times = np.sort(rng.uniform(0.0, 10.0, rng.integers(2, 20)))
+        figure = Figure((SIZE[0] / dpi, SIZE[1] / dpi), dpi=dpi)
+        axes = figure.add_axes((0.14, 0.2, 0.82, 0.7))
+        axes.set_xlim(times[0] - 0.1, times[-1] + 0.1)
+        name_places(axes, times, [f"2023-11-{day:02d}" for day in range(len(times))])
+        figure.draw_without_rendering()
+        extents = [label.get_window_extent() for label in axes.get_xticklabels()]
+        assert all(right.x0 - left.x1 > 3.0 for left, right in pairwise(extents))
 
 
 def test_drives_that_agree_much_better_than_they_have_to_are_not_flattened() -> None:

@@ -36,7 +36,7 @@ def by_cues(made: Path, folder: Path, *cues: CueName) -> Path:
         (("edges",), "edge"),
         (("segments", "edges"), "edge"),
         (("edges", "intensity"), "edge"),
-        (("segments", "intensity"), "class"),
+        (("segments", "intensity"), "depth"),
         (("labels", "edges"), "class"),
     ],
 )

@@ -160,6 +160,11 @@ def coloring_of(observations: Observations) -> Literal["class", "edge"]:
     return "edge" if names and names <= {NO_EDGE_NAME, *STEP_COLORS} else "class"
 
 
+def first_coloring(observations: Observations) -> Coloring:
+    """Choose what a page shows first: depth of segments, whose classes, ground and objects, tell nothing of a pose."""
+    return "depth" if observations.has_segments else coloring_of(observations)
+
+
 def is_edge(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
     """Mask (N,) of the points beside which range or intensity steps, by their classes (N,)."""
     return np.asarray((classes != NO_EDGE) & (classes != NO_CLASS))
@@ -208,6 +213,8 @@ def page_colors(observations: Observations, classes: npt.NDArray[np.uint8]) -> P
     coloring, found = coloring_of(observations), PageColors({}, {})
     present = classes[classes != NO_EDGE] if coloring == "edge" else classes
     choices: tuple[Coloring, ...] = (coloring, "depth", "agreement")
+    if observations.has_segments:  # which share of them agrees falls as the pose gets better
+        choices = ("depth", coloring)
     for by in choices:
         palette = palette_of(observations, by)
         legend = palette.legend(present if by == coloring else None)

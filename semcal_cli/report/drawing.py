@@ -55,8 +55,10 @@ LEFT, RIGHT, TOP, BOTTOM = 46.0, 16.0, 12.0, 36.0
 """Margins about the lines of a drawing in a page, pixels."""
 LETTER = 6.5
 """Width of a letter, pixels."""
-TIGHT = 0.85
-"""Least distance of two names, as a share of the room that one is thought to need."""
+NUM_MEASURED = 16
+"""Number of names that are measured."""
+APART = 8.0
+"""Least room between names, pixels."""
 
 
 def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None], top: float = TOP) -> Markup:
@@ -147,7 +149,7 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
     """Name as many places (N,) along the horizontal axis as have room, the first and the last among them."""
     scale = POINTS_PER_INCH / axes.figure.dpi
     middles = scale * axes.transData.transform(np.column_stack([places, places]))[:, 0]
-    room = LETTER * (max(map(len, names)) + 1)
+    room = _widest(axes, places, names) + APART
     # The last name ends at its place where it would be cut.
     is_shifted = middles[-1] + room / 2.0 > scale * axes.figure.bbox.width
     middles[-1] -= room / 2.0 * is_shifted
@@ -156,7 +158,7 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
     for i in np.abs(middles[None] - wanted[1:, None]).argmin(axis=1).tolist():
         if names[i] == names[chosen[-1]]:
             continue
-        if middles[i] - middles[chosen[-1]] < TIGHT * room:
+        if middles[i] - middles[chosen[-1]] < room:
             if i != last or len(chosen) == 1:
                 continue
             chosen.pop()  # for the last name there is room
@@ -165,6 +167,17 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
     texts = axes.set_xticklabels([names[i] for i in chosen], parse_math=False)
     if is_shifted and chosen[-1] == last:
         texts[-1].set_horizontalalignment("right")
+
+
+def _widest(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str]) -> float:
+    """Measure the widest of names as they stand below the horizontal axis, pixels; the longest ones are measured."""
+    axes.set_xticks(places[:1])  # another place would widen the axis
+    (text,) = axes.set_xticklabels([""], parse_math=False)
+    scale, widths = POINTS_PER_INCH / axes.figure.dpi, []
+    for name in sorted(set(names), key=len)[-NUM_MEASURED:]:
+        text.set_text(name)
+        widths.append(scale * text.get_window_extent().width)
+    return max(widths)
 
 
 def short_names(names: Sequence[str], longest: int = 14) -> list[str]:

@@ -18,7 +18,7 @@ from semcal_cli.errors import listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.report.colors import coloring_of
+from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, cues_applied, seen_as
 from semcal_cli.result.calibration import Calibration
@@ -74,7 +74,7 @@ class ReportInput:
             self.drive.model_copy(update={"frames": frames}),
             self.observations.of_frames(indices),
             poses | {self.name: self.T_camera_lidar},
-            coloring_of(self.observations),
+            first_coloring(self.observations),
             others,
         )
 

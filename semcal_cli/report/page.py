@@ -23,7 +23,7 @@ from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
-from semcal_cli.report.colors import Coloring, coloring_of
+from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.figures import class_agreements, curve_plots, frames_plots, information_curves
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import T_notation, files, notations
@@ -175,7 +175,8 @@ def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialP
     poses = {initial_pose.name: initial_pose.T_camera_lidar, FOUND: found.T_camera_lidar}
     of_estimate = few.drive.model_copy(update={"time_offset_s": found.time_offset_s})
     others = {FOUND: seen_as(few.first_cue, few.drive, of_estimate)}
-    by: Coloring = "edge" if coloring_of(few.first_cue) == "edge" else "agreement"
+    by = first_coloring(few.first_cue)
+    by = "agreement" if by == "class" else by
     return Overlays(few.drive, few.first_cue, poses, by, others)
 
 

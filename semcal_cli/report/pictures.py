@@ -15,7 +15,7 @@ import numpy as np
 import PIL.Image
 import PIL.WebPImagePlugin
 
-from semcal_cli.report.colors import DISAGREES, Coloring, PageColors, coloring_of, page_colors
+from semcal_cli.report.colors import DISAGREES, Coloring, PageColors, coloring_of, first_coloring, page_colors
 from semcal_cli.report.overlay import Image, Overlays, edge_picture, picture_of
 from semcal_cli.report.points import FramePoints, frame_points
 from semcal_cli.threads import thread_pool
@@ -127,7 +127,7 @@ def make_pictures(overlays: Overlays) -> Pictures:
         best=made[best],
         by=overlays.by,
         others=tuple(picture for frame, picture in enumerate(made) if frame != best),
-        worst=_worst(found, made) if coloring_of(observations) == "class" else None,
+        worst=_worst(found, made) if first_coloring(observations) == "class" else None,
         moved_px=moved_px,
         colors=page_colors(observations, shown),
     )
@@ -162,7 +162,7 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
         height=height,
         ground=ground,
         uri=data_uri(image, min(MAX_BYTES, int(share * MAX_PICTURE_BYTES))),
-        agreements=tuple(pose.agreement for pose in points.poses),
+        agreements=tuple(None if observations.has_segments else pose.agreement for pose in points.poses),
         points=points.thinned(most).packed(width, height),
     )
 
