@@ -42,9 +42,9 @@ NOTHING = NOT_DETERMINED.finding(
 )
 TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and what is known do not determine the pose together")
 KNOW_K = "give --intrinsics-sigma, if K is known better than it says"
-"""What to do about an interval that errors of K alone make too wide: more frames do not narrow it."""
+"""Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
 MIN_SCENES = FEW_SCENES.limit()
-"""Least number of scenes whose edges are trusted, and whose labels tell one top."""
+"""Least number of scenes from which edges are trusted, and labels have a single top."""
 
 
 def assess(
@@ -58,11 +58,11 @@ def assess(
 ) -> Stages:
     """Estimate the uncertainty of a polished or fused pose and look for findings.
 
-    Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false. Of several cues,
-    rivals are looked for by all, and the rest is checked by `LoadedDrive.for_checks`.
+    Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false. With several cues,
+    rivals are searched for by all of them, and the other checks use `LoadedDrive.for_checks`.
 
-    A pose whose polish was rejected has no uncertainty, since it is no top, and is checked otherwise. One that was not
-    polished stays as it is.
+    A pose whose polish was rejected is not at a top: it gets no uncertainty, but is checked. A pose that was not
+    polished is returned unchanged.
     """
     if stages.fused is None and stages.polished is None:
         return stages
@@ -98,26 +98,26 @@ def assess(
 
 @dataclass(frozen=True)
 class _Answer:
-    """The pose that is judged, where it comes from, and the intrinsics and the clock that stay as the drive says.
+    """The pose to assess, its origin, and the intrinsics and the clock that stay as the drive states them.
 
     Where these are wrong, they move the pose.
     """
 
     data: LoadedDrive
-    """The drive, as the camera sees it that the pose belongs to."""
+    """The drive, as seen by the camera that the pose belongs to."""
     stages: Stages
     config: PolishConfig
     clock: UnknownClock | None
-    """What the frames tell of the clock at the pose; None without a motion."""
+    """What the frames show of the clock at the pose; None without a motion."""
 
     @property
     def tells_clock(self) -> bool:
-        """Whether a check of the clock means anything: at one steady speed, any offset fits alike."""
+        """Whether a check of the clock is meaningful: at constant speed, any time offset fits equally well."""
         return self.clock is not None and self.clock.is_checked
 
     @property
     def is_clock_estimated(self) -> bool:
-        """Whether an estimate tells how far the clock may be off, or what is left open beside it does."""
+        """Whether a joint estimate, or its open part, covers the error of the clock."""
         joint = self.stages.joint
         if joint is None or joint.clock is None:
             return False
@@ -135,16 +135,16 @@ class _Answer:
 
     @cached_property
     def shift(self) -> Matrix | None:
-        """(6, n) twist of the pose by a unit of each intrinsic; None if it is not known."""
+        """(6, n) twist of the pose per unit of each intrinsic; None if it is unknown."""
         shift = shift_by(self.around)
         return shift if shift is None or self.label_gain is None else self.label_gain @ shift
 
     @property
     def of_stated(self) -> Matrix | None:
-        """(6, 6) covariance of the pose by errors of those intrinsics that no estimate replaces; None if unknown."""
+        """(6, 6) covariance of the pose from errors of the intrinsics that no estimate replaces; None if unknown."""
         camera, joint = self.data.observations.camera, self.stages.joint
         if joint is not None and joint.camera is not None:
-            # An estimate tells how far the intrinsics may be off that it found.
+            # An estimate states the errors of the intrinsics that it found.
             stating = camera.model_copy(update={"intrinsics_sigma": sigma_of(camera)})
             found = {name: intrinsic_value(camera, name) for name in joint.camera.intrinsics}
             camera = with_intrinsics(stating, found)
@@ -152,13 +152,13 @@ class _Answer:
 
     @property
     def of_intrinsics(self) -> Matrix | None:
-        """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if there is none."""
+        """(6, 6) part of the covariance of the pose from errors of the intrinsics; None if there is none."""
         fused = self.stages.fused
         return self.of_stated if fused is None else fused.of_intrinsics
 
     @property
     def of_clock(self) -> Matrix | None:
-        """(6, 6) covariance of the pose by a clock that is not checked; None if that costs nothing."""
+        """(6, 6) covariance of the pose from a clock that is not checked; None if it has no effect."""
         if self.clock is None or self.is_clock_estimated:
             return None
         return self.clock.covariance(self.label_gain)
@@ -179,12 +179,12 @@ class _Answer:
 
 
 def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
-    """Estimate the uncertainty of a top of the mutual information, and check it in every way."""
+    """Estimate the uncertainty of a top of the mutual information, and run all checks."""
     data, T, with_priors = answer.data, answer.stages.T_camera_lidar, answer.stages.fused is not None
     checked, camera = data.for_checks, data.observations.camera
     cost = None if answer.shift is None else intrinsics_cost(answer.shift, camera)
     around = answer.around if checked is data.observations else around_intrinsics(checked, T)
-    # While one check is in Python, the core works for another one.
+    # While one check runs Python code, the core works on another one.
     with thread_pool() as pool:
         of_frames = pool.submit(_compare_frames, answer)
         of_consistency = pool.submit(check_consistency, checked, T, with_clock=answer.tells_clock)
@@ -230,13 +230,13 @@ def _uncertainty(answer: _Answer, *, with_label_bleed: bool) -> Uncertainty | No
 
 
 def _advice(answer: _Answer, found: Uncertainty) -> str | None:
-    """Say what to do about an interval that only what stays open beside the pose makes too wide; None of any other."""
+    """Say what to do where only unknowns besides the pose make an interval too wide; None for other intervals."""
     joint = answer.stages.joint
 
     def is_narrow_without(part: Matrix | None) -> bool:
         if part is None:
             return False
-        # Half widths need the variances alone.
+        # Half widths need only the variances.
         variances = np.maximum(np.diag(found.covariance) - np.diag(part), 0.0)
         freedom = np.array(found.degrees_of_freedom)
         alone = Uncertainty.from_covariance(answer.stages.T_camera_lidar, np.diag(variances), freedom)
@@ -267,7 +267,7 @@ def _compare_frames(answer: _Answer) -> Assessment:
         if num_scenes == 1:
             count, same = (
                 "1 frame",
-                "all show the same scene; whether sweeps and pictures belong together cannot be told",
+                "all show the same scene; whether sweeps and pictures belong together cannot be determined",
             )
         notes.append(
             f"the {observations.num_frames} frames count as {count}, because {same}: add frames from a moving car"
@@ -290,7 +290,8 @@ def _compare_frames(answer: _Answer) -> Assessment:
 def _rivals(
     data: LoadedDrive, T_camera_lidar: Pose, found: Uncertainty | None, *, with_priors: bool
 ) -> tuple[Measured, ...]:
-    """Look for rivals, but for labels of some scenes, which tell one top, and priors, which rule others out."""
+    """Look for rivals, except with labels of several scenes, which have one top, and with priors, which exclude
+    them."""
     observations = data.observations
     if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
         return ()

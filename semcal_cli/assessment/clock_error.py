@@ -1,8 +1,9 @@
-"""What an offset of the camera's clock may cost a pose that takes the clock as the drive states it.
+"""What a time offset may cost a pose that trusts the clock as the drive states it.
 
-A picture that is later than its stamp by `dt` sees what a LiDAR at velocity `v` sees from `v dt` farther on. At one
-velocity all frames are off alike: the camera comes out at another place, and more frames neither show nor reduce that.
-Frames at different velocities contradict one another, and tell `dt` together with the pose.
+An image that is later than its stamp by `dt` is taken from `v dt` farther on, where `v` is the velocity of the LiDAR.
+At constant velocity all frames are off by the same amount: the camera comes out displaced, and more frames neither
+reveal nor reduce that. Frames at different velocities contradict one another, and determine `dt` together with the
+pose.
 """
 
 from __future__ import annotations
@@ -25,32 +26,32 @@ KNOW_MOTION = (
     "give motion.poses of a drive at different speeds, state time_offset_sigma_s if the clock is known better, or "
     "record at lower speed"
 )
-"""What to do about an interval that the clock alone makes too wide: more frames do not narrow it."""
+"""Advice where the clock alone makes an interval too wide, which more frames do not narrow."""
 NUM_FRAMES = 20
-"""Number of frames that are asked for the offset, evenly spread, so that it costs as much of a longer drive."""
+"""Number of evenly spaced frames from which the offset is estimated, so that long drives cost no more."""
 
 
 class UnknownClock(NamedTuple):
-    """How far the clock may be off, and how far the rig moves meanwhile."""
+    """How far the clock may be off, and how far the rig moves in that time."""
 
     offset_s: float
-    """Offset that frames at different velocities tell; 0 where they do not determine it."""
+    """Offset that frames at different velocities determine; 0 where they do not."""
     sigma_s: float
-    """Standard error of that offset, or what is stated of the clock, seconds."""
+    """Standard error of that offset, or the stated standard deviation of the clock, seconds."""
     is_checked: bool
     """Whether the frames determine the offset."""
     is_exact: bool
-    """Whether the drive states that the clock is."""
+    """Whether the drive states that the clock is exact."""
     shifts: Matrix
-    """(6, k) twists of the pose by which each second moves it, of one direction or of several possible ones."""
+    """(6, k) twists of the pose per second of offset, for the direction of motion or for several possible ones."""
     speed_m_s: float
     """Speed that all frames have in common."""
 
     @classmethod
     def of(cls, data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> UnknownClock | None:
-        """Compute it at a pose (4, 4); None if the rig stands or its motion is not stated.
+        """Compute this at a pose (4, 4); None if the rig stands or its motion is not stated.
 
-        Of a speed the direction is not known, so it holds along each one across the LiDAR's z axis.
+        The direction of a speed is unknown, so it counts along both axes across the LiDAR's z axis.
         """
         motion, stated_s = data.drive.motion, data.drive.time_offset_sigma_s
         if motion is None:
@@ -69,9 +70,9 @@ class UnknownClock(NamedTuple):
         return cls(offset_s, sigma_s, told is not None, stated_s == 0.0, shifts, speed_m_s)
 
     def covariance(self, label_gain: Matrix | None = None) -> Matrix | None:
-        """Compute the covariance (6, 6) of a pose by the clock; None if the clock is exact.
+        """Compute the covariance (6, 6) of a pose from errors of the clock; None if the clock is exact.
 
-        It is the second moment about the drive's offset, at which the pose stays.
+        It is the second moment about the drive's own offset, which the pose is based on.
 
         Args:
             label_gain: (6, 6) gain from a twist of the labels' optimum to a twist of the pose; identity if not given.
@@ -83,7 +84,7 @@ class UnknownClock(NamedTuple):
 
 
 def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tuple[float, float] | None:
-    """Estimate the offset that the frames tell, and its standard error; None if they do not determine it."""
+    """Estimate the offset and its standard error from the frames; None if they do not determine it."""
     few, sigma_s = few_frames(data.observations, NUM_FRAMES), data.drive.time_offset_sigma_s
     known = JointlyConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
     fit = Problem(few, Variables((), True), known, polish).fit_determined(T_camera_lidar)
@@ -93,7 +94,7 @@ def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tupl
 
 
 def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
-    """Say that the clock was not checked where the frames do not tell it, or what they tell, and what that may cost."""
+    """Say what the frames show of the clock, or that it was not checked, and what that may cost."""
     motion = data.drive.motion
     if clock is not None and motion is not None:
         if clock.is_exact or (clock.is_checked and abs(clock.offset_s) <= 2.0 * clock.sigma_s):
@@ -102,8 +103,8 @@ def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, 
             offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
             later = "later" if clock.offset_s > 0.0 else "earlier"
             return (
-                f"pictures seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than they are taken to be, which is "
-                "part of the interval: --estimate-delay corrects the pose",
+                f"pictures seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than the drive says, which is part "
+                "of the interval: --estimate-delay corrects the pose",
             )
         is_speed = motion.speed_m_s is not None
         why = "the drive gives no direction of its motion" if is_speed else "its frames move much alike"

@@ -43,10 +43,10 @@ class Comparison:
     error: PoseError
     """Difference of the poses."""
     axes: tuple[Axis, ...]
-    """Difference of each axis: x, y, z of the camera's position, then of its rotation."""
+    """Difference on each axis: x, y, z of the camera centre, then of the rotation."""
 
     def half_width(self, unit: str) -> float | None:
-        """Half width of the 95 % interval of the difference in all, "cm" or "deg"; None if neither is known."""
+        """Half width of the 95 % interval of the total difference, "cm" or "deg"; None if neither is known."""
         axes = [axis for axis in self.axes if axis.unit == unit]
         known = [(axis.half_width_a, axis.half_width_b) for axis in axes]
         if (None, None) in known:
@@ -56,14 +56,14 @@ class Comparison:
         )
 
     def verdict(self, off: float, allowed: float, unit: str) -> Verdict:
-        """Judge the difference in all: one beyond its limit by less than is known of it is undecided."""
+        """Judge the total difference: it is undecided if it is beyond its limit by less than its half width."""
         if off <= allowed:
             return "pass"
         return "fail" if off - (self.half_width(unit) or 0.0) > allowed else "inconclusive"
 
 
 def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:
-    """Say how the cameras of two transforms differ, of which one was estimated; None if nothing is to be said."""
+    """Say how the cameras of two transforms differ if either was estimated; None if there is nothing to say."""
     refined = [
         each.record.camera for each in (a, b) if each.record is not None and each.record.camera is not None
     ]

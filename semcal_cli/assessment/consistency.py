@@ -38,21 +38,21 @@ from semcal_cli.threads import thread_pool
 NUM_FRAMES = 4
 """Number of frames that are checked."""
 MAX_ALIKE = 0.8
-"""Largest share of equal pixels of two label images whose exchange tells anything."""
+"""Largest fraction of equal pixels at which exchanging two label images is informative."""
 MAX_SHARED = 0.4
-"""Largest share of equal ranges in the sweeps of two frames whose exchange tells anything. Frames of synthetic drives
-share at most 0.24; in a real jam, frames 2.4 seconds apart share 0.21 to 0.57."""
+"""Largest fraction of equal ranges in the sweeps of two frames at which exchanging them is informative. Frames of
+synthetic drives share at most 0.24; in a real jam, frames 2.4 seconds apart share 0.21 to 0.57."""
 NO_FIT = "do not fit at all at this pose"
-"""What is said where pixels tell nothing of points."""
+"""Says that pixels carry no information about points."""
 TURN_DEG = 30.0
-"""Step of the azimuths to which the camera is turned."""
+"""Step between the azimuths to which the camera is turned."""
 OTHER_MODEL_EXACT = ExactConfig(batch_size=1024, max_points=50_000)
 OTHER_MODEL_PYRAMID = PyramidConfig(coarsest_block_deg=1.0)
 """Settings of the refinements with other focal lengths and delays."""
 FOCAL_CHANGE = 0.07
-"""Share by which the focal length is made longer and shorter. Labels must agree less well with either."""
+"""Relative change by which the focal length is made longer and shorter. Labels must agree less well with either."""
 CLOCK_DELAYS_S = (-0.05, -0.015, 0.015, 0.05)
-"""Delays of the images that are tried, in seconds."""
+"""Delays of the images to try, in seconds."""
 
 
 def check_consistency(
@@ -63,7 +63,7 @@ def check_consistency(
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) refined pose, metres.
-        with_clock: Whether the frames move so differently that they tell the clock.
+        with_clock: Whether the motions of the frames differ enough to determine the time offset.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
     return (
@@ -79,13 +79,13 @@ class _Fit(NamedTuple):
 
     T_camera_lidar: Pose
     information: float
-    """What points tell of the pixels, less what is due to chance: nats, or AMI."""
+    """Information of points about pixels, corrected for chance: nats, or adjusted MI."""
     agreement: _core.Agreement
     """Agreement of the labels."""
 
 
 def _fit(observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement | None = None) -> _Fit:
-    """Tell how well observations agree at a pose (4, 4), by the agreement there if it is known."""
+    """Measure how well observations agree at a pose (4, 4); the agreement there is reused if given."""
     agreement = agreement or _core.agreement(observations.core, T_camera_lidar)
     information = agreement.mutual_information - agreement.bias
     if observations.has_segments:
@@ -123,14 +123,14 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> Measure
 
 def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
     """Check that clouds agree less well with the label images of other frames."""
-    # Pictures are compared by their likeliest classes, their own as well: shares alone tell less.
+    # All images, the own ones too, are compared by their likeliest classes: probabilities carry less information.
     images, found = [image.without_shares() for image in observations.images], []
     own = _fit(observations.with_images(images), T_camera_lidar).information
     shares = shares_alike(ranges_of([cloud.points for cloud in observations.clouds]))
     for shift in range(1, observations.num_frames):
         others = images[shift:] + images[:shift]
         if np.diag(np.roll(shares, -shift, axis=1)).max() > MAX_SHARED:
-            continue  # Pictures of one scene belong to all its sweeps.
+            continue  # Images of one scene belong to all of its sweeps.
         alike = np.mean([np.mean(a.classes == b.classes) for a, b in zip(images, others, strict=True)])
         if alike <= MAX_ALIKE:
             found.append(_fit(observations.with_images(others), T_camera_lidar).information)
@@ -140,7 +140,9 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
     sentence = f"clouds and pictures {NO_FIT}, and pictures of other frames fit better"
     if own > 0.0:
         as_well, most = told_apart(best / own, WRONG_PAIRING.limit(by), unit="%")
-        sentence = f"pictures of other frames fit the clouds {as_well} as well, needed at most {most}"
+        sentence = (
+            f"pictures of other frames fit the clouds {as_well} as well as their own, needed at most {most}"
+        )
     return [WRONG_PAIRING.measured(_share(best, own), sentence, by)]
 
 
@@ -155,15 +157,17 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
         if turned.information > best and turned.agreement.overlap >= 0.5 * own.agreement.overlap:
             best, best_deg = turned.information, turn_deg
     by, turned_by = compared_by(observations), f"with the camera turned by {best_deg:.0f} degrees"
-    found = f"points and pictures {NO_FIT}" + f", and better {turned_by}" * (best_deg > 0.0)
+    found = f"points and pictures {NO_FIT}" + f", and fit better {turned_by}" * (best_deg > 0.0)
     if own.information > 0.0:
         as_well, most = told_apart(best / own.information, OTHER_AZIMUTH.limit(by), unit="%")
-        found = f"{turned_by} points and pictures fit {as_well} as well, needed at most {most}"
+        found = (
+            f"{turned_by}, points and pictures fit {as_well} as well as at this pose, needed at most {most}"
+        )
     return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 
 
 def _share(other: float, own: float) -> float:
-    """Give what another fit has as a share of the own one, which may be none at all."""
+    """Compute the information of another fit relative to the own one, which may be zero."""
     if own > 0.0:
         return other / own
     return math.inf if other > own else 0.0
@@ -172,7 +176,7 @@ def _share(other: float, own: float) -> float:
 def _wrong_model(observations: Observations, T_camera_lidar: Pose, *, with_clock: bool) -> list[Measured]:
     """Check that labels agree less well after refinements with other focal lengths and other delays of the images.
 
-    All refinements use the same frames and settings. The agreement tells focal lengths apart even with a single frame,
+    All refinements use the same frames and settings. The agreement distinguishes focal lengths even in a single frame,
     although they hardly change its curvature.
     """
     twists = twists_per_s(observations) if with_clock else None

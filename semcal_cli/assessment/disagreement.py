@@ -1,12 +1,12 @@
-"""Frames that disagree about the camera: one that was moved in mid-drive, or frames that each fit their own pose.
+"""Frames that disagree about the camera, because it was moved during the drive or because each fits its own pose.
 
-At the pose that all frames fit best their scores add up to zero; a frame whose camera was elsewhere pulls towards its
-own optimum. A score is measured against the scatter of the squares of its image, as in the stated uncertainty, on
-blocks of pixels: a block feels borders of labels that are about its own size away.
+At the pose that all frames fit best, their scores add up to zero; a frame whose camera was elsewhere pulls towards its
+own optimum. A score is compared with the scatter of the squares of its image, as in the stated uncertainty, on blocks
+of pixels: a block senses label borders up to about its own size away.
 
-Where scores tell that there is not one pose, a change point is looked for along the drive (binary segmentation: Scott
+Where scores show that there is not one pose, a change point is searched for along the drive (binary segmentation: Scott
 and Knott, *A cluster analysis method for grouping means in the analysis of variance*, 1974): both parts are refined and
-polished on their own, and have to lie farther apart than their intervals explain.
+polished on their own, and must be farther apart than their intervals explain.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ Vectors = npt.NDArray[np.float64]
 Matrices = npt.NDArray[np.float64]
 
 FINE_DEG, FINE_PX = 0.3, (2, 4)
-"""Fine blocks on which frames are compared, which feel small offsets: their angle, within these sides in pixels."""
+"""Fine blocks for comparing frames, which sense small offsets: their angle, limited to these sides in pixels."""
 COARSE_DEG = 1.0
-"""Coarse blocks, which feel offsets of several degrees."""
+"""Coarse blocks, which sense offsets of several degrees."""
 MAX_PARTS = 4
 """Largest number of parts of a drive."""
 MAX_POINTS = 300_000
-"""Largest number of points of all frames that are looked at."""
+"""Largest number of points that are used, over all frames."""
 LEAST_SQUARES = 24
-"""Least number of squares beyond one in each frame: fewer do not estimate a covariance of six axes."""
+"""Least number of squares beyond one in each frame: fewer cannot estimate a covariance of six axes."""
 LEAST_RANK = 1e-9
 """Smallest eigenvalue of a correlation matrix of full rank."""
 MAX_STEP_BLOCKS = 1.0
-"""Largest distance of the optimum of all frames, in blocks, at which the curvature here tells where it is. By intensity
-in a real jam, where the curvature nearly vanishes along some axis, it came to 7."""
+"""Largest distance of the optimum of all frames, in blocks, at which the local curvature locates it. By intensity in a
+real jam, where the curvature nearly vanishes along some axis, the distance was 7."""
 SHRINKAGE = 0.5
-"""Share of the mean covariance of all frames in that of a frame, because few squares estimate it roughly."""
+"""Weight of the mean covariance of all frames in that of a frame, which few squares estimate only roughly."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class FrameScores:
     """Score of each frame at one pose, relative to the optimum of all frames on these blocks."""
 
     scores: Vectors
-    """(F, 6) share of each frame in the gradient, less what the optimum of all frames explains, nats."""
+    """(F, 6) contribution of each frame to the gradient, less what the optimum of all frames explains, nats."""
     covariances: Matrices
-    """(F, 6, 6) covariance of the share of each frame in the gradient."""
+    """(F, 6, 6) covariance of the contribution of each frame to the gradient."""
     counts: npt.NDArray[np.integer]
     """(F,) number of squares of each frame's image that have labelled points."""
 
@@ -98,7 +98,7 @@ class FrameScores:
         return float(self.squares.sum())
 
     def outliers(self, alpha: float) -> npt.NDArray[np.bool_]:
-        """Tell which frames (F,) have a score that chance puts as far from zero with less than this probability."""
+        """Find the frames (F,) whose score is farther from zero than chance explains with this probability."""
         # The scatter of few squares is hardly known; that of many is still shrunk to the mean of all frames.
         counts = np.clip(self.counts, 1.0, self.num_squares / len(self.scores)).tolist()
         return self.squares > [hotelling_quantile(alpha, 2.0 * count) for count in counts]
@@ -120,7 +120,7 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
         block_px: Side of a block of the label images, in pixels.
 
     Returns:
-        The scores; None if labels do not determine a pose on these blocks, or one that is far away.
+        The scores; None if labels do not determine a pose on these blocks, or determine one that is far away.
     """
     factor = min(block_px, observations.camera.width, observations.camera.height)
     config = SensitivityConfig(factor=factor, edge_band_px=0, max_points=MAX_POINTS)
@@ -142,7 +142,7 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
 
 
 def _has_full_rank(covariance: Vectors) -> bool:
-    """Whether a covariance (6, 6) has no direction without scatter, but for rounding."""
+    """Whether a covariance (6, 6) has scatter in every direction, apart from rounding."""
     sigmas = np.sqrt(np.diag(covariance))
     if not sigmas.all():
         return False
@@ -199,7 +199,7 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
 
 @dataclass(frozen=True)
 class _Suspicion:
-    """What the scores of frames say against one pose."""
+    """Evidence in the scores of frames against a single pose."""
 
     place: int | None
     """Number of frames before the likeliest change; None if no change explains the scores better than chance."""
@@ -216,12 +216,12 @@ class _Suspicion:
 
     @property
     def is_grave(self) -> bool:
-        """Whether anything speaks against one pose."""
+        """Whether anything speaks against a single pose."""
         return self.place is not None or bool(self.outliers) or not self.scatter <= self.allowed
 
 
 def _compare(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
-    """Compare the frames with one pose; None if their scores tell nothing."""
+    """Compare the frames with one pose; None if they have no scores."""
     count, px_per_deg = (
         observations.num_frames,
         math.radians(core_camera(observations.camera).pixels_per_radian),
@@ -237,11 +237,11 @@ def _compare(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | N
     num_squares = min(scores.num_squares for scores in scored)
     chance = FRAMES_DISAGREE.limit("chance")
     alpha = chance / (len(blocks_px) * count)
-    # Two frames, one at either side of a change, have this many squares.
+    # Two frames, one on either side of a change, have this many squares.
     limit = hotelling_quantile(alpha, 2.0 * num_squares / count)
     splits = max((scores.splits() for scores in scored), key=np.max)
     outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
-    # Limit of Q over its degrees of freedom, which it exceeds by chance alone in this share of the cases.
+    # Limit of Q over its degrees of freedom, which chance alone exceeds in this fraction of cases.
     by_chance = _core.fisher_limit(chance, 6 * (count - 1), num_squares - count)
     return _Suspicion(
         place=int(np.argmax(splits)) + 1 if splits.max() > limit else None,
@@ -265,7 +265,7 @@ def _split(
     found: list[Part] = []
     parts = _two_parts(observations, frames, T_start, place)
     for later, part in zip((1, 0), parts, strict=False):
-        # One part is kept for each of those that follow.
+        # One part is reserved for each of those that follow.
         left, again = num_parts - later - len(found), None
         if left > 1:
             again = _compare(observations.of_frames(part.frames), part.T_camera_lidar)
@@ -339,7 +339,7 @@ def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names
 
 
 def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:
-    """Say how far frames disagree that fit no few poses."""
+    """Say how far frames disagree that a few poses do not explain."""
     found = []
     if suspicion.scatter > suspicion.allowed:
         ratio, most = told_apart(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)

@@ -1,8 +1,8 @@
 """Poses that some frames fit on their own, and the offset of each frame's own pose from the result.
 
-Each frame is refined and polished on its own. One Newton step from the pose of all would be cheaper, but far off: fine
-blocks of pixels do not feel borders that lie farther away than their size. The refinement begins with blocks of several
-degrees only where coarser blocks than those of a near start tell that the frame's own pose is farther away than these.
+Each frame is refined and polished on its own. One Newton step from the pose of all frames would be cheaper but
+inaccurate: fine blocks of pixels do not sense borders that are farther away than their size. The refinement begins with
+blocks of several degrees only where coarse blocks show that the frame's own pose is too far away for a near start.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from semcal_cli.threads import thread_pool
 Vectors = npt.NDArray[np.float64]
 
 FAR_PYRAMID = PyramidConfig(coarsest_block_deg=4.0)
-"""Pyramid of the refinement of frames whose pose may lie several degrees off."""
+"""Refinement pyramid for frames whose pose may be several degrees off."""
 NEAR_PYRAMID = PyramidConfig()
-"""Pyramid of the refinement of a frame whose own pose is near."""
+"""Refinement pyramid for a frame whose own pose is near."""
 FAR_BLOCKS = 0.5
-"""Distance from which a frame's own pose is not near, in blocks twice as wide as the widest of `NEAR_PYRAMID`. On 20
-frames of a clean drive, poses of all frames were 0.2 of these blocks off in the median, as one step of Newton's method
-tells, and 0.4 in nine of ten frames. From starts 0.1 degrees off it was 1.6 in the median, and from starts 0.5 to 3
-degrees off, from where these blocks hardly feel the borders, at least 4 in nine of ten."""
+"""Distance above which a frame's own pose is not near, in blocks twice as wide as the widest of `NEAR_PYRAMID`. On 20
+frames of a clean drive, one Newton step put the pose of all frames 0.2 of these blocks off in the median, and at most
+0.4 in nine of ten frames. From starts 0.1 degrees off it was 1.6 in the median, and from starts 0.5 to 3 degrees off,
+from where these blocks hardly sense the borders, at least 4 in nine of ten."""
 MAX_POINTS = 20_000
-"""Points of a frame, in all directions, that tell whether its own pose is near."""
+"""Number of points of a frame, in all directions, that decide whether its own pose is near."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """Consecutive frames, with the pose that they fit."""
+    """Consecutive frames and the pose that they fit."""
 
     frames: range
     T_camera_lidar: Pose
@@ -65,7 +65,7 @@ def fit_part(
     around = determined_sensitivity(few, T, SensitivityConfig())
     if around is None:
         return None
-    # What the points of a class share moves the poses of all parts alike, and parts are only compared.
+    # Errors that the points of a class share move all parts alike, and parts are only compared with one another.
     noise = around.noise(around.influence)
     return Part(frames, T, Uncertainty.from_covariance(T, *noise))
 
@@ -80,7 +80,7 @@ class FrameOffsets:
     offsets: Vectors
     """(F, 6) offset of each frame's own pose; NaN if the labels of the frame do not determine one."""
     half_widths_95: Vectors
-    """(F, 6) half widths of the 95 % intervals of the offsets, one by one."""
+    """(F, 6) half widths of the 95 % interval of each offset."""
     of_parts: Vectors
     """(F, 6) offset of the pose that the part of each frame fits; zero if all frames fit one pose."""
 
@@ -110,7 +110,7 @@ def frame_offsets(
         starts = [np.array(part.T_camera_lidar) for part in parts for _ in range(part.num_frames)]
 
     def fit(frame: int) -> Part | None:
-        # Segments, whose information has no sharp top, climb the same blocks as in a calibration.
+        # Segments have no sharp top, so they climb the same blocks as in a calibration.
         is_near = not observations.has_segments and _is_near(observations.of_frames([frame]), starts[frame])
         pyramid = NEAR_PYRAMID if is_near else FAR_PYRAMID
         return fit_part(observations, range(frame, frame + 1), starts[frame], pyramid)
@@ -127,7 +127,7 @@ def frame_offsets(
 
 
 def _is_near(observations: Observations, T_start: Pose) -> bool:
-    """Whether Newton's method, on blocks that feel borders farther away, would take only a short step."""
+    """Whether Newton's method, on blocks that sense borders farther away, would take only a short step."""
     factor = 2 * pyramid_factors(observations.camera, NEAR_PYRAMID)[0]
     around = sensitivity(observations, T_start, SensitivityConfig(factor=factor, max_points=MAX_POINTS))
     if around is None or not around.is_determined:

@@ -1,7 +1,8 @@
-"""What points tell of the pixels they land on, by squares of the pictures: of all frames, and of each.
+"""Information of points about the pixels they land on, by squares of the images: over all frames, and for each.
 
-By classes it is their mutual information, nats. By segments it is the adjusted mutual information (AMI): 0 where they
-tell no more than null partitions do, and 1 where they tell every label; see `rust/alignment/adjusted.rs`.
+For classes it is the mutual information, nats. For segments it is the adjusted mutual information (AMI): 0 where they
+carry no more information than null partitions, and 1 where they determine every label; see
+`rust/alignment/adjusted.rs`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from semcal_cli.geometry.poses import Pose
 
 
 def compared_by(observations: Observations) -> str:
-    """Name what points are compared by, as the limits of checks are named: `segments` or `labels`."""
+    """Name what points are compared by, as in the names of limits: `segments` or `labels`."""
     return "segments" if observations.has_segments else "labels"
 
 
@@ -27,7 +28,7 @@ class InformationBySquares:
     """Information of points and pixels at a pose."""
 
     squares: npt.NDArray[np.intp]
-    """(parts, 3) frame, row and column of each square of the pictures."""
+    """(parts, 3) frame, row and column of each square of the images."""
     sums: npt.NDArray[np.float64]
     """(parts,) sum over the visible points of each square."""
     weights: npt.NDArray[np.float64]
@@ -51,7 +52,7 @@ class InformationBySquares:
 
     @property
     def sigma(self) -> float:
-        """Standard error of the mean: squares are independent. Infinite with fewer than two."""
+        """Standard error of the mean over independent squares; infinite with fewer than two."""
         count = len(self.sums)
         if count < 2:
             return float("inf")
@@ -70,7 +71,7 @@ class InformationBySquares:
 
     @property
     def sigma_by_frame(self) -> npt.NDArray[np.float64]:
-        """(F,) standard error of each frame's mean: squares are independent. Infinite with fewer than two."""
+        """(F,) standard error of each frame's mean over independent squares; infinite with fewer than two."""
         weights, counts = (
             np.maximum(self.weight_by_frame, 1.0),
             np.bincount(self.frames, minlength=self.num_frames),
@@ -81,7 +82,7 @@ class InformationBySquares:
 
 
 def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> InformationBySquares:
-    """Measure what points tell of the pixels at a pose (4, 4), in full resolution."""
+    """Measure the information of points about pixels at a pose (4, 4), in full resolution."""
     parts = _core.information(observations.core, T_camera_lidar, EDGE_BAND_PX)
     squares, sums, weights = zip(*parts, strict=True) if parts else ((), (), ())
     places = np.array(squares, np.intp).reshape(-1, 3)
@@ -92,7 +93,7 @@ def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> 
 
 
 def paired_gain(before: InformationBySquares, after: InformationBySquares) -> _core.HeldOutGain:
-    """Compute the gain of the mean from one model of the same frames to another; their squares are paired."""
+    """Compute the gain of the mean from one model to another of the same frames, whose squares are paired."""
     _, places = np.unique(np.vstack([before.squares, after.squares]), axis=0, return_inverse=True)
     influences = np.bincount(places.ravel(), np.concatenate([-before.influence, after.influence]))
     return _core.HeldOutGain.of_parts(
@@ -103,7 +104,7 @@ def paired_gain(before: InformationBySquares, after: InformationBySquares) -> _c
 def information_by_frame(
     joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Mean pointwise information (F,) of the pairs of each frame, by a table for all of them, nats.
+    """Compute the mean pointwise information (F,) of the pairs of each frame from a common table, nats.
 
     Args:
         joints: (F, X, Y) weights of the pairs of each frame.

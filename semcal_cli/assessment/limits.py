@@ -18,12 +18,12 @@ Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
 Unit: TypeAlias = Literal["cm", "deg", "ms"]
 
 VERDICTS: tuple[Verdict, ...] = ("fail", "inconclusive", "pass")
-"""Verdicts, first the one that decides that of several."""
+"""Verdicts, in the order in which they decide a combined one."""
 AXES = ("x", "y", "z")
 IN_ALL = " in all"
-"""Ends the names of the checks of all three axes together."""
+"""Suffix of the names of checks of all three axes together."""
 NUM_POSE = 6
-"""Number of the degrees of freedom of a pose."""
+"""Number of degrees of freedom of a pose."""
 CLOCK = "clock"
 """Name of the check of the camera's clock."""
 UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
@@ -45,11 +45,11 @@ class Check:
     allowed: float
     """Largest offset that is allowed."""
     verdict: Verdict
-    """`fail` if the whole interval lies beyond the limit, `pass` if it lies within, else `inconclusive`."""
+    """`fail` if the whole interval is beyond the limit, `pass` if it is within, else `inconclusive`."""
 
     @property
     def has_estimate(self) -> bool:
-        """Whether the offset is an estimate; that of a clock that is not determined is where it was."""
+        """Whether the offset is an estimate; an undetermined time offset stays at its given value."""
         return self.name != CLOCK or self.half_width is not None
 
 
@@ -59,7 +59,7 @@ def judge(
     half_widths: Sequence[float] | None,
     limits: Limits,
 ) -> tuple[Check, ...]:
-    """Judge the offsets of a transform: one whose 95 % interval lies beyond its limit fails, one within passes.
+    """Judge the offsets of a transform: one whose 95 % interval is beyond its limit fails, one within it passes.
 
     Args:
         center_m: (3,) offset of the camera's position along the axes of the camera.
@@ -68,7 +68,7 @@ def judge(
         limits: Largest offsets that are allowed.
 
     Returns:
-        Checks of the camera's position along each axis and in all, and of its rotation about each axis and in all.
+        Checks of the camera centre along each axis and in total, and of the rotation about each axis and in total.
     """
     widths = None if half_widths is None else np.array(half_widths) * ([100.0] * 3 + [1.0] * 3)
     parts: tuple[tuple[str, Unit, slice, list[float], float], ...] = (
@@ -87,7 +87,7 @@ def judge(
 
 
 def width_in_all(offsets: npt.ArrayLike, half_widths: npt.ArrayLike) -> float:
-    """Half width of an interval along an offset (3,), from those of the axes (3,); of no offset, the widest."""
+    """Compute the half width along an offset (3,) from those of the axes (3,); the widest for a zero offset."""
     offset, widths = np.asarray(offsets), np.asarray(half_widths)
     length = np.linalg.norm(offset)
     along = offset / length if length > 0.0 else np.eye(3)[widths.argmax()]
@@ -95,10 +95,10 @@ def width_in_all(offsets: npt.ArrayLike, half_widths: npt.ArrayLike) -> float:
 
 
 def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> Check:
-    """Judge the offset of the camera's clock, in milliseconds, as `judge` does those of a transform.
+    """Judge the time offset, in milliseconds, as `judge` judges the offsets of a transform.
 
     Args:
-        offset_s: Time by which pictures are later than was taken for right, seconds.
+        offset_s: Time by which images are later than assumed, seconds.
         half_width_s: Half width of its 95 % interval, seconds; None if it is not determined.
         limit_s: Largest offset that is allowed, seconds.
     """
@@ -107,17 +107,17 @@ def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> 
 
 
 def figures(check: Check) -> str:
-    """Tell a check's offset, its interval and its limit in words."""
+    """Put a check's offset, interval and limit into words."""
     if not check.has_estimate:
         return f"not determined, allowed {check.allowed:g} {UNITS[check.unit]}"
     unit = UNITS[check.unit]
-    half = f"{unit}, interval not known" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
+    half = f"{unit}, interval unknown" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
     offset, allowed = told_apart(check.offset, check.allowed, 3)
     return f"{offset} {half}, allowed {allowed}"
 
 
 def offsets_in_all(checks: Sequence[Check]) -> list[str]:
-    """Tell in words how far the camera, its rotation and its clock are off, first what decides the verdict most."""
+    """Say how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
     in_all = [check for check in checks if check.name.endswith(IN_ALL) or check.name == CLOCK]
     in_all.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
     return [
@@ -127,7 +127,7 @@ def offsets_in_all(checks: Sequence[Check]) -> list[str]:
 
 
 def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
-    """Compute the quantile of the squared length of six estimates whose standard errors are estimated each by itself.
+    """Compute the quantile of the squared length of six estimates with individually estimated standard errors.
 
     Args:
         alpha: Probability that chance exceeds the quantile.
@@ -137,15 +137,15 @@ def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
 
 
 def hotelling_quantile(alpha: float, degrees_of_freedom: float) -> float:
-    """Compute the quantile of the squared length of six estimates, by a covariance (6, 6) that is a scatter matrix.
+    """Compute the quantile of the squared length of six estimates under a covariance (6, 6) that is a scatter matrix.
 
     It is that of T squared, p v / (v - p + 1) F(p, v - p + 1) with p = 6 (Hotelling, *The generalization of Student's
     ratio*, 1931).
 
     Args:
         alpha: Probability that chance exceeds the quantile.
-        degrees_of_freedom: Degrees of freedom v of the covariance; with very many, the quantile is chi-square's, and of
-            five or fewer nothing can be told, so that it is infinite.
+        degrees_of_freedom: Degrees of freedom v of the covariance; with very many, the quantile is chi-square's, and
+            with five or fewer it is infinite.
     """
     left = degrees_of_freedom - NUM_POSE + 1
     if left <= 0.0:
