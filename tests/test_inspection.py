@@ -163,12 +163,12 @@ def test_identical_files_are_named(drive: Path) -> None:
         (drive / second[kind]).write_bytes((drive / first[kind]).read_bytes())
     (drive / others[1]["image"]).write_bytes((drive / others[0]["image"]).read_bytes())
     assert find_identical_files(read_drive(drive)) == [
-        "frame 000001 has the same points, labels of points, label images and pictures as frame 000000",
+        "frame 000001 has the same points, point labels, label images and pictures as frame 000000",
         "frame 000003 has the same pictures as frame 000002",
     ]
     with edited(drive) as document:
         document["frames"] = [first] * 70
-    same = "the same points, labels of points, label images and pictures"
+    same = "the same points, point labels, label images and pictures"
     sentence = f"frame points/000000.bin is listed 70 times, with {same}"
     assert find_identical_files(read_drive(drive)) == [sentence]
     assert sentence in looked_at(drive).suspicions

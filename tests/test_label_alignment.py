@@ -81,7 +81,7 @@ def test_labels_where_they_belong_give_no_finding(
     assert findings_among(check_label_alignment(street_drive, good).measured) == ()
 
 
-POINTS = "labels of points{of} fit the clouds better shifted by {by}"
+POINTS = "point labels{of} fit the clouds better shifted by {by}"
 PIXELS = "label images{of} fit their pictures better {by}"
 EVEN = " of frames 000000 and 000002"
 DISPLACED: dict[str, tuple[Callable[[Observations], Observations], str]] = {
@@ -156,7 +156,7 @@ def test_calibrate_and_verify_doubt_and_inspect_suspects(drive: Path, street_tru
         np.roll(np.fromfile(path, "<u4"), 3).tofile(path)
     for path in (drive / "image_labels").iterdir():
         write_image(np.roll(read_image(path)[..., 0], 3, axis=1), path)
-    of_points = "labels of points fit the clouds better shifted by 3 entries"
+    of_points = "point labels fit the clouds better shifted by 3 entries"
     of_pixels = "label images fit their pictures better shifted by 3 pixels left"
     data = load(drive, CalibrationConfig())
     truth = InitialPose(street_truth, "the truth")
@@ -193,5 +193,5 @@ def test_labels_of_a_real_frame_belong_to_its_points_and_pixels(rellis3d: Path) 
     assert findings_among(check_label_alignment(drive, observations).measured) == ()
     (found,) = findings_among(check_label_alignment(drive, with_point_labels_moved(observations, 1)).measured)
     assert found.sentence.startswith(
-        "labels of points fit the clouds better shifted by 1 entry towards the start"
+        "point labels fit the clouds better shifted by 1 entry towards the start"
     )

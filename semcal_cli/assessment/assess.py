@@ -290,8 +290,7 @@ def _compare_frames(answer: _Answer) -> Assessment:
 def _rivals(
     data: LoadedDrive, T_camera_lidar: Pose, found: Uncertainty | None, *, with_priors: bool
 ) -> tuple[Measured, ...]:
-    """Look for rivals, except with labels of several scenes, which have one top, and with priors, which exclude
-    them."""
+    """Look for rivals, except with labels of enough scenes, which have one top, or priors, which exclude them."""
     observations = data.observations
     if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
         return ()

@@ -1,4 +1,4 @@
-"""Inspection of a drive before a calibration: its content, frame by frame, and findings about errors in it."""
+"""Inspection of a drive before a calibration: its content, frame by frame, and what looks wrong with it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from semcal_cli.result.checks import findings_among
 Points = npt.NDArray[np.float32]
 
 MAX_GAP_S = 0.05
-"""Largest time between sweep and image of a frame without a finding; at 10 m/s it is half a metre."""
+"""Largest time between sweep and image without a finding; at 10 m/s it is half a metre."""
 MANY_CLASSES = 64
 """Largest number of classes of a segmentation; more classes are instances or colours."""
 MIN_VIEW_DEG = 1.0
@@ -41,18 +41,18 @@ MIN_VIEW_DEG = 1.0
 MAX_RANGE_M = 1000.0
 """Largest median range of points in the LiDAR's frame."""
 MAX_IGNORED = 0.9
-"""Largest share of points or pixels without information that gives no finding."""
+"""Largest fraction of points or pixels without information that gives no finding."""
 MAX_MOTION_PX = 1.0
 """Largest median displacement of points by uncompensated motion without a finding, in pixels."""
 LABEL = "`semcal label` makes them with a network; without them a calibration needs a start (`--init`)"
-"""What helps a drive that lacks labels of its pictures."""
+"""Advice for a drive without image labels."""
 NUM_PROBED = 4
-"""Number of frames whose images are measured and whose clouds are registered, as they are and mirrored."""
+"""Number of frames whose image sizes are checked and whose clouds are registered, unchanged and mirrored."""
 FEW_FRAMES, USUAL_FRAMES, NARROW_DEG = 4, 20, 50.0
-"""Frames from which on mountings are told apart, frames for the accuracy of docs/benchmarks.md, and the field of view
-across below which a lens needs more of them."""
+"""Number of frames that distinguish mountings, number for the accuracy of docs/benchmarks.md, and horizontal field of
+view below which a lens needs more of them."""
 MIN_MIRROR_MARGIN = 2.0
-"""Standard errors by which mirrored clouds must explain the labels better for a finding."""
+"""Number of standard errors by which mirrored clouds must explain the labels better for a finding."""
 NO_VIEW = "the lens sees next to nothing: K, distortion or parameters are wrong"
 
 
@@ -91,7 +91,7 @@ class DriveReport:
     pattern: str
     """Scan pattern of the LiDAR, as found in the points."""
     elevations_deg: tuple[float, float]
-    """Elevations between which the points lie, without the lowest and the highest 0.2 %."""
+    """Elevations of the points, without the lowest and the highest 0.2 %."""
     azimuths_deg: float
     """Part of a turn that the points fill, in degrees."""
     field_of_view_deg: tuple[float, float]
@@ -111,7 +111,7 @@ class DriveReport:
     networks: tuple[str, ...] = ()
     """Sentences about the networks that made the labels, and how far two of them differ."""
     advice: tuple[str, ...] = ()
-    """Sentences about what is probably too little for a calibration, and what would help."""
+    """Sentences about what is probably insufficient for a calibration, and what would help."""
 
 
 def inspect(drive: Drive) -> DriveReport:
@@ -167,7 +167,7 @@ def inspect(drive: Drive) -> DriveReport:
 
 
 def _advice(num_frames: int, num_scenes: int, across_deg: float) -> tuple[str, ...]:
-    """Say if scenes or lens are probably too little: see docs/benchmarks_stages.md, the initial calibration."""
+    """Say if scenes or field of view are probably too few: see docs/benchmarks_stages.md, the initial calibration."""
     advice, counted = [], f"{num_frames} {'frame' if num_frames == 1 else 'frames'}"
     if num_scenes < min(num_frames, USUAL_FRAMES):
         counted = f"{num_scenes} {'scene' if num_scenes == 1 else 'scenes'}"
@@ -190,7 +190,7 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
     """Report on the files of a frame that can be read, and the errors of the others.
 
     Returns:
-        The report, and the nearest ranges of the sweep, by which frames of one scene are told.
+        The report, and the nearest ranges of the sweep, which identify frames of the same scene.
     """
     frame, alone, errors = drive.frames[index], _with_frames(drive, [index]), list[str]()
     num_points = num_no_returns = points_ignored = pixels_ignored = 0
@@ -225,7 +225,7 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
     gap_s = None
     if frame.points_stamp is not None and frame.image_stamp is not None:
         gap_s = abs(frame.points_stamp - frame.image_stamp)
-        # A motion with a direction moves the points to the picture's moment.
+        # A motion with a direction moves the points to the time of the image.
         if gap_s > MAX_GAP_S and not _has_direction(drive):
             suspicions.append(f"sweep and picture are {gap_s:.3f} s apart")
     report = FrameReport(
@@ -323,7 +323,7 @@ def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -
     found = []
     for side, names in (("points", points), ("pixels", pixels)):
         if names is None:
-            # Segments and edges take the place of labels of points.
+            # Segments and edges replace point labels.
             found += [f"no labels of pixels: {LABEL}"] * (side == "pixels")
         elif len(names) < 2:
             found.append(f"{side} of {' and '.join(names) or 'no class'} only, over all frames")
@@ -333,7 +333,7 @@ def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -
 
 
 def _check_motion(drive: Drive, error_px: float | None, points: Sequence[Points]) -> list[str]:
-    """Check what the motion during a sweep costs, and that a rolling shutter can be compensated."""
+    """Check the effect of motion during a sweep, and that a rolling shutter can be compensated."""
     found, displaces = [], "displaces half of the points by {:.1f} pixels or more"
     if error_px is not None and error_px > MAX_MOTION_PX:
         found.append(f"motion during a sweep {displaces.format(error_px)}")
@@ -355,7 +355,7 @@ def _check_labels(labelled: Drive) -> Sequence[str]:
 
 
 def _loaded(drive: Drive) -> Observations | None:
-    """Load the labels of points and pixels; None if they cannot be read or tell nothing."""
+    """Load the labels of points and pixels; None if they cannot be read or carry no information."""
     try:
         return load_observations(drive)
     except (CalibrationError, InputError):
@@ -363,7 +363,7 @@ def _loaded(drive: Drive) -> Observations | None:
 
 
 def _check_mirroring(few: Observations) -> list[str]:
-    """Register a few frames as they are and with y negated, because a cloud may have been mirrored."""
+    """Register a few frames unchanged and with y negated, because clouds may be mirrored."""
     flip = np.array([1.0, -1.0, 1.0], np.float32)
     mirrored = few.with_clouds(cloud.with_points(cloud.points * flip) for cloud in few.clouds)
     try:

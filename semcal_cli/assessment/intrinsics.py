@@ -1,8 +1,8 @@
-"""What errors of the intrinsics cost the pose, whether the labels speak against them, and whether they are plausible.
+"""Effect of errors of the intrinsics on the pose, evidence of the labels against them, and their plausibility.
 
 A change `dk` of the intrinsics moves the optimum of the pose by `-H_pp^-1 H_pk dk`, where `H_pp` and `H_pk` are blocks
 of the curvature of the mutual information over pose and intrinsics. All frames share the intrinsics, so more frames do
-not reduce what their errors cost.
+not reduce the effect of their errors.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2, edge_band_px=0)
 """The same for edges and intensity, whose levels blocks of four pixels wash out. With these, one good calibration of
 five on a real jam was reported to have wrong intrinsics; with blocks of two pixels, none of nine on three drives."""
 LEAST_FALL = 0.2
-"""Smallest curvature along a change of the intrinsics in pixels, as a share of the median of the pose's six. Along some
-changes the information hardly falls, or even rises, and an undamped step is arbitrarily long."""
+"""Curvature floor along a change of the intrinsics in pixels, relative to the median of the pose's six curvatures.
+Along some changes the information hardly falls, or even rises, and an undamped step would be arbitrarily long."""
 FEW_FRAMES = 4
 """Number of frames, or fewer, with which the limit is twice that of many. The score scatters more widely than
 chi-square with five degrees of freedom: squares of one image depend on one another, so few frames are few independent
 parts (Hotelling), and blocks of pixels leave a bias of fy."""
 SHARED_FRAMES = 24.0
-"""Number of independent frames that infinitely many frames of one drive are worth to the score, because they share
-errors. With what the points of a class share in its place, and with errors that K may have, a limit that none of 72
-good runs exceeds found a focal length that is 1 % off in 0 and 6 % of the runs of 5 and 20 frames, instead of 19 and
-11 %: few classes bound the score."""
+"""Effective number of independent frames in infinitely many frames of one drive, because they share errors. With what
+the points of a class share in its place, and with errors that K may have, a limit that none of 72 good runs exceeds
+found a focal length that is 1 % off in 0 and 6 % of the runs of 5 and 20 frames, instead of 19 and 11 %: few classes
+bound the score."""
 LEAST_PX = 3.0
 """Smallest limit of the movement of the points by freed intrinsics, in pixels, because blocks of pixels leave a bias of
 about one pixel."""
 MAX_DECENTRED = 0.04
-"""Largest distance of the principal point from the middle of the image without a note, as a share of the longer side.
+"""Largest distance of the principal point from the image centre without a note, relative to the longer side.
 Lenses are off by the same length in both directions. Published cameras (KITTI, nuScenes, RELLIS-3D, OpenCalib) are off
 by at most 0.03, and pictures of which a tenth was cut off at one side of the longer sides by 0.05."""
 MAX_ASPECT = 0.02
@@ -59,9 +59,9 @@ def around_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Sensi
 
 
 def shift_by(around: Sensitivity | None) -> Matrix | None:
-    """Compute by how much the optimum of the pose moves for each unit of the variables after it.
+    """Compute how much the optimum of the pose moves per unit of the variables after it.
 
-    Directions in which the mutual information does not fall stay where they are.
+    The pose does not move in directions in which the mutual information does not fall.
 
     Args:
         around: The sensitivity to the pose and n variables, such as intrinsics.
@@ -80,7 +80,7 @@ def shift_by(around: Sensitivity | None) -> Matrix | None:
 
 
 def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
-    """Compute the covariance (6, 6) of the pose by errors of the intrinsics; None if exact or not known.
+    """Compute the covariance (6, 6) of the pose from errors of the intrinsics; None if they are exact or unknown.
 
     Args:
         shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
@@ -94,7 +94,7 @@ def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | N
 
 
 def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
-    """State how far the pose moves by intrinsics that are a little off.
+    """State how far slightly wrong intrinsics move the pose.
 
     Args:
         shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
@@ -110,10 +110,10 @@ def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
 
 
 def implausible_intrinsics(camera: Camera) -> dict[str, str]:
-    """Compare the principal point and the aspect of the focal lengths with what cameras have.
+    """Compare the principal point and the ratio of the focal lengths with those of real cameras.
 
     Returns:
-        A sentence for each intrinsic that is not as cameras are, by its name.
+        A sentence for each implausible intrinsic, by name.
     """
     if camera.model == "equirectangular":
         return {}  # Its principal point may be anywhere in a full turn.
@@ -147,15 +147,15 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
             sentence += f"; {by} that {name} is wrong moves the pose by {moved_cm:.2f} cm and {turned_deg:.3f} degrees"
         notes.append(sentence)
     if cost is None and sigma_of(camera) != IntrinsicsSigma():
-        notes.append("errors of K are not part of the interval: what they cost could not be computed")
+        notes.append("errors of K are not part of the interval: their effect could not be computed")
     return tuple(notes)
 
 
 def wrong_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int) -> tuple[Measured, ...]:
     """Test whether the mutual information rises with fx, fy, cx, cy and k1 free and the pose following them.
 
-    It is Rao's score test, robust to points that depend on one another. Both must be exceeded: what chance does to the
-    score, and what every camera has in pixels.
+    It is Rao's score test, robust to points that depend on one another. Both limits must be exceeded: that of chance
+    for the score, and that of ordinary cameras in pixels.
     """
     if around is None or not around.is_determined:
         return ()

@@ -1,8 +1,8 @@
-"""Estimation of intrinsics and of the offset of the camera's clock together with the pose.
+"""Joint estimation of intrinsics, the time offset and the pose.
 
-The estimate (`semcal_cli.assessment.joint_fit`) is kept if it differs from what the drive says by more than chance, and
-data that it did not use agree better with it. Where intrinsics or clocks look wrong that were not asked for, `advise`
-makes the estimate once, and names the option with the values that it finds.
+The estimate (`semcal_cli.assessment.joint_fit`) is kept if it differs from the drive's values by more than chance and
+held-out data agree better with it. Where intrinsics or clocks look wrong but were not to be estimated, `advise` makes
+the estimate once, and names the option with the values that it finds.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
 MIN_GAIN = 2.0
-"""Gain of held-out data, in its standard errors, above which an estimate is kept."""
+"""Gain of held-out data, in standard errors, above which an estimate is kept."""
 NOT_DETERMINED = "not determined: drive at different speeds, and turn"
-"""What an offset of the clock means that the data do not determine."""
+"""Meaning of a time offset that the data do not determine."""
 DELAY_NOT_DETERMINED = f"the offset of the clocks is {NOT_DETERMINED}"
-"""What is said of an offset of the clock that the data do not determine."""
+"""Note about a time offset that the data do not determine."""
 OF_INTRINSICS = ("focal-length", "intrinsics")
 """Topics of findings that `--refine-intrinsics` is about."""
 OF_CLOCKS = ("clocks",)
@@ -44,19 +44,19 @@ RADIAL = "k1"
 
 @dataclass(frozen=True, kw_only=True)
 class Joint(StageResult):
-    """Estimate of the pose with the intrinsics and the offset of the clock; the pose before it where it is not kept."""
+    """Joint estimate of the pose, intrinsics and time offset; the pose before it where it is not kept."""
 
     observations: Observations
-    """Observations as the camera sees them that the pose belongs to."""
+    """Observations as seen by the camera that the pose belongs to."""
     camera: RefinedCamera | None
     """Estimated intrinsics; None if none were asked for."""
     clock: Clock | None
-    """Estimated offset of the clock; None if it was not asked for."""
+    """Estimated time offset; None if it was not asked for."""
     uncertainty: Uncertainty | None
     """Uncertainty of the pose together with the other variables; None if the estimate is not kept."""
     left_open: Matrix | None
-    """(6, 6) covariance that adds to that of the pose, by what variables may be off that stay as the drive says and are
-    not part of the uncertainty; None if there are none, or if the labels determine no pose."""
+    """(6, 6) covariance to add to that of the pose, from errors of variables that keep the drive's values and are not
+    part of the uncertainty; None if there are none or the labels determine no pose."""
     is_kept: bool
     """Whether the pose belongs to the estimate."""
     notes: tuple[str, ...]
@@ -64,7 +64,7 @@ class Joint(StageResult):
 
     @property
     def advice(self) -> str:
-        """What to do where what stays as the drive says makes the pose uncertain."""
+        """What to do where variables that keep the drive's values make the pose uncertain."""
         more, without = [], []
         if self.camera is not None and not self.is_kept:
             more.append("record objects near and far in all parts of the pictures")
@@ -82,16 +82,16 @@ def fit_jointly(
     polish: PolishConfig,
     time_offset_s: float = 0.0,
 ) -> Joint:
-    """Estimate intrinsics and the offset of the clock together with the pose.
+    """Estimate intrinsics and the time offset together with the pose.
 
-    If the shutter rolls, an estimate that is kept tells other lines, with which all is estimated once more.
+    With a rolling shutter, an estimate that is kept changes the lines of points, and everything is estimated once more.
 
     Args:
         observations: Labelled points and label images of all frames, as the drive's camera sees them.
         T_camera_lidar: (4, 4) pose with that camera, metres.
-        config: What is estimated, and what is known of it.
+        config: What to estimate, and what is known of it beforehand.
         polish: Settings of the polish, by which data are held out.
-        time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
+        time_offset_s: Time by which the observations assume images to be later than their stamps, seconds.
     """
     found = _estimate(observations, T_camera_lidar, config, polish, time_offset_s)
     if not found.is_kept or not can_be_unrolled(observations):
@@ -121,7 +121,7 @@ def _estimate(
         and fit.moved_px <= polish.settled_px
     )
     T, after, uncertainty = T_camera_lidar, observations, None
-    # The joint covariance of an estimate that is kept holds what all intrinsics may be off.
+    # The joint covariance of an estimate that is kept includes errors of all intrinsics.
     staying = asked
     if is_kept:
         T, after, seen = fit.T_camera_lidar, fit.observations, fit.observations
@@ -155,20 +155,20 @@ def _estimate(
 def _left_open(
     fit: Fit, observations: Observations, T: Pose, asked: Variables, config: JointlyConfig
 ) -> Matrix | None:
-    """Compute the covariance (6, 6) of a pose by what variables may be off that stay as the drive says.
+    """Compute the covariance (6, 6) of a pose from errors of variables that keep the drive's values.
 
-    Those that are not determined may be off by what was known of them; the others, of an estimate that is not kept, by
-    their uncertainty and by what was found: the second moment about the drive's value. The two are taken as independent
-    of each other. On twelve development drives each of one frame through a narrow lens, of one frame, and of flat
-    scenes, 76, 100 and 99 % of all values lie within their intervals, and 69, 98 and 98 % with the fit's covariance of
-    both. Intrinsics that are kept are held while the clock moves the pose.
+    Undetermined variables have their prior standard deviation; those of an estimate that is not kept have the second
+    moment about the drive's value, from their uncertainty and the change that was found. The two are taken as
+    independent of each other. On twelve development drives each of one frame through a narrow lens, of one frame, and
+    of flat scenes, 76, 100 and 99 % of all values lie within their intervals, and 69, 98 and 98 % with the fit's
+    covariance of both. Intrinsics that are kept are held while the clock moves the pose.
 
     Args:
         fit: The fit.
         observations: Observations as the pose sees them.
         T: (4, 4) pose, metres.
         asked: Variables that stay.
-        config: What is known of them.
+        config: What is known of them beforehand.
     """
     if not asked.names:
         return None
@@ -188,7 +188,7 @@ def _left_open(
 
 
 def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> _core.HeldOutGain:
-    """Compute what held-out data gain by estimates of the others, with the variables and without them."""
+    """Compute the gain of held-out data from estimates on the other data, with the variables against without them."""
     kept, held_out = split(problem.observations, problem.polish)
     before, part = newton(kept, T, problem.polish).T_camera_lidar, None
     if fit.variables.names:
@@ -290,17 +290,17 @@ def advise(
     with_priors: bool = False,
     time_offset_s: float = 0.0,
 ) -> tuple[Finding, ...]:
-    """Name the options that estimate what looks wrong, with the values that they would give.
+    """Name the options that estimate what looks wrong, with the values that they would find.
 
     Args:
-        findings: All findings; those about other things stay as they are.
+        findings: All findings; those about other topics are returned unchanged.
         observations: Labelled points and label images of all frames.
         T_camera_lidar: (4, 4) polished pose, metres.
         polish: Settings of the polish.
-        done: What was estimated together with the pose already: nothing is estimated then, and its options are not
+        done: What was already estimated together with the pose: then nothing is estimated here, and its options are not
             named again.
         with_priors: Whether the pose was fused with priors, which such an estimate does not take.
-        time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
+        time_offset_s: Time by which the observations assume images to be later than their stamps, seconds.
     """
     done, topics = done or JointlyConfig(), {finding.topic for finding in findings}
     intrinsics: tuple[str, ...] = ()
@@ -343,7 +343,7 @@ def _values(
     try:
         found = fit_jointly(observations, T_camera_lidar, asked, polish, time_offset_s)
     except (SemcalError, ValueError):
-        return None  # An advice must not end the run whose finding it is for.
+        return None  # Advice must not end the run that it is for.
     if not found.is_kept:
         return None
     words, texts = [], [] if found.camera is None else intrinsic_texts(found.camera)

@@ -1,12 +1,12 @@
-"""The fit of the pose, intrinsics and the offset of the clock together, and the covariance of all of them.
+"""The joint fit of pose, intrinsics and time offset, and its covariance.
 
 All are brought to the top of the exact mutual information together (`rust/alignment/joint.rs`), from what the drive
-says. Standard deviations of what was known before keep a variable where it was if the labels do not tell it; it is then
-left out, and told to be not determined.
+says. Prior standard deviations hold a variable that the labels do not constrain; it is then left out, and reported as
+not determined.
 
 The covariance is that of the labels' measurement (`semcal_cli.assessment.sensitivity`) over all variables together;
-what was known before is one more independent measurement, and all frames share errors of their borders. Intrinsics that
-are not determined stay in it: they may be off by what was known of them, and so may the pose.
+priors are further independent measurements, and all frames share errors of label borders. Undetermined intrinsics stay
+in it with their prior errors, which add to those of the pose.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ from semcal_cli.geometry.poses import Pose
 Values = npt.NDArray[np.float64]
 
 BLOCKS_ACROSS = 80
-"""At least this many of the coarsest blocks fit across a picture, where intrinsics are estimated."""
+"""Least number of the coarsest blocks across an image, where intrinsics are estimated."""
 BLOCKS_ACROSS_WITH_DELAY = 20
-"""The same where the offset of the clock is estimated, which moves points farther."""
+"""The same where the time offset is estimated, which moves points farther."""
 FINE_LEVELS = 2
 """Number of the level, with blocks of four pixels, from which on the estimate is climbed twice."""
 LEAST_EVIDENCE = 3e3
 """Nats of a likelihood that a nat of mutual information is worth while the estimate is far off. With right variables it
 is some thousand for each frame."""
 MAX_SIGMA_SHARE = 0.5
-"""Largest standard error of an intrinsic that is determined, as a share of what was known before."""
+"""Largest standard error of a determined intrinsic, relative to its prior standard deviation."""
 MAX_DELAY_SIGMA_S = 0.01
-"""Largest standard error of an offset of the clock that is determined, in seconds."""
+"""Largest standard error of a determined time offset, in seconds."""
 CHANCE = 1e-3
 """Probability, by chance, of an estimate that differs as much from what the drive says, below which it is kept."""
 BORDERS_PX = 0.03
@@ -64,9 +64,9 @@ sees as wrong intrinsics do. On twelve development drives of 20 frames, three le
 and 92 % of the variables of a fisheye and of a 100-degree lens without it, in 92 and 96 % with it, and in all of a
 90-degree lens either way."""
 LEAST_WEIGHT = 1e-12
-"""Smallest information along a direction, as a share of that of a variable alone. Less is rounding."""
+"""Smallest information along a direction, relative to that of a variable alone. Less is rounding."""
 DELAY = "delay"
-"""Name of the offset of the clock among the variables."""
+"""Name of the time offset among the variables."""
 
 
 class Variables(NamedTuple):
@@ -90,11 +90,11 @@ class Variables(NamedTuple):
         return [variable(camera, name) for name in self.intrinsics]
 
     def twists(self, observations: Observations) -> list[Sequence[float]] | None:
-        """List the twist of each frame if the offset of the clock is a variable."""
+        """List the twist of each frame if the time offset is a variable."""
         return twists_per_s(observations) if self.with_delay else None
 
     def sigmas(self, camera: Camera, config: JointlyConfig) -> Values:
-        """Standard deviations by what was known before, of the drive's camera."""
+        """Prior standard deviations of the variables, for the drive's camera."""
 
         def sigma(name: str) -> float:
             # An estimate replaces what a drive states: `camera` is the drive's.
@@ -112,16 +112,16 @@ class Variables(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The top of the mutual information, with less than all variables if it does not tell all of them."""
+    """The top of the mutual information over those variables that it determines."""
 
     variables: Variables
     T_camera_lidar: Pose
     changes: Values
-    """(m,) difference of the variables from what the drive says."""
+    """(m,) difference of the variables from the drive's values."""
     observations: Observations
     """Observations as the estimate sees them."""
     uncertain: Variables
-    """Variables of the covariance, among them those that are not determined."""
+    """Variables of the covariance, including those that are not determined."""
     covariance: Matrix | None
     """(6 + n, 6 + n) covariance of the pose's twist and of these; None where a direction is open."""
     degrees_of_freedom: Values
@@ -134,7 +134,7 @@ class Fit(NamedTuple):
 
     @property
     def sigmas(self) -> Values:
-        """(m,) standard errors of the variables; infinite if they are not known."""
+        """(m,) standard errors of the variables; infinite if unknown."""
         if self.covariance is None:
             return np.full(len(self.changes), math.inf)
         return np.asarray(np.sqrt(np.diag(self.covariance)[self.places]))
@@ -147,7 +147,7 @@ class Fit(NamedTuple):
 
     @property
     def is_beyond_chance(self) -> bool:
-        """Whether the variables differ from what the drive says by more than chance (Wald's test)."""
+        """Whether the variables differ from the drive's values by more than chance (Wald's test)."""
         if self.covariance is None or not self.places:
             return False
         of_variables, count = self.covariance[np.ix_(self.places, self.places)], len(self.changes)
@@ -165,12 +165,12 @@ class Problem:
     asked: Variables
     """Variables that are to be estimated."""
     config: JointlyConfig
-    """What is known of the variables."""
+    """What is known of the variables beforehand."""
     polish: PolishConfig
     """Settings of the polish."""
 
     def fit_determined(self, T: Pose) -> Fit:
-        """Fit all variables that the data determine: each fit leaves out those that the one before did not determine.
+        """Fit all variables that the data determine; each fit leaves out those that the one before did not determine.
 
         Args:
             T: (4, 4) pose with the drive's camera, metres.
@@ -182,24 +182,25 @@ class Problem:
                 return fit
             fit = self._on_determined_blocks(fit)
             if fit.covariance is None and len(variables.names) > 1 and variables.with_delay:
-                # A clock that moves no point, as where the rig stands, tells nothing and leaves the others as they are.
+                # A clock that moves no point, as where the rig stands, carries no information, and does not affect the
+                # others.
                 variables = variables.without([DELAY])
                 continue
             left_open = self._left_open(fit)
             if not left_open:
                 return fit
-            # A clock that is open loosens the others, which the data may determine without it.
+            # An undetermined clock weakens the others, which the data may determine without it.
             variables = variables.without([DELAY] if DELAY in left_open else left_open)
 
     def finish(self, T: Pose, variables: Variables, changes: Values) -> Fit:
-        """Climb the last levels from near the top, and tell how sure its place is.
+        """Climb the last levels from near the top, and compute the covariance there.
 
         Args:
             T: (4, 4) pose near the top, metres.
             variables: Variables that are fitted.
-            changes: (m,) their difference from what the drive says, near the top.
+            changes: (m,) their difference from the drive's values, near the top.
         """
-        # An offset of the clock that may be anything would make the pose as uncertain.
+        # An unbounded time offset would make the pose unboundedly uncertain.
         uncertain = Variables(self.asked.intrinsics, variables.with_delay)
         evidence = self._evidence(seen_by(self.observations, variables, changes), T)
         if evidence is None:
@@ -213,9 +214,9 @@ class Problem:
         return Fit(variables, found.T_camera_lidar, changes, seen, uncertain, *sure, found.moved_px)
 
     def _fit(self, T: Pose, variables: Variables) -> Fit:
-        """Find the top from what the drive says, from coarse blocks to pixels.
+        """Find the top from the drive's values, from coarse blocks to pixels.
 
-        How much what was known before weighs is known only there, and then the last levels are climbed again.
+        The weight of the priors is known only there, so the last levels are then climbed again.
         """
         camera = self.observations.camera
         width = min(camera.width, camera.height * 2)
@@ -241,7 +242,7 @@ class Problem:
         return min(found, key=lambda each: len(self._left_open(each)))
 
     def _left_open(self, fit: Fit) -> list[str]:
-        """List the variables that the data do not determine, beside what was known of the drive's camera."""
+        """List the variables that the data do not determine better than the priors."""
         return [
             name
             for name, sigma, before in zip(
@@ -278,7 +279,7 @@ class Problem:
         around = determined_sensitivity(seen, T, settings)
         if around is None:
             return None
-        # What classes share does not make the climb less steep: it is part of the covariance at its end.
+        # Errors that classes share do not affect the climb; they are part of the final covariance.
         noise, _ = around.noise(around.influence)
         return 6.0 / float(np.trace(noise @ around.curvature))
 
@@ -295,7 +296,7 @@ class Problem:
         of_borders = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)
         labels = measure(around, of_borders)
         information = labels.information + np.diag(np.concatenate([np.zeros(6), known**-2.0]))
-        # Metres, radians and pixels side by side: each variable is scaled before directions are compared.
+        # Metres, radians and pixels are mixed, so each variable is scaled before directions are compared.
         scale = np.sqrt(np.diag(information))
         if not (scale > 0.0).all():
             return nothing
@@ -312,7 +313,7 @@ def _changes(found: _core.JointMaximum, variables: Variables) -> Values:
 
 
 def seen_by(observations: Observations, variables: Variables, changes: Values) -> Observations:
-    """Give the observations as an estimate sees them: by its camera, and later by the offset of the clock."""
+    """Give the observations as an estimate sees them: with its camera, and shifted by its time offset."""
     camera = observations.camera
     values = {
         name: intrinsic_value(camera, name) + change

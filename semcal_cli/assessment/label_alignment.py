@@ -1,4 +1,4 @@
-"""Whether labels belong to what they label: points by their order, label images by their pictures, and both at a pose.
+"""Whether labels belong to what they label: point labels by order, label images by their images, and both at a pose.
 
 From entry to entry of a sweep, labels change where the range steps, and borders of a label image lie on edges of its
 picture. If the two coincide better at another displacement, labels belong to other points or pixels: a converter lost
@@ -11,9 +11,9 @@ squares. If labels fit nothing, blocks gain as often as they lose, and this rati
 most exp(-z^2 / 2) (Efron, *Student's t-test under symmetry conditions*, 1969). Labels that are where they belong
 lose in nearly all blocks.
 
-Labels of points that were made from those of the pictures agree best at the transform that made them, right or wrong,
-so that they tell nothing of the camera. They betray themselves behind things: a point that the camera does not see has
-the class of what hides it. Pixels then tell as much of hidden points as of visible ones, however many labels are wrong.
+Point labels that were made from image labels agree best at the transform that made them, right or wrong, so they carry
+no information about the camera. Hidden points reveal them: a point that the camera does not see has the class of what
+hides it. Pixels then say as much about hidden points as about visible ones, however many labels are wrong.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ Picture = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.float64]
 
 MAX_ENTRIES = 32
-"""Largest displacement of the labels of points that is tried, in entries."""
+"""Largest displacement of point labels that is tried, in entries."""
 NUM_BLOCKS = 128
 """Number of blocks of consecutive entries of a sweep."""
 NUM_PICTURES = 4
-"""Number of frames whose pictures are read first."""
+"""Number of frames whose images are read first."""
 MIN_Z_TO_READ_ON = 1.0
-"""Gain of the fit in standard errors above which the pictures of all frames are read."""
+"""Gain of the fit in standard errors above which the images of all frames are read."""
 MAX_SHIFT_PX = 12
 """Largest displacement of any part of a label image that is tried, in pixels, across as well as down."""
 SCALES = (-0.015, -0.01, -0.005, 0.0, 0.005, 0.01, 0.015)
@@ -66,21 +66,21 @@ ROWS, COLUMNS = 6, 8
 NUM_FRAMES = 5
 """Number of frames whose hidden points are looked at."""
 LEAST_POINTS = 200
-"""Number of hidden points, or fewer, that tell nothing."""
+"""Least number of hidden points that the check needs."""
 LEAST_CLASSES = 2.0
-"""Number of equally frequent classes that hidden points vary like, or fewer, that tell nothing."""
+"""Least effective number of classes of hidden points that the check needs."""
 LEAST_EXPLAINED = 0.1
 """Share of the classes of visible points that counts at least as told: it was 29 to 100 %, also with 30 % wrong labels
 and 1 degree off, and at a pose where pixels tell nothing the ratio is chance."""
 
 
 class LabelAlignment(NamedTuple):
-    """What labels say of the points and pixels that they belong to."""
+    """What labels say about the points and pixels that they belong to."""
 
     measured: tuple[Measured, ...]
     """How much better labels fit where they are displaced."""
     notes: tuple[str, ...] = ()
-    """Sentences about pictures that could not be looked at."""
+    """Sentences about images that could not be read."""
 
 
 def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlignment:
@@ -111,7 +111,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         points = _moved_points(observations)
         better, most = told_apart(points.z, SHIFTED_POINT_LABELS.limit(), 1)
         sentence = (
-            f"labels of points{of(points)} fit the clouds better {_entries_words(*points.move)}, "
+            f"point labels{of(points)} fit the clouds better {_entries_words(*points.move)}, "
             f"by {better} standard errors, needed at most {most}"
         )
         measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
@@ -169,7 +169,7 @@ def _find_displaced(
 
 
 def _moved_points(observations: Observations) -> _Displaced:
-    """Find the number of entries by which labels of points fit better, towards the end of the file if positive."""
+    """Find the number of entries by which point labels fit better, towards the end of the file if positive."""
     clouds = [cloud.core for cloud in observations.clouds]
     steps = _core.steps_at_label_changes(clouds, reach=MAX_ENTRIES, num_blocks=NUM_BLOCKS)
     entries = np.arange(-MAX_ENTRIES, MAX_ENTRIES + 1)
@@ -179,9 +179,9 @@ def _moved_points(observations: Observations) -> _Displaced:
 def _moved_pixels(
     observations: Observations, read_picture: Callable[[int], Picture | None]
 ) -> _Displaced | None:
-    """Find the move at which label images of all or some frames fit their pictures better; None without pictures.
+    """Find the move at which label images of all or some frames fit their images better; None without images.
 
-    A few pictures are read. If they leave a doubt, all are.
+    A few images are read, and all of them if these raise a doubt.
     """
     few = spread(observations.num_frames)
     found = _look(observations, read_picture, few)
@@ -261,7 +261,7 @@ def _move_words(right_px: float, down_px: float, scale: float) -> str:
 
 
 def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measured, ...]:
-    """Check that hidden points have classes of their own, and not those of what hides them.
+    """Check that hidden points have their own classes, and not those of what hides them.
 
     Args:
         observations: Labelled points and label images, of labels alone.
@@ -270,12 +270,12 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
     hidden, visible = _joints(few_frames(observations, NUM_FRAMES), T_camera_lidar)
     if hidden.sum() < LEAST_POINTS or _entropy(hidden.sum(axis=1)) < np.log(LEAST_CLASSES):
         return ()
-    # At a wrong pose pixels tell little of any point, and by chance as much of both.
+    # At a wrong pose, pixels say little about any point, and by chance as much about both kinds.
     share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
     as_much, most = told_apart(share, LEAKED_LABELS.limit(), unit="%")
     found = (
-        f"labels of points seem to be made from those of the pictures, pixels tell {as_much} as much of points that "
-        f"are hidden behind what they show as of visible points, needed at most {most}"
+        f"point labels seem to be made from image labels, pixels say {as_much} as much about points hidden behind what "
+        f"they show as about visible points, needed at most {most}"
     )
     return (LEAKED_LABELS.measured(share, found),)
 
@@ -298,10 +298,10 @@ def _joints(
 
 
 def _share_explained(joint: npt.NDArray[np.float64]) -> float:
-    """Compute the share of the entropy of the points' classes that the pixels tell, from how often both come up."""
+    """Compute the fraction of the entropy of the points' classes that the pixels explain, from joint counts."""
     points_nats, pixels_nats = _entropy(joint.sum(axis=1)), _entropy(joint.sum(axis=0))
     num_points, num_pixels = (np.count_nonzero(joint.any(axis=axis)) for axis in (1, 0))
-    # Miller's correction: chance tells so much of few points.
+    # Miller's correction: the information that chance adds for few points.
     by_chance = (num_points - 1) * (num_pixels - 1) / (2.0 * max(joint.sum(), 1.0))
     return float((points_nats + pixels_nats - _entropy(joint.ravel()) - by_chance) / max(points_nats, 1e-9))
 

@@ -1,6 +1,6 @@
-"""Frames one by one: their names in sentences, files that they share, and whether points and pixels belong together.
+"""Single frames: their names in sentences, files that they share, and whether points and pixels belong together.
 
-They do not where a picture is of another moment, mirrored, or of another camera.
+They do not where an image is from another moment or another camera, or is mirrored.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ from semcal_cli.result.checks import ODD_FRAMES, Measured
 Information = npt.NDArray[np.float64]
 
 MAX_NAMED = 6
-"""Largest number of frames, or of stretches of frames, that a list names."""
+"""Largest number of frames, or runs of frames, that a list names."""
 FILES = {
     "points": "points",
-    "point_labels": "labels of points",
+    "point_labels": "point labels",
     "image_labels": "label images",
     "image": "pictures",
 }
-"""Keys of a frame's files, with what a sentence calls them."""
+"""Keys of a frame's files, with their names in sentences."""
 MIN_PAIRS = 500.0
-"""Least number of pairs of points and pixels of a frame that tell anything."""
+"""Least number of pairs of points and pixels with which a frame is checked."""
 NUM_EXCHANGES = 3
-"""Number of other frames whose pictures are tried."""
+"""Number of other frames whose images are tried."""
 
 
 def frame_names(names: Sequence[str]) -> list[str]:
-    """Name all frames by their point clouds, without folder and suffix where that tells them apart."""
+    """Name all frames by their point clouds, without folder and suffix where that is unique."""
     stems = [PurePosixPath(name).stem for name in names]
     counts = Counter(stems)
     return [stem if counts[stem] == 1 else name for stem, name in zip(stems, names, strict=True)]
 
 
 def frame_name(names: Sequence[str], index: int) -> str:
-    """Name a frame by its point cloud without folder and suffix, if that tells it from all others."""
+    """Name a frame by its point cloud without folder and suffix, if that is unique."""
     return frame_names(names)[index]
 
 
 def frame_list(names: Sequence[str], indices: Sequence[int]) -> str:
-    """List some frames, stretches of consecutive ones by the first and the last: "frames 000002 to 000005 and 000009".
+    """List some frames, with runs of consecutive ones by the first and the last: "frames 000002 to 000005 and 000009".
 
     Args:
         names: Point cloud of each frame of the drive.
@@ -85,8 +85,8 @@ def check_pairs(
 ) -> tuple[Measured, ...]:
     """Check for each frame that its points agree with its own pixels.
 
-    Labels are judged by the classes that go together in all frames. What tells less, segments, edges and intensity, is
-    judged square by square of the pictures, whose scatter says how much of it is chance.
+    Labels are judged by the classes that go together in all frames. Segments, edges and intensity carry less
+    information and are judged by squares of the images, whose scatter shows how much is chance.
 
     Args:
         observations: Labelled points and label images.
@@ -134,7 +134,7 @@ def check_pairs(
 
 
 def _exchanged(observations: Observations, measure: Callable[[Observations], Information]) -> Information:
-    """Largest information of each frame's points with the pixels of some other frames, (F,)."""
+    """Compute the largest information of each frame's points with the pixels of some other frames, (F,)."""
     images, count = observations.images, observations.num_frames
     shifts = np.unique(np.linspace(1, count - 1, NUM_EXCHANGES).round().astype(int))
     scenes, found = observations.scenes, []
@@ -146,7 +146,7 @@ def _exchanged(observations: Observations, measure: Callable[[Observations], Inf
 
 
 def find_identical_files(drive: Drive) -> list[str]:
-    """Name the frames whose points, labels or pictures are the same bytes, in a sentence for each group of frames."""
+    """Name the frames whose points, labels or images are identical, in a sentence for each group of frames."""
     kinds: dict[tuple[int, ...], list[str]] = defaultdict(list)
     for key, kind in FILES.items():
         for group in _identical(drive, key):

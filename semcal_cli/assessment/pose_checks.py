@@ -20,9 +20,9 @@ from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty, normal_half_widths
 
 LEAST_BIAS = 1e-12
-"""Smallest information by chance that another is divided by, nats."""
+"""Lower bound of the information by chance as a divisor, nats."""
 AT_LIMIT = 0.999
-"""Share of the largest allowed distance from which on a camera counts as clamped to it."""
+"""Fraction of the largest allowed distance from which a camera counts as clamped to it."""
 ROUNDING = 1e-9
 """Allowance for rounding, in metres or degrees, because fixed axes have intervals of zero width."""
 
@@ -79,7 +79,7 @@ def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding
 def check_pose(
     T_camera_lidar: Pose, agreement: _core.Agreement, max_baseline_m: float = math.inf
 ) -> tuple[Finding, ...]:
-    """Check that a pose lies at no limit, shows enough points, and explains more than chance.
+    """Check that a pose is not at a limit, shows enough points, and explains more than chance.
 
     Args:
         T_camera_lidar: (4, 4), metres.
@@ -135,7 +135,7 @@ def compare_seeds(
         sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
         findings.append(SEEDS.finding(sentence))
     if uncertainty is not None:
-        # Errors of K, of the clock and of the motion move all of them alike.
+        # Errors of K, of the clock and of the motion move all seeds alike.
         squared = np.square(uncertainty.half_widths) - np.square(uncertainty.half_widths_of_intrinsics)
         squared -= 0.0 if of_motion is None else np.square(normal_half_widths(of_motion))
         limits = np.sqrt(np.maximum(squared, 0.0)) + ROUNDING

@@ -1,4 +1,4 @@
-"""Priors, which are measurements of a camera's pose that are known beforehand, and their fusion with the labels.
+"""Priors, which are measurements of the pose that are known beforehand, and their fusion with the labels.
 
 The labels give a measurement of the pose, whose covariance is the sandwich of `semcal_cli.assessment.uncertainty`. The
 priors give others, and all are weighted by their information (Gauss-Newton). Axes that are known exactly are
@@ -44,7 +44,7 @@ LONGEST_STEP_PX = 2.0
 SETTLED_PX = 0.1
 """Movement of the points below which the rounds end, in pixels, root mean square, as `PolishConfig.settled_px`."""
 LEAST_INFORMATION = 1e-13
-"""Smallest information along a direction, as a share of the best known direction's. Less is rounding."""
+"""Smallest information along a direction, relative to the best known direction. Less is rounding."""
 UNSETTLED = FUSION_NOT_SETTLED.finding(
     f"the pose that labels and what is known determine together had not settled in {MAX_ROUNDS} rounds"
 )
@@ -131,7 +131,7 @@ class Fused(StageResult):
     label_gain: Matrix
     """(6, 6) gain from a twist of the labels' optimum to a twist of the pose."""
     of_intrinsics: Matrix | None
-    """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if they are exact."""
+    """(6, 6) part of the covariance of the pose from errors of the intrinsics; None if they are exact."""
 
 
 def fuse_with_priors(
@@ -258,7 +258,7 @@ def _solve(
 ) -> tuple[Values, Matrix, bool]:
     """Compute the twist to the best pose, its covariance, and whether every direction is determined.
 
-    The pose stays where it is along directions that are not determined.
+    The pose does not move along directions that are not determined.
     """
     is_exact = sigmas <= EXACT
     weight = 1.0 / sigmas[~is_exact] ** 2
@@ -287,7 +287,7 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
     covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(sigmas))
     chi2 = float(off @ np.linalg.solve(covariance, off))
     fewest = float(labels.degrees_of_freedom(alone).min())
-    # With few parts of the images almost any distance may be chance, so it is limited as well.
+    # With few parts of the images, chance explains almost any distance, so the distance is limited as well.
     num_axes = len(sigmas)
     by_chance = _core.fisher_limit(PRIOR.limit("chance"), num_axes, fewest)
     most = num_axes * min(by_chance, PRIOR.limit("one axis") ** 2)

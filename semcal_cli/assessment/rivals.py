@@ -1,7 +1,7 @@
 """Rivals of a pose: other poses near it that the data explain nearly as well, and mountings that look alike.
 
-What edges, segments and intensities tell has many tops, and so has what labels of few frames tell. Around a wrong pose
-they are about as high as its own; around the right one they are not.
+The information of edges, segments and intensities has many tops, and so has that of labels of few frames. Around a
+wrong pose they are about as high as its own; around the right one they are lower.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from semcal_cli.result.checks import CUES_DISAGREE, FEW_SCENES, OTHER_POSE, Meas
 from semcal_cli.result.uncertainty import Uncertainty
 
 NUM_RIVALS, NUM_FRAMES = 16, 5
-"""Number of ascents that look for rivals, and of the frames by which they do."""
+"""Number of ascents that look for rivals, and of the frames that they use."""
 NUM_COMPARED = 6
 """Number of the highest tops that are compared with the pose, by all frames."""
 SPREAD_DEG, SPREAD_M = 3.0, 0.3
@@ -144,7 +144,7 @@ def decide_in_full(
     seed: int,
     on_event: Listener,
 ) -> tuple[Initialization, Refinement]:
-    """Decide by what refines poses between mountings that ground and objects alone cannot tell apart.
+    """Decide between mountings that ground and objects alone cannot distinguish, by the cues that refine poses.
 
     The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
     are ascended and finished are refined in full, and the better one is taken, up to the first that stays unclear.

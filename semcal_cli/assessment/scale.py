@@ -1,6 +1,7 @@
-"""Whether clouds look as if they were in metres: heights of the sensor, of cars and of people, and ranges.
+"""Whether clouds look like metres: heights of the sensor, of cars and of people, and ranges.
 
-The pose's translation has the scale of the clouds, and labels agree as well at any scale. Only known sizes tell.
+The pose's translation has the scale of the clouds, and labels agree equally well at any scale. Only known sizes reveal
+it.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ in Europe (NCD-RisC, *A century of trends in adult human height*, eLife 2016). T
 of 1.51 m here. Those of 42 synthetic drives have 1.52 to 1.72 m, the highest with 16 channels, and their people 1.70 to
 1.81 m."""
 MIN_THINGS = 6
-"""Smallest number of things of a kind whose heights tell anything."""
+"""Least number of things of a kind whose heights count."""
 MIN_POINTS = 25
-"""Smallest number of points of a thing."""
+"""Least number of points of a thing."""
 REACH = 12.0
 """Distance within which things are measured, in heights of the sensor. Beams are dense enough there."""
 CELL = 0.2
@@ -190,7 +191,7 @@ def _height(thing: Points, ground: Points, sensor_m: float) -> float | None:
     heights = thing[:, 2] - np.median(around[:, 2])
     distance_m = float(np.hypot(*middle))
     elevations = np.arctan2(thing[:, 2] - sensor_m, np.hypot(thing[:, 0], thing[:, 1]))
-    # Beams that hit the thing, and the next one above passes over it: half of their distance is missing.
+    # The next beam above the thing misses it, so half of the distance between beams is added.
     num_gaps = int(np.count_nonzero(np.diff(np.sort(elevations)) > math.radians(0.1)))
     gap_m = distance_m * float(np.ptp(elevations)) / max(num_gaps, 1)
     top = float(np.quantile(heights, TOP))

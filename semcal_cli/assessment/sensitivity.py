@@ -1,7 +1,7 @@
-"""What labels measure: the dependence of the mutual information on a pose, and the place of its optimum.
+"""The labels as a measurement: how the mutual information depends on a pose, and where its optimum is.
 
-Parts of the pictures count as the evidence that they are. Directions in which the mutual information does not curve
-carry no information of the labels, so that what is known otherwise decides there.
+Parts of the images are the evidence. Labels carry no information in directions in which the mutual information does not
+curve, so priors decide there.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from semcal_cli.geometry.poses import Pose
 Matrix = npt.NDArray[np.float64]
 
 MOST_LEVERAGE = 0.75
-"""Largest share of the curvature along a direction that counts as one class's, so that the pull of a class counts at
+"""Largest fraction of the curvature along a direction that counts as one class's, so that the pull of a class counts at
 most four times. On 18 drives whose classes' borders are off in all frames alike, 88 to 91 % of the axes were inside
 with three, four or ten times."""
 LEAST_CLASSES = 4.0
@@ -29,11 +29,11 @@ LEAST_CLASSES = 4.0
 With fewer, Student's t makes intervals wide that need not be: on drives whose classes' borders are off in all frames
 alike, 93 and 92 % of the axes lie within the intervals with it (15 drives, 5 and 20 frames), 92 and 87 % with eight."""
 LEAST_BEND = 1e-6
-"""Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
+"""Curvature floor per pixel, relative to the steepest direction. Less is rounding."""
 BLOCKS_PX = (1, 2, 4)
-"""Blocks of the pictures on which a pose may be determined, finest first."""
+"""Blocks of the images on which a pose may be determined, finest first."""
 LEAST_SPREAD = 1e-12
-"""Smallest variance along a direction, as a share of that of a measurement alone. Less is rounding."""
+"""Smallest variance along a direction, relative to that of a measurement alone. Less is rounding."""
 MANY = 1e6
 """Degrees of freedom of what is known exactly."""
 
@@ -42,15 +42,15 @@ class Scatter(NamedTuple):
     """Scatter of the sum of the influences of all parts on m variables, as the data show it."""
 
     squares: Matrix
-    """(squares, m) influence of each square of the pictures, centred and weighted for the sum of their products."""
+    """(squares, m) influence of each square of the images, centred and weighted for the sum of their products."""
     num_alike: npt.NDArray[np.float64]
     """(squares,) number of frames that show the scene of the square."""
     of_squares: Matrix
-    """(m, m) covariance by what differs from square to square."""
+    """(m, m) covariance from what differs from square to square."""
     classes: Matrix
-    """(classes, m) influence of the points of each class on the optimum that the other classes tell."""
+    """(classes, m) influence of the points of each class on the optimum of the other classes."""
     of_classes: Matrix
-    """(m, m) covariance by what the points of a class share in all squares."""
+    """(m, m) covariance from errors that the points of a class share in all squares."""
 
     @property
     def covariance(self) -> Matrix:
@@ -100,9 +100,9 @@ class Sensitivity:
     class_curvatures: Matrix
     """(classes, n, n) share of the points of each class in `curvature`, nats."""
     scores: Matrix
-    """(parts, n) share of each part in the gradient, nats: of the points of one class in a square of a picture."""
+    """(parts, n) contribution to the gradient of each part, the points of one class in a square of an image, nats."""
     squares: npt.NDArray[np.intp]
-    """(parts,) number of the square of each part, over all pictures."""
+    """(parts,) number of the square of each part, over all images."""
     classes: npt.NDArray[np.intp]
     """(parts,) class of the points of each part."""
     motions: Matrix
@@ -112,7 +112,7 @@ class Sensitivity:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the mutual information falls in every direction of the pose, all other variables fixed."""
+        """Whether the mutual information falls in every direction of the pose, with all other variables fixed."""
         scale = 1.0 / np.sqrt(np.diag(self.motions)[:6])
         bends = np.linalg.eigvalsh(self.curvature[:6, :6] * np.outer(scale, scale))
         return bool(bends[0] > 0.0 and len(self.num_alike) > 6 + 1)
@@ -125,13 +125,13 @@ class Sensitivity:
     def scatter(self, influence: Matrix) -> Scatter:
         """Compute the scatter of the sum of `scores @ influence`, where `influence` is (n, m).
 
-        Squares of the pictures are independent, but for what the points of a class share: a network moves the borders
-        of a class in the same way in every frame. The covariance is that of both kinds of clusters (Cameron, Gelbach
-        and Miller, *Robust inference with multiway clustering*, 2011), less what they have in common. Classes are few
-        and unequal, and the optimum yields to the largest, so that each counts by where the optimum would lie without
-        it (the jackknife CV3 of MacKinnon, Nielsen and Webb, *Fast and reliable jackknife and bootstrap methods for
-        cluster-robust inference*, 2023). What is in common may come out below nothing and then counts as nothing, so
-        that the covariance is never smaller than that of squares alone.
+        Squares of the images are independent, except for errors that the points of a class share: a network moves the
+        borders of a class in the same way in every frame. The covariance is that of both kinds of clusters (Cameron,
+        Gelbach and Miller, *Robust inference with multiway clustering*, 2011), less what they have in common. Classes
+        are few and unequal, and the optimum yields to the largest, so that each counts by where the optimum would lie
+        without it (the jackknife CV3 of MacKinnon, Nielsen and Webb, *Fast and reliable jackknife and bootstrap methods
+        for cluster-robust inference*, 2023). What is in common may come out below nothing and then counts as nothing,
+        so that the covariance is never smaller than that of squares alone.
 
         Influences of `k` frames that show one scene are one, repeated: their sum has `k^2` times the variance of one.
         """
@@ -232,8 +232,7 @@ def sensitivity(
         T_camera_lidar: (4, 4), metres.
         config: Settings.
         intrinsics: Variables after the pose, as `_core.maximise` names them.
-        twists_per_s: Twist (6,) of the LiDAR in each of `frame_observations`, if the offset of the clock is a variable,
-            too.
+        twists_per_s: Twist (6,) of the LiDAR in each of `frame_observations`, if the time offset is a variable.
 
     Returns:
         The sensitivity; None if no variable changes the mutual information.
@@ -286,7 +285,7 @@ class Measurement(NamedTuple):
 
     @property
     def _weight(self) -> Matrix:
-        """Inverse (k, k) of the covariance; nothing along directions in which too few parts scatter to tell it."""
+        """Inverse (k, k) of the covariance; zero along directions in which too few parts scatter to estimate it."""
         scale = np.sqrt(np.diag(self.covariance))
         scale = np.where(scale > 0.0, scale, np.inf)
         spreads, directions = np.linalg.eigh(self.covariance / np.outer(scale, scale))
@@ -308,7 +307,7 @@ class Measurement(NamedTuple):
 
 
 def sum_of(*parts: Matrix | None) -> Matrix | None:
-    """Add covariances (n, n) of errors that do not depend on one another; None if there are none."""
+    """Add covariances (n, n) of independent errors; None if there are none."""
     known = [part for part in parts if part is not None]
     return np.asarray(np.sum(known, axis=0)) if known else None
 

@@ -1,4 +1,4 @@
-"""What the stages of one calibration arrived at, and what speaks against the pose of the last one."""
+"""Results of the stages of one calibration, and what speaks against the pose of the last one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Assessment:
     findings: tuple[Finding, ...] = ()
     """Findings of the assessment against the pose."""
     notes: tuple[str, ...] = ()
-    """Sentences that a person should know and that do not speak against the pose."""
+    """Sentences that a person should read and that do not speak against the pose."""
     parts: tuple[DrivePart, ...] = ()
     """Parts of the drive, if its frames fit several poses."""
     measured: tuple[Measured, ...] = ()
@@ -41,7 +41,7 @@ class Assessment:
     is none."""
 
     def with_measured(self, *measured: Measured) -> Assessment:
-        """Add what more checks measured, with their findings."""
+        """Add the measurements of more checks, with their findings."""
         findings = (*self.findings, *findings_among(measured))
         return replace(self, findings=findings, measured=(*self.measured, *measured))
 
@@ -54,7 +54,7 @@ class Stages:
     refined: StageResult | None = None
     polished: Polish | None = None
     joint: Joint | None = None
-    """Estimate of the pose with intrinsics or the offset of the clock."""
+    """Joint estimate of the pose with intrinsics or the time offset."""
     fused: Fused | None = None
     assessment: Assessment | None = None
     repeatability: Repeatability | None = None
@@ -64,7 +64,7 @@ class Stages:
     of_data: tuple[Finding, ...] = ()
     """Findings against the data."""
     notes_on_data: tuple[str, ...] = ()
-    """Sentences on the data that do not speak against the pose."""
+    """Sentences about the data that do not speak against the pose."""
     of_comparison: tuple[Finding, ...] = ()
     """Findings of a comparison of the last pose with something else, such as the poses of other seeds."""
     max_baseline_m: float = math.inf
@@ -81,7 +81,7 @@ class Stages:
         max_baseline_m: float = math.inf,
         of_comparison: tuple[Finding, ...] = (),
     ) -> Stages:
-        """Begin with a refined pose, and check the data that it was found from.
+        """Start from a refined pose, and check the data that it was found from.
 
         Args:
             data: The drive, as `load` returns it.
@@ -141,7 +141,7 @@ class Stages:
         }
 
     def quality(self, num_frames: int) -> Quality:
-        """Tell how well points and pictures agree at the last pose, of a drive of `num_frames` used frames."""
+        """Measure how well points and images agree at the last pose, for `num_frames` used frames."""
         agreement = self.last.agreement
         return Quality(
             mutual_information_nats=agreement.mutual_information,
@@ -155,7 +155,7 @@ class Stages:
 
     @property
     def is_joint(self) -> bool:
-        """Whether the pose belongs to an estimate of the intrinsics or of the clock."""
+        """Whether the pose is that of a joint estimate with intrinsics or the clock."""
         return self.joint is not None and self.joint.is_kept
 
     @property
@@ -166,7 +166,7 @@ class Stages:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All that speaks against the pose of the last stage."""
+        """Everything that speaks against the pose of the last stage."""
         polished, fused, later = self.polished, self.fused, list[StageResult | Assessment | None]()
         if not self.is_joint:
             # If labels alone determine no pose, their polish is not expected to settle.
@@ -189,12 +189,12 @@ class Stages:
 
     @property
     def seen(self) -> Observations | None:
-        """Observations as the camera sees them that the last pose belongs to; None if those of the drive."""
+        """Observations as seen by the camera of the last pose; None if they are those of the drive."""
         return self.joint.observations if self.joint is not None and self.joint.is_kept else self.unrolled
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences that a person should know and that do not speak against the pose."""
+        """Sentences that a person should read and that do not speak against the pose."""
         of_joint = () if self.joint is None else self.joint.notes
         of_assessment = () if self.assessment is None else self.assessment.notes
         return self.notes_on_data + of_joint + of_assessment

@@ -42,7 +42,7 @@ CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 
 
 def undetermined(uncertainty: Uncertainty, advice: str | None = None) -> tuple[Finding, ...]:
-    """Report the directions that the data do not determine well enough, with what to do if it is not more frames."""
+    """Report the directions that the data do not determine well enough, with advice if it is not more frames."""
     center, rotation = wide_directions(uncertainty.half_widths, MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
     found = [f"{name} to {half:.2f} m" for name, half in center]
     found += [f"{name} to {half:.1f} degrees" for name, half in rotation]
@@ -67,13 +67,13 @@ def estimate_uncertainty(
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4), metres.
         edge_band_px: Width of the edge band in the settings of the polish.
-        of_others: (6, 6) covariance of the pose by what stays as the drive says: stated errors of the intrinsics, and
-            what is left open of those and of the clock that were to be estimated.
+        of_others: (6, 6) covariance of the pose from what keeps the drive's values: stated errors of the intrinsics,
+            and errors of intrinsics or the clock that the estimate leaves open.
 
     Returns:
         The uncertainty; None if the labels do not determine the pose.
     """
-    # What has many tops is rough at full resolution, with tops as wide as a pixel.
+    # Cues with many tops are rough at full resolution, where tops are as wide as a pixel.
     measure = sensitivity if observations.starts is None else determined_sensitivity
     around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     if around is None or not around.is_determined:
@@ -84,9 +84,9 @@ def estimate_uncertainty(
 
 
 def with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
-    """Add the covariance (6, 6) of the pose (4, 4) by errors of what stays as the drive says.
+    """Add the covariance (6, 6) of the pose (4, 4) from errors of what keeps the drive's values.
 
-    Directions stay weak that more frames make less so.
+    Weak directions stay those that more frames would improve.
     """
     if of_others is None or not of_others.any():
         return found
