@@ -196,7 +196,7 @@ NAMES: dict[str, Hostile] = {
         rf"list.txt: line 3: caf\\xe9: {ONE_LINE}$",
     ),
     "no pattern": refused(
-        lambda folder: None, ("x**y",), r"x\*\*y: found (no pattern|nothing of this pattern)\b.*$"
+        lambda folder: None, ("x**y",), r"x\*\*y: found (an invalid pattern|no match for this pattern)\b.*$"
     ),
     **{
         f"a drive named {name}": refused(
