@@ -174,3 +174,11 @@ def test_names_may_hold_anything(tmp_path: Path) -> None:
     failed = [case.get("name", "") for case in suite if case.find("failure") is not None]
     assert failed[1:] == ["all together"]
     assert '<b>"&??[31m\n999' in failed[0]
+
+
+def test_a_failed_drive_that_is_given_twice_is_refused(tmp_path: Path) -> None:
+    failed = line(series_of("nothing", 1)[0])
+    failed |= {"status": "failed", "T_camera_lidar": None, "covariance": None, "reasons": ["x"]}
+    batch = str(write_summary(tmp_path / "batch", [failed]))
+    done = CliRunner().invoke(semcal, ["fleet", batch, batch])
+    assert str(done.exception).endswith("found the same failed drive twice, needed each drive once")

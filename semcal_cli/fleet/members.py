@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
@@ -77,9 +78,13 @@ def read_members(paths: Sequence[Path]) -> list[Member]:
     names = Counter(member.drive for _, member in found)
     members: list[Member] = []
     owners: dict[tuple[bytes, bytes], str] = {}
+    places: set[str] = set()
     for result, member in found:
         name = member.drive if names[member.drive] == 1 else str(result)
         members.append(replace(member, drive=name))
+        if (place := os.path.realpath(result)) in places and member.T_camera_lidar is None:
+            raise InputError(f"{name}: found the same failed drive twice, needed each drive once")
+        places.add(place)
         if member.T_camera_lidar is not None and member.covariance is not None:
             # Calibrations of two drives never agree to the last bit: one is a copy of the other, or given twice.
             key = member.T_camera_lidar.tobytes(), member.covariance.tobytes()

@@ -29,6 +29,10 @@ DOUBTED = "{}: the transform is not trusted; its reasons say why"
 """Warning about a transform that is written nevertheless."""
 
 
+class _UnknownFormatError(InputError):
+    """The content of a file is of no known format."""
+
+
 def read_extrinsic(
     path: Path | str,
     name: str | None = None,
@@ -60,6 +64,11 @@ def read_extrinsic(
         T_camera_lidar = format.read(source, options or FormatOptions())
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply, needed a transform") from None
+    except _UnknownFormatError as error:
+        if options is not None and direction_option is None:
+            raise
+        found = str(error).partition(" in a format of --from")[0]
+        raise InputError(f"{found} in a format that `semcal convert --formats` lists") from None
     except InputError as error:
         if options is not None and direction_option is None:
             raise
@@ -100,7 +109,7 @@ def _recognised(source: Source) -> Format:
         raise InputError(
             f"{source.path}: found content of several formats, needed --from with one of: {known}"
         )
-    raise InputError(
+    raise _UnknownFormatError(
         f"{source.path}: found {_content(source)}, needed a transform in a format of --from: {known}"
     )
 

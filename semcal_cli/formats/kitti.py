@@ -14,6 +14,7 @@ import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
+from semcal_cli.files.writing import descriptor
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.node import Node, parse_numbers, rigid
 from semcal_cli.formats.pose import from_line, from_rows, rotation, transform
@@ -127,6 +128,10 @@ def raw_pose(
 def _read_raw(source: Source, options: FormatOptions) -> Pose:
     if options.camera not in (None, *RAW_CAMERAS):
         raise InputError(f"--camera: found {options.camera!r}, needed one of: {', '.join(RAW_CAMERAS)}")
+    if options.camera is not None and descriptor(source.path) is not None:
+        raise InputError(
+            f"{source.path}: found a stream, needed a file with {RAW_CAMERAS_FILE} beside it for --camera"
+        )
     cameras = None if options.camera is None else read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
     return raw_pose(keyed(source.path, source.text), cameras, options.camera, options)
 
