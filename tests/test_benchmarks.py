@@ -46,6 +46,7 @@ RUNS = {
     "point_clouds.py --rounds 1 --columns 32": 2,
     "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges": 12,
     "odometry.py --seeds 1 --points 5000": 7,
+    "odometry_gain.py --only clock --seeds 1 --points 10000 --width 160": 1,
     "odometry_speed.py -o OUT/speed --sweeps 12 --points 5000": 1,
     "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL": 0,
     "report.py --frames 2 --width 320 --runs 1": 1,
