@@ -43,10 +43,12 @@ def write(folder: Path, num_sweeps: int, points: int) -> Path:
 
 
 def row(path: Path, num_sweeps: int) -> tuple[str, ...]:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = seconds_of("import", "bag", path, "-o", path.parent / "drive", "--odometry")
-    peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / 1e6
-    size = f"{path.stat().st_size / 1e9:.2f}"
-    return str(num_sweeps), f"{num_sweeps * SWEEP_S:.0f}", size, f"{seconds:.1f}", f"{peak_mb:.0f}"
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    size, peak_mb = f"{path.stat().st_size / 1e9:.2f}", f"{after.ru_maxrss * 1024 / 1e6:.0f}"
+    return str(num_sweeps), f"{num_sweeps * SWEEP_S:.0f}", size, f"{seconds:.1f}", f"{cpu_s:.1f}", peak_mb
 
 
 def main(*, output: Path, sweeps: tuple[int, ...] = (60, 600), points: int = 120_000) -> Iterator[str]:
@@ -58,7 +60,7 @@ def main(*, output: Path, sweeps: tuple[int, ...] = (60, 600), points: int = 120
             yield row(write(folder, num_sweeps, points), num_sweeps)
             rmtree(folder)
 
-    yield from table("sweeps | recording s | GB | import s | peak MB", rows())
+    yield from table("sweeps | recording s | GB | import s | CPU s | peak MB", rows())
 
 
 if __name__ == "__main__":
