@@ -136,6 +136,20 @@ def test_outermost_centres_agree_where_the_card_says_so(tmp_path: Path) -> None:
     assert np.allclose(found[True], np.arange(9) / 4)
 
 
+def test_scores_may_be_bytes_where_the_card_says_that_they_are_scores(tmp_path: Path) -> None:
+    scores = np.random.default_rng(2).integers(0, 200, (1, 3, 4, 6)).astype(np.uint8)
+    scores[0, 2] += 10
+    constant_network(scores)(tmp_path)
+    camera = PLAIN.model_copy(update={"width": 6, "height": 4})
+    card(tmp_path, size=[6, 4], kind="logits", classes=["a", "b", "c"])
+    assert np.array_equal(
+        labeller(tmp_path / "net.onnx", camera).ids(np.zeros((4, 6, 3), np.uint8)), scores[0].argmax(0)
+    )
+    card(tmp_path, size=[6, 4], classes=["a", "b", "c"])
+    with pytest.raises(InputError, match=r"ids of \(1, 3, 4, 6\), needed rows x columns"):
+        labeller(tmp_path / "net.onnx", camera).ids(np.zeros((4, 6, 3), np.uint8))
+
+
 def test_masks_of_queries_are_joined(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     classes, masks = random.normal(size=(1, 5, 4)), random.normal(size=(1, 5, 6, 7))

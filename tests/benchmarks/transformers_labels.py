@@ -230,7 +230,7 @@ class Outputs(torch.nn.Module):
         return tuple((each - mean) / std for each, (mean, std) in zip(outputs, self.moments, strict=True))
 
 
-def randomise(network: torch.nn.Module) -> None:
+def randomise(network: Any) -> None:
     """Give each layer weights that keep the spread of its input, and each bias some of its own."""
     for name, parameter in network.named_parameters():
         if parameter.ndim > 1:
@@ -240,10 +240,10 @@ def randomise(network: torch.nn.Module) -> None:
     for module in network.modules():
         if isinstance(module, torch.nn.Embedding):
             torch.nn.init.normal_(module.weight, 0.0, SPREAD)
-        if "attn_mask_probs" in module._buffers:
-            # EoMT asks these numbers, 0 at the end of a training, which way to go; an export knows no such question.
-            del module._buffers["attn_mask_probs"]
-            module.attn_mask_probs = [0.0] * len(list(network.parameters()))
+    if hasattr(network, "attn_mask_probs"):
+        # EoMT asks these numbers, 0 at the end of a training, which way to go; an export knows no such question.
+        delattr(network, "attn_mask_probs")
+        network.attn_mask_probs = [0.0] * network.config.num_blocks
     network.eval()
 
 
