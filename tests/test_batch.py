@@ -21,6 +21,7 @@ from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
 from refined import with_camera
 
+import semcal_cli as semcal
 from semcal_cli.batches.folders import MARKER
 from semcal_cli.batches.records import worst
 from semcal_cli.batches.tasks import Task, describe_result, find_drives, folder_of
@@ -304,6 +305,12 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
     assert f"{NUM_DRIVES} of {NUM_DRIVES} drives" in rest
     for name in ("summary.csv", "summary.jsonl"):
         assert (tmp_path / "local" / name).read_bytes() == (tmp_path / "cluster" / name).read_bytes()
+    from distributed import Client
+
+    with Client(address) as client:
+        found = dict(semcal.batch([drives / "000", Path("/nowhere")], client=client))
+    assert isinstance(found[drives / "000"], semcal.Calibration)
+    assert str(found[Path("/nowhere")]).startswith("/nowhere: no such file")
 
 
 def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -82,7 +82,7 @@ def _networks(drive: Drive, keys: Sequence[str]) -> LabelNetworks | None:
     made = drive.networks or LabelNetworks()
     sides = {"image": "image_labels", "points": "point_labels"}
     read = {side: getattr(made, side) for side, key in sides.items() if key in keys}
-    if read["image"] is not None:
+    if read.get("image") is not None:
         read["second"] = made.second
     return LabelNetworks(**read) if any(read.values()) else None
 
