@@ -159,7 +159,7 @@ CAMERA = Camera(model="plumb_bob", width=320, height=180, K=K)
         ({"points": [POINTS.astype(str)]}, "points[0]: found <U32, needed numbers"),
         (
             {"points": [0 * POINTS]},
-            "points[0]: found no point, needed places that are finite and not all zero",
+            "points[0]: found no points, needed coordinates that are finite and not all zero",
         ),
         ({"images": []}, "images: found 0 of them, needed 1, one for each of points"),
         ({"images": [LABELS[1:]]}, "images[0]: found shape (179, 320), needed (180, 320) or (180, 320, 3)"),
