@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.datasets.odometry import NS, SIGMA, covered, displacement, twist_from
+from semcal_cli.datasets.odometry import NS, SIGMA, covered, twist_from
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.motion import read_poses
+from semcal_cli.drive.motion import displacement, read_poses
 from semcal_cli.geometry.poses import Pose
 
 HALF_NS = NS // 5

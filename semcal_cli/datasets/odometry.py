@@ -18,7 +18,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.events import Listener, Progress, ignore
-from semcal_cli.drive.motion import MAX_SWEEP_S
+from semcal_cli.drive.motion import MAX_SWEEP_S, displacement
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.poses import Pose, orthonormal, quaternion_xyzw
@@ -334,15 +334,6 @@ def _continued(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
 def twist_from(start: Pose, end: Pose, seconds: float) -> list[float]:
     """Twist (6,) a second that leads from one pose (4, 4) to another."""
     return _core.Trajectory.through([0.0, seconds], [orthonormal(start), orthonormal(end)]).twist_at(0.0)
-
-
-def displacement(motion: _core.Trajectory, start_s: float, end_s: float) -> Pose:
-    """Pose (4, 4) at the end of some time in the frame of its start: where the motion takes the origin and the axes."""
-    corners = np.eye(4, 3, -1, np.float32)
-    moved = motion.compensate(corners, np.full(4, end_s), start_s).astype(np.float64)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = (moved[1:] - moved[0]).T, moved[0]
-    return orthonormal(T)
 
 
 def _kiss_icp() -> Any:

@@ -35,14 +35,21 @@ class LoadedDrive:
     """Largest number of frames that were asked for."""
     num_copies: int = 0
     """Number of frames that were left out because they are copies of others."""
+    recorded: Drive | None = None
+    """Document of the drive with all frames, by which motion is seen between those that are used; None if not known."""
 
     def of_frames(self, indices: Sequence[int]) -> LoadedDrive:
         """Take some of the frames, of both the document and the observations."""
         frames = tuple(self.drive.frames[index] for index in indices)
         drive = self.drive.model_copy(update={"frames": frames})
         observations = self.observations.of_frames(indices)
-        guide = self.guide and self.guide.of_frames(indices)
-        return replace(self, drive=drive, observations=observations, guide=guide, num_copies=0)
+        guide, recorded = self.guide and self.guide.of_frames(indices), self.recorded
+        if recorded is not None and frames:
+            first, last = (recorded.frames.index(frame) for frame in (frames[0], frames[-1]))
+            recorded = recorded.model_copy(update={"frames": recorded.frames[first : last + 1]})
+        return replace(
+            self, drive=drive, observations=observations, guide=guide, num_copies=0, recorded=recorded
+        )
 
     def with_camera(self, camera: Camera) -> LoadedDrive:
         """Take another camera, of the same lens and picture."""
@@ -143,7 +150,7 @@ def load(
     refined_by = maximised(cues)
     observations = load_cues(used, refined_by, sweeps, is_raw=config.is_raw).with_scenes
     guide = None if refined_by == cues else load_cues(used, ("segments",), sweeps)
-    data = LoadedDrive(used, observations, cues, guide, config.max_frames)
+    data = LoadedDrive(used, observations, cues, guide, config.max_frames, recorded=whole)
     # Copies of frames are no new evidence.
     seen = data.first_cue
     if copies := set(copied_frames(seen.scenes, [image.classes for image in seen.images])):

@@ -21,7 +21,7 @@ from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.arrays import Array, Cloud
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
-from semcal_cli.geometry.poses import Pose, pose_from_quaternion
+from semcal_cli.geometry.poses import Pose, orthonormal, pose_from_quaternion
 
 MAX_SWEEP_S = 1.0
 """Largest time between a point and its sweep's stamp; farther apart, they have different clocks or units."""
@@ -66,13 +66,11 @@ def compensated(drive: Drive, clouds: Sequence[Cloud]) -> list[Compensated]:
     if motion is None or motion.speed_m_s is not None:
         return [Compensated(cloud.points, None) for cloud in clouds]
     trajectory = None if motion.poses is None else read_trajectory(drive, motion.poses)
-    twist = motion.twist
-    steady = () if twist is None else (*twist.linear_m_s, *twist.angular_rad_s)
     moved = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
         times = _times(drive, motion, frame, cloud)
         moment = _moment(drive, frame)
-        along = trajectory or _core.Trajectory.constant(steady, moment)
+        along = trajectory or _steady(motion, moment)
         try:
             points = along.compensate(cloud.points, times, moment)
             twist_per_s = along.twist_at(moment)
@@ -87,6 +85,51 @@ def compensated(drive: Drive, clouds: Sequence[Cloud]) -> list[Compensated]:
         lag_s = math.sqrt(np.mean((times - moment) ** 2) + drive.camera.readout_s**2 / 12.0)
         moved.append(Compensated(points, twist_per_s, lag_s, is_rigid=cloud.time is None))
     return moved
+
+
+def displacements(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[Pose | None]:
+    """Tell how the LiDAR moves from the moment of one frame's image to that of another's.
+
+    Args:
+        drive: A drive with poses or a twist.
+        pairs: Frames of it.
+
+    Returns:
+        T_first_second (4, 4), metres, of each pair; None where the poses do not reach.
+
+    Raises:
+        InputError: a frame has no stamps, or the file of the poses is missing or wrong.
+    """
+    motion = drive.motion
+    assert motion is not None
+    trajectory = None if motion.poses is None else read_trajectory(drive, motion.poses)
+    found: list[Pose | None] = []
+    for pair in pairs:
+        start_s, end_s = (_moment(drive, frame) for frame in pair)
+        try:
+            found.append(displacement(trajectory or _steady(motion, start_s), start_s, end_s))
+        except ValueError:
+            found.append(None)
+    return found
+
+
+def displacement(trajectory: _core.Trajectory, start_s: float, end_s: float) -> Pose:
+    """Pose (4, 4) of the LiDAR at one time in its frame at another: where the motion takes the origin and the axes.
+
+    Raises:
+        ValueError: the trajectory does not reach.
+    """
+    corners = np.eye(4, 3, -1, np.float32)
+    moved = trajectory.compensate(corners, np.full(4, end_s), start_s).astype(np.float64)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = (moved[1:] - moved[0]).T, moved[0]
+    return orthonormal(T)
+
+
+def _steady(motion: Motion, moment_s: float) -> _core.Trajectory:
+    twist = motion.twist
+    assert twist is not None
+    return _core.Trajectory.constant((*twist.linear_m_s, *twist.angular_rad_s), moment_s)
 
 
 def motion_error_px(drive: Drive, clouds: Sequence[Cloud]) -> float | None:

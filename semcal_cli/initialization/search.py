@@ -15,6 +15,7 @@ from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import CalibrationError, told_apart
 from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
+from semcal_cli.initialization.handeye import HandEye
 from semcal_cli.initialization.registration import Candidate, register
 from semcal_cli.result.checks import NOTHING_TO_COMPARE, OTHER_MOUNTING
 from semcal_cli.result.sections import Hypothesis
@@ -48,6 +49,8 @@ class Initialization(StageResult):
     """Hypotheses, best first."""
     runner_up_margin: float | None
     """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
+    by_motion: HandEye | None = None
+    """The motion of camera and LiDAR that tells the pose; None where something else does."""
 
 
 def search_mountings(
@@ -138,6 +141,13 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
         hypotheses=(describe(Candidate(T_given), agreement, T_given),),
         runner_up_margin=None,
     )
+
+
+def as_moved(observations: Observations, found: HandEye, config: InitializationConfig) -> Initialization:
+    """Take the pose that the motion of camera and LiDAR tells."""
+    given = as_given(observations, found.T_camera_lidar, config)
+    settings = {**given.settings, "hand_eye": found.record}
+    return replace(given, note=found.sentence, settings=settings, by_motion=found)
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:

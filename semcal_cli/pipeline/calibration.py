@@ -20,6 +20,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.assess import assess as assess
 from semcal_cli.assessment.clock_error import UnknownClock
 from semcal_cli.assessment.joint import Joint, fit_jointly
+from semcal_cli.assessment.motion import compare_motion
 from semcal_cli.assessment.motion_error import covariance_of_motion
 from semcal_cli.assessment.pose_checks import compare_seeds
 from semcal_cli.assessment.priors import Fused, Prior, clamp, fuse_with_priors
@@ -43,8 +44,15 @@ from semcal_cli.drive.motion import can_be_unrolled, twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, about
 from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.initialization.handeye import NotDetermined, hand_eye
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import GIVEN, Initialization, as_given, search_mountings
+from semcal_cli.initialization.search import (
+    GIVEN,
+    Initialization,
+    as_given,
+    as_moved,
+    search_mountings,
+)
 from semcal_cli.refinement.estimators import make_estimator
 from semcal_cli.refinement.polish import Polish, polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement, refine_pose
@@ -58,7 +66,7 @@ NO_START = (
     "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
     "--search-deg; `semcal view` makes one by hand), or labels of the images (--image-model cityscapes)"
 )
-"""What is missing where a search is asked for by edges without labels of the pictures."""
+"""What is missing where a search is asked for by edges without labels of the pictures, and motion gives no start."""
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
@@ -96,6 +104,7 @@ def calibrate(
     given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event, others=given)
     stages = assess(data, stages, config.refinement, on_event)
+    stages = compare_motion(data, stages, on_event)
     if config.num_seeds > 1:
         stages = repeat(data, stages, config, initial_pose, priors, on_event)
     return make_calibration(
@@ -113,14 +122,18 @@ def initialize(
 ) -> Initialization:
     """Search all mounting directions, or those around an initial pose (Alg. 2).
 
+    Edges alone tell no mountings apart: without an initial pose, they start where the motion of camera and LiDAR leads.
+
     Hypotheses that priors rule out are left out, unless priors rule out all. Without `config.search_deg`, an initial
     pose is only improved.
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for
-            by edges without labels of the pictures.
+            by edges without labels of the pictures, and motion does not determine the mounting.
     """
+    if initial_pose is None and not data.tells_mountings:
+        return _start_by_motion(data, config, on_event)
     T_given = None if initial_pose is None else initial_pose.T_camera_lidar
     is_searched = T_given is None or config.search_deg is not None
     if is_searched and not data.tells_mountings:
@@ -137,6 +150,17 @@ def initialize(
         doing = f"{'searching around' if is_searched else 'starting at'} {initial_pose.name}"
     with about(data.drive.path):
         return announced("initial", doing, search, on_event)
+
+
+def _start_by_motion(data: LoadedDrive, config: InitializationConfig, on_event: Listener) -> Initialization:
+    def start() -> Initialization:
+        found = hand_eye(data.recorded or data.drive)
+        if isinstance(found, NotDetermined):
+            none = "the motion of camera and LiDAR gives none"
+            raise InputError(f"{data.drive.path}: {NO_START}; {none}: {found.why}")
+        return as_moved(data.observations, found, config)
+
+    return announced("initial", "comparing the motion of camera and LiDAR", start, on_event)
 
 
 def start_at(data: LoadedDrive, initial_pose: InitialPose, on_event: Listener = ignore) -> StageResult:
@@ -333,7 +357,9 @@ def repeat(
     for seed in range(config.seed + 1, config.seed + config.num_seeds):
         on_event(Progress(f"repeating with seed {seed}"))
         try:
-            initial = initialize(data, config.initialization, seed, initial_pose, priors)
+            initial = stages.searched
+            if initial is None or initial.by_motion is None:
+                initial = initialize(data, config.initialization, seed, initial_pose, priors)
             found = refine_and_polish(data, initial, config.refinement, seed, priors, others=given)
             others.append(found.T_camera_lidar)
         except CalibrationError:

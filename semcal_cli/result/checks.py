@@ -173,6 +173,10 @@ CUES_DISAGREE = Check(
     topic="cues-disagree",
     advice="add frames from other places, or check with `semcal overlay --by edge` whether edges coincide",
 )
+CAMERA_MOTION = Check(
+    topic="camera-motion",
+    advice="check with `semcal overlay` whether points lie on what they belong to, and K, the clocks and the motion",
+)
 # The labels do not determine the pose.
 NOT_DETERMINED = Check(
     topic="not-determined",

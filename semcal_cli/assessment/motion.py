@@ -1,0 +1,62 @@
+"""The motion of the camera against that of the LiDAR, as a check of a pose: it needs neither labels nor edges."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from semcal_cli.assessment.stages import Stages
+from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
+from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.geometry.poses import rotation_difference
+from semcal_cli.initialization.handeye import HandEye, NotDetermined, hand_eye
+from semcal_cli.result.checks import CAMERA_MOTION, Measured
+
+SYSTEMATIC_SIGMA = math.radians(0.1)
+"""Error of a rotation by motion that all pairs have in common: a principal point that is a pixel off, at 600 pixels
+focal length."""
+
+
+def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignore) -> Stages:
+    """Compare the rotation of an assessed pose with that which the motion of camera and LiDAR tells.
+
+    Drives without a motion, or without images, stay as they are.
+
+    Raises:
+        InputError: an image, or the file of the poses, is missing or wrong.
+    """
+    drive, assessment = data.recorded or data.drive, stages.assessment
+    is_moving = drive.motion is not None and drive.motion.speed_m_s is None
+    if assessment is None or not is_moving or all(frame.image is None for frame in drive.frames):
+        return stages
+    on_event(Progress("comparing the motion of camera and LiDAR"))
+    start = perf_counter()
+    found = (stages.searched and stages.searched.by_motion) or hand_eye(drive)
+    measured = list[Measured]()
+    if isinstance(found, NotDetermined):
+        note = f"the rotation was not checked by the motion of camera and LiDAR: {found.why}"
+    else:
+        measured.append(disagreement(found, stages))
+        note = f"{found.sentence}, which {'contradicts' if measured[0].findings else 'agrees with'} the pose"
+    on_event(StageDone("motion", perf_counter() - start, note))
+    notes = (*assessment.notes, note)
+    return replace(stages, assessment=replace(assessment, notes=notes).with_measured(*measured))
+
+
+def disagreement(found: HandEye, stages: Stages) -> Measured:
+    """Measure how far a rotation by motion is from that of the last pose, in standard errors of both."""
+    off = rotation_difference(stages.T_camera_lidar, found.T_camera_lidar)
+    covariance = found.covariance[:3, :3] + SYSTEMATIC_SIGMA**2 * np.eye(3)
+    if stages.uncertainty is not None:
+        covariance = covariance + np.array(stages.uncertainty.covariance)[3:, 3:]
+    sigmas = math.sqrt(off @ np.linalg.solve(covariance, off))
+    off_deg = math.degrees(float(np.linalg.norm(off)))
+    most = f"needed at most {CAMERA_MOTION.limit():g}"
+    return CAMERA_MOTION.measured(
+        sigmas,
+        f"the motion of the camera against that of the LiDAR tells a rotation {off_deg:.2f} degrees away, by "
+        f"{sigmas:.1f} standard errors, {most}",
+    )
