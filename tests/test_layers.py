@@ -20,6 +20,7 @@ WITH_OPENCV = {
     "datasets/bags/video",
     "labelling/sides",
     "initialization/pnp",
+    "initialization/camera_motion",
     "assessment/scale",
     "assessment/uncertainty",
     "experiments/baselines/soic",

@@ -143,13 +143,6 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
     )
 
 
-def as_moved(observations: Observations, found: HandEye, config: InitializationConfig) -> Initialization:
-    """Take the pose that the motion of camera and LiDAR tells."""
-    given = as_given(observations, found.T_camera_lidar, config)
-    settings = {**given.settings, "hand_eye": found.record}
-    return replace(given, note=found.sentence, settings=settings, by_motion=found)
-
-
 def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
     """Find the best hypothesis that is rotated by at least `least_deg` from the first; None if there is none."""
     return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)

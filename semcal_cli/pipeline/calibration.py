@@ -44,15 +44,9 @@ from semcal_cli.drive.motion import can_be_unrolled, twists_per_s
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, about
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.handeye import NotDetermined, hand_eye
+from semcal_cli.initialization.from_motion import NO_START, start_by_motion
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import (
-    GIVEN,
-    Initialization,
-    as_given,
-    as_moved,
-    search_mountings,
-)
+from semcal_cli.initialization.search import GIVEN, Initialization, as_given, search_mountings
 from semcal_cli.refinement.estimators import make_estimator
 from semcal_cli.refinement.polish import Polish, polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement, refine_pose
@@ -61,12 +55,6 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input, versions
 from semcal_cli.result.sections import Settings
 from semcal_cli.result.stage import StageResult, announced
-
-NO_START = (
-    "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
-    "--search-deg; `semcal view` makes one by hand), or labels of the images (--image-model cityscapes)"
-)
-"""What is missing where a search is asked for by edges without labels of the pictures, and motion gives no start."""
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
@@ -123,7 +111,6 @@ def initialize(
     """Search all mounting directions, or those around an initial pose (Alg. 2).
 
     Edges alone tell no mountings apart: without an initial pose, they start where the motion of camera and LiDAR leads.
-
     Hypotheses that priors rule out are left out, unless priors rule out all. Without `config.search_deg`, an initial
     pose is only improved.
 
@@ -133,7 +120,8 @@ def initialize(
             by edges without labels of the pictures, and motion does not determine the mounting.
     """
     if initial_pose is None and not data.tells_mountings:
-        return _start_by_motion(data, config, on_event)
+        start = partial(start_by_motion, data.observations, data.recorded or data.drive, config)
+        return announced("initial", "comparing the motion of camera and LiDAR", start, on_event)
     T_given = None if initial_pose is None else initial_pose.T_camera_lidar
     is_searched = T_given is None or config.search_deg is not None
     if is_searched and not data.tells_mountings:
@@ -150,17 +138,6 @@ def initialize(
         doing = f"{'searching around' if is_searched else 'starting at'} {initial_pose.name}"
     with about(data.drive.path):
         return announced("initial", doing, search, on_event)
-
-
-def _start_by_motion(data: LoadedDrive, config: InitializationConfig, on_event: Listener) -> Initialization:
-    def start() -> Initialization:
-        found = hand_eye(data.recorded or data.drive)
-        if isinstance(found, NotDetermined):
-            none = "the motion of camera and LiDAR gives none"
-            raise InputError(f"{data.drive.path}: {NO_START}; {none}: {found.why}")
-        return as_moved(data.observations, found, config)
-
-    return announced("initial", "comparing the motion of camera and LiDAR", start, on_event)
 
 
 def start_at(data: LoadedDrive, initial_pose: InitialPose, on_event: Listener = ignore) -> StageResult:
