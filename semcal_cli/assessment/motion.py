@@ -12,7 +12,7 @@ from semcal_cli.assessment.stages import Stages
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.geometry.poses import rotation_difference
-from semcal_cli.initialization.handeye import HandEye, NotDetermined, hand_eye
+from semcal_cli.initialization.handeye import NO_PAIRS, HandEye, NotDetermined, hand_eye
 from semcal_cli.result.checks import CAMERA_MOTION, Measured
 
 SYSTEMATIC_SIGMA = math.radians(0.1)
@@ -23,7 +23,7 @@ focal length."""
 def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignore) -> Stages:
     """Compare the rotation of an assessed pose with that which the motion of camera and LiDAR tells.
 
-    Drives without a motion, or without images, stay as they are.
+    Drives without a motion, or without images that follow one another, stay as they are.
 
     Raises:
         InputError: an image, or the file of the poses, is missing or wrong.
@@ -35,6 +35,8 @@ def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignor
     on_event(Progress("comparing the motion of camera and LiDAR"))
     start = perf_counter()
     found = (stages.searched and stages.searched.by_motion) or hand_eye(drive)
+    if found == NotDetermined(NO_PAIRS):
+        return stages
     measured = list[Measured]()
     if isinstance(found, NotDetermined):
         note = f"the rotation was not checked by the motion of camera and LiDAR: {found.why}"
