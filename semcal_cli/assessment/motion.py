@@ -35,7 +35,7 @@ def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignor
     on_event(Progress("comparing the motion of camera and LiDAR"))
     start = perf_counter()
     found = (stages.searched and stages.searched.by_motion) or hand_eye(drive)
-    if found == NotDetermined(NO_PAIRS):
+    if isinstance(found, NotDetermined) and found.why == NO_PAIRS:
         return stages
     measured = list[Measured]()
     if isinstance(found, NotDetermined):
