@@ -1,8 +1,7 @@
 """Every default of a calibration, once.
 
 A stage takes its settings as one of these classes, and the Rust core reads the attributes of the same objects. The
-settings that change an answer are recorded in the result under `settings.options`. Nothing heavy is imported here, so
-that `semcal --help` shows them at once.
+settings that change an answer are in the result under `settings.options`. Nothing heavy is imported, for a fast --help.
 """
 
 from __future__ import annotations
@@ -290,9 +289,8 @@ class JointlyConfig:
     intrinsics: tuple[str, ...] = ()
     """Names of the intrinsics, such as fx, cy or k1."""
     focal_sigma: float | None = setting(None, least=0.0, most=1e3)
-    """Relative standard deviation of the focal lengths, whether they are estimated or not; 0 means that they are
-    exact. None uses what the drive states. If it states nothing, it uses `FOCAL_SIGMA` for estimated focal lengths and
-    `DEFAULT_FOCAL_SIGMA` for others."""
+    """Relative standard deviation of the focal lengths; 0 means that they are exact. None uses what the drive states,
+    or else `FOCAL_SIGMA` if they are estimated and `DEFAULT_FOCAL_SIGMA` if not."""
     center_sigma_px: float | None = setting(None, least=0.0, most=1e3)
     """Standard deviation of the principal point, pixels; None uses what the drive states, or else `CENTER_SIGMA_PX` or
     `DEFAULT_CENTER_SIGMA_PX`."""

@@ -46,8 +46,23 @@ SEEN = 0.01
 BORDER_PX = 3
 """Distance from a border between classes within which a pixel is beside it."""
 LABELS = {index: f"class {index}" for index in range(NUM_CLASSES)}
-SWIN = {"embed_dim": 24, "depths": [1, 1, 1, 1], "num_heads": [2, 2, 2, 2], "window_size": 4}
+SWIN = {
+    "embed_dim": 24,
+    "depths": [1, 1, 1, 1],
+    "num_heads": [2, 2, 2, 2],
+    "window_size": 4,
+    "out_features": ["stage1", "stage2", "stage3", "stage4"],
+}
 VIT = {"hidden_size": 48, "num_hidden_layers": 4, "num_attention_heads": 4}
+DECODER = {
+    "hidden_dim": 32,
+    "encoder_layers": 1,
+    "encoder_feedforward_dim": 64,
+    "decoder_layers": 2,
+    "dim_feedforward": 64,
+    "num_attention_heads": 2,
+    "num_queries": 20,
+}
 OUTPUTS = ("class_queries_logits", "masks_queries_logits")
 """Outputs of networks of queries; the others have `logits`."""
 
@@ -64,7 +79,7 @@ def segformer() -> Network:
 
 
 def upernet() -> Network:
-    backbone = transformers.SwinConfig(**SWIN, out_features=["stage1", "stage2", "stage3", "stage4"])
+    backbone = transformers.SwinConfig(**SWIN)
     config = transformers.UperNetConfig(
         backbone_config=backbone, hidden_size=32, use_auxiliary_head=False, id2label=LABELS
     )
@@ -105,9 +120,7 @@ def maskformer() -> Network:
     config = transformers.MaskFormerConfig(
         fpn_feature_size=32,
         mask_feature_size=32,
-        backbone_config=transformers.SwinConfig(
-            **SWIN, out_features=["stage1", "stage2", "stage3", "stage4"]
-        ),
+        backbone_config=transformers.SwinConfig(**SWIN),
         decoder_config=transformers.DetrConfig(
             d_model=32, decoder_layers=1, decoder_attention_heads=2, decoder_ffn_dim=64, num_queries=20
         ),
@@ -119,18 +132,10 @@ def maskformer() -> Network:
 
 def mask2former() -> Network:
     config = transformers.Mask2FormerConfig(
-        backbone_config=transformers.SwinConfig(
-            **SWIN, out_features=["stage1", "stage2", "stage3", "stage4"]
-        ),
+        backbone_config=transformers.SwinConfig(**SWIN),
         feature_size=32,
         mask_feature_size=32,
-        hidden_dim=32,
-        encoder_layers=1,
-        encoder_feedforward_dim=64,
-        decoder_layers=2,
-        dim_feedforward=64,
-        num_attention_heads=2,
-        num_queries=20,
+        **DECODER,
         id2label=LABELS,
     )
     processor = transformers.Mask2FormerImageProcessorPil(size={"shortest_edge": 288, "longest_edge": 800})
@@ -139,18 +144,10 @@ def mask2former() -> Network:
 
 def oneformer() -> Network:
     config = transformers.OneFormerConfig(
-        backbone_config=transformers.SwinConfig(
-            **SWIN, out_features=["stage1", "stage2", "stage3", "stage4"]
-        ),
-        hidden_dim=32,
+        backbone_config=transformers.SwinConfig(**SWIN),
         conv_dim=32,
         mask_dim=32,
-        encoder_layers=1,
-        encoder_feedforward_dim=64,
-        decoder_layers=2,
-        dim_feedforward=64,
-        num_attention_heads=2,
-        num_queries=20,
+        **DECODER,
         task_seq_len=77,
         text_encoder_width=32,
         text_encoder_num_layers=1,
