@@ -12,7 +12,7 @@ from semcal_cli.assessment.stages import Stages
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.geometry.poses import rotation_difference
-from semcal_cli.initialization.handeye import NO_PAIRS, HandEye, NotDetermined, hand_eye
+from semcal_cli.initialization.handeye import HandEye, NotDetermined, hand_eye
 from semcal_cli.result.checks import CAMERA_MOTION, Measured
 
 SYSTEMATIC_SIGMA = math.radians(0.1)
@@ -28,14 +28,13 @@ def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignor
     Raises:
         InputError: an image, or the file of the poses, is missing or wrong.
     """
-    drive, assessment = data.recorded or data.drive, stages.assessment
-    is_moving = drive.motion is not None and drive.motion.speed_m_s is None
-    if assessment is None or not is_moving or all(frame.image is None for frame in drive.frames):
+    assessment = stages.assessment
+    if assessment is None:
         return stages
     on_event(Progress("comparing the motion of camera and LiDAR"))
     start = perf_counter()
-    found = (stages.searched and stages.searched.by_motion) or hand_eye(drive)
-    if isinstance(found, NotDetermined) and found.why == NO_PAIRS:
+    found = (stages.searched and stages.searched.by_motion) or hand_eye(data.recorded or data.drive)
+    if isinstance(found, NotDetermined) and found.is_unsuited:
         return stages
     measured = list[Measured]()
     if isinstance(found, NotDetermined):

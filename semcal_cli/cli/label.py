@@ -231,17 +231,19 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
     start, path = perf_counter(), output_drive_file(settings.output)
     run = partial(label_drive, drive, indices=indices, force=settings.force, on_event=terminal.on_event)
     done = run([*of_images[:1], *of_points], path)
+    failures = dict.fromkeys(done.failures)
     for side in of_images[1:]:
-        second = run([side, *of_points], second_file(path)).path
-        noted = note_second(path, second)
+        second = run([side, *of_points], second_file(path))
+        failures |= dict.fromkeys(second.failures)
+        noted = note_second(path, second.path)
         terminal.print(*(line for line in LabelNetworks(second=noted).describe()))
     before = f", {done.num_before:,} label files were there" if done.num_before else ""
     terminal.print(
         f"wrote {done.path}: {done.num_frames:,} frames in {perf_counter() - start:.1f} s{before}",
-        *(f"failed: {failure}" for failure in done.failures),
+        *(f"failed: {failure}" for failure in failures),
     )
-    if done.failures:
-        raise InputError(f"{len(done.failures)} of {len(indices)} frames failed; {done.failures[0]}")
+    if failures:
+        raise InputError(f"{len(failures)} of {len(indices)} frames failed; {next(iter(failures))}")
 
 
 def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> list[Side]:

@@ -114,6 +114,8 @@ class NotDetermined(NamedTuple):
     """Why motion does not determine the rotation, and what is needed."""
 
     why: str
+    is_unsuited: bool = False
+    """Whether the drive is no record of motion, with images that follow one another, at all."""
 
 
 def hand_eye(drive: Drive) -> HandEye | NotDetermined:
@@ -125,12 +127,12 @@ def hand_eye(drive: Drive) -> HandEye | NotDetermined:
         InputError: an image or the file of the poses is missing or wrong, or a frame with an image has no stamps.
     """
     if drive.motion is None or drive.motion.speed_m_s is not None:
-        return NotDetermined(NO_MOTION)
+        return NotDetermined(NO_MOTION, is_unsuited=True)
     if all(frame.image is None for frame in drive.frames):
-        return NotDetermined(NO_IMAGES)
+        return NotDetermined(NO_IMAGES, is_unsuited=True)
     pairs = choose_pairs(drive)
     if not pairs:
-        return NotDetermined(NO_PAIRS)
+        return NotDetermined(NO_PAIRS, is_unsuited=True)
     if (missing := _missing([T for _, T in pairs])) is not None:
         return NotDetermined(missing)
     from semcal_cli.initialization.camera_motion import camera_motions

@@ -57,8 +57,9 @@ def disagreement(first: Drive, second: Drive) -> float | None:
     is_both = (a >= 0) & (b >= 0)
     if not is_both.any():
         return None
-    counts = np.zeros((len(names_a), len(names_b)), np.int64)
-    np.add.at(counts, (a[is_both], b[is_both]), 1)
+    shape = len(names_a), len(names_b)
+    met = np.ravel_multi_index((a[is_both], b[is_both]), shape)
+    counts = np.bincount(met, minlength=shape[0] * shape[1]).reshape(shape)
     if set(names_a) == set(names_b):
         same = sum(int(counts[place, names_b.index(name)]) for place, name in enumerate(names_a))
     else:
