@@ -353,3 +353,12 @@ def test_labels_never_replace_what_they_have_not_made(plain: Path, tmp_path: Pat
     (folder / "mine.png").write_bytes(b"mine")
     found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
     assert "found files that `semcal label` has not written, needed another -o" in str(found.exception)
+
+
+def test_an_image_that_only_the_second_network_misses_is_named(plain: Path, tmp_path: Path) -> None:
+    net, image = street_network(tmp_path), min((plain / "images").iterdir())
+    arguments = ("label", plain, "-o", tmp_path / "out", "--image-model", net)
+    assert run(*arguments).exit_code == 0
+    image.write_bytes(image.read_bytes()[:900])
+    found = run(*arguments, "--image-model", net)
+    assert f"frames failed; {image}: found a damaged image" in str(found.exception)
