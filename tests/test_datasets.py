@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from commands import unwrapped
 from dataset_imports import Import, check_files
 from dataset_trees import (
     CARLA_PLY,
@@ -55,8 +56,10 @@ def test_frames_of_one_calibration_make_a_drive(tmp_path: Path) -> None:
     """Those of most frames, or of the frame that is named; one file may be that of all frames."""
     of = Import("kitti-object", tmp_path)
     most = of.run()
-    assert "the 2 frames with the calibration of 000000 are taken; others by --sequence" in of.stderr
-    assert "which names a frame: 000002 (1)" in of.stderr
+    assert "the 2 frames with the calibration of 000000 are taken; others by --sequence" in unwrapped(
+        of.stderr, 6
+    )
+    assert "which names a frame: 000002 (1)" in unwrapped(of.stderr, 6)
     named = of.run("--sequence", "000002")
     assert [len(drive.frames) for drive in (most, named)] == [2, 1]
     assert [drive.camera.K[0][0] for drive in (most, named)] == [50.0, 60.0]

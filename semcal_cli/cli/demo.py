@@ -127,7 +127,8 @@ def _found(folder: Path) -> tuple[str, Request]:
         )
     longest = max(sequences, key=lambda sweeps: sum(1 for _ in sweeps.iterdir()))
     sequence = longest.parents[1]
-    camera = None if (sequence / "image_02").is_dir() else min(sequence.glob("image_*")).name
+    cameras = {each.name for each in sequence.glob("image_*")}
+    camera = None if "image_02" in cameras else min(cameras, default=None)
     return "kitti-raw", Request(folder, sequence.name, camera)
 
 

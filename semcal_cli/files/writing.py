@@ -211,7 +211,7 @@ def locked(file: Path, run: str) -> Iterator[int]:
             fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(
-                f"{file.parent}: found another {run} running there, needed a folder of its own"
+                f"{file.parent}: found another {run} at work there, needed a folder of its own"
             ) from None
         yield opened.fileno()
 

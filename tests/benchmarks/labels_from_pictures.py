@@ -197,9 +197,9 @@ def times(name: str, model: Path, drive: Path) -> tuple[str, ...]:
         start = perf_counter()
         labeller.ids(picture)
         whole.append(perf_counter() - start)
-        tensor = labeller.tensor(labeller.views.draws[0](picture))
+        tensors = {opened.network.input.name: labeller.tensor(labeller.views.draws[0](picture))}
         start = perf_counter()
-        opened.network.run(tensor, opened.outputs)
+        opened.network.run(tensors, opened.outputs)
         own.append(perf_counter() - start)
     # The first round plans the places of pixels.
     network, rest = median(own[1:]), median(whole[1:]) - median(own[1:])
