@@ -83,7 +83,7 @@ pub struct HeldOutGain {
 }
 
 /// A pose, and the observations that are looked at there: those that make a table, and those that are held out. Other
-/// cameras see the same pictures and points otherwise.
+/// cameras see the same images and points otherwise.
 #[derive(Clone, Copy)]
 pub struct HeldOut<'a> {
     /// Observations by whose table the others are judged.

@@ -24,7 +24,7 @@ const RANGE_BANDS: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
 /// A band of a block that holds fewer pairs than its share leaves the rest to the others.
 const SHARE_MARGIN: usize = 3;
 
-/// Returns are thinned to at most this number, over all frames and directions: a picture shows a quarter of them or less,
+/// Returns are thinned to at most this number, over all frames and directions: an image shows a quarter of them or less,
 /// and PnP takes some thousand.
 const MAX_RETURNS: usize = 50_000;
 
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_part_of_the_picture_and_no_band_of_range_has_more_than_its_share() {
+    fn no_part_of_the_image_and_no_band_of_range_has_more_than_its_share() {
         const COUNT: usize = 60;
         let k = [[100.0, 0.0, 59.5], [0.0, 100.0, 39.5], [0.0, 0.0, 1.0]];
         let camera = Camera::new("plumb_bob", (120, 80), k, &[]).expect("a valid camera");

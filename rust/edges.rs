@@ -3,7 +3,7 @@
 //! Rays are compared with their neighbours of direction, to the left and to the right at about the same elevation, so
 //! that a pattern needs no rings and points may come in any order. Of two surfaces only the nearer one has an edge: the
 //! other goes on behind it. Comparing along the scan follows Levinson and Thrun, *Automatic Online Calibration of Cameras
-//! and Lasers* (RSS 2013), who take steps in range within a ring against edges of pictures.
+//! and Lasers* (RSS 2013), who take steps in range within a ring against edges of images.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

@@ -48,12 +48,12 @@ pub fn steps_at_point_borders(
     sums
 }
 
-/// Sums, over the borders in each tile of a label image, of the picture's step at every displacement.
+/// Sums, over the borders in each tile of a label image, of the image's step at every displacement.
 ///
 /// A border lies between two neighbouring pixels, each the end of a run of equal labels. A step is the largest difference
 /// of a colour channel, and at most one.
 ///
-/// The picture has three channels a pixel, row by row.
+/// The image has three channels a pixel, row by row.
 ///
 /// Returns a table of `(2 * reach + 1)^2` sums for each tile, row by row; in row `reach + y` and column `reach + x` of a
 /// table the steps lie `x` pixels right of the borders and `y` below.

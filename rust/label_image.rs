@@ -95,7 +95,7 @@ fn check_size(path: &Path, found: (usize, usize), camera: (usize, usize)) -> Res
     Err(Error::file(path, reason))
 }
 
-/// Opens a file that is no larger than one of the camera's pictures can be.
+/// Opens a file that is no larger than one of the camera's images can be.
 fn open(path: &Path, (width, height): (usize, usize)) -> Result<Opened> {
     let limit = (width as u64 * height as u64).saturating_mul(BYTES_A_PIXEL).saturating_add(MORE_BYTES);
     Opened::open(path)?.at_most(limit, &format!(" for {width} x {height} pixels"))

@@ -65,7 +65,7 @@ pub fn read_header(file: &mut impl Read) -> std::result::Result<NpyHeader, Strin
 }
 
 fn parse_header(header: &[u8]) -> std::result::Result<NpyHeader, String> {
-    // Its complaint may go on with a picture of the place.
+    // Its complaint may go on with an image of the place.
     let first_line = |e: std::io::Error| {
         let reason = e.to_string();
         let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();

@@ -1,10 +1,10 @@
 //! The input of the pipeline: labelled points and label images with dense class ids.
 //!
-//! A sweep's points have partitions: into its segments, and null ones that know nothing of the picture.
+//! A sweep's points have partitions: into its segments, and null ones that know nothing of the image.
 //!
-//! The mutual information of segments and picture classes grows where the picture is rich, whatever the pose, and so has
+//! The mutual information of segments and image classes grows where the image is rich, whatever the pose, and so has
 //! no maximum at the true one. A null partition has the same pieces in another place, as if the sweep had been turned
-//! (a spin test: Alexander-Bloch et al., NeuroImage 2018); what it tells of the picture is what any partition of that
+//! (a spin test: Alexander-Bloch et al., NeuroImage 2018); what it tells of the image is what any partition of that
 //! kind would. See `alignment/adjusted.rs` for the score.
 
 use std::ops::Range;

@@ -84,7 +84,7 @@ impl SemanticDistance {
         let near = self.near(start, config.max_points);
         let cost = near.at(start);
         if !cost.is_finite() {
-            return Err(Error::Calibration("no overlap: no point of any class lands in the picture".into()));
+            return Err(Error::Calibration("no overlap: no point of any class lands in the image".into()));
         }
         let mut found = DistanceMinimum { pose: *start, cost_px: cost, num_evaluations: 1, converged: false };
         let mut num_idle = 0;

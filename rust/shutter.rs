@@ -1,4 +1,4 @@
-//! When each line of a picture is exposed, and compensation of a rolling shutter: points where the LiDAR would have seen
+//! When each line of an image is exposed, and compensation of a rolling shutter: points where the LiDAR would have seen
 //! them when their line was exposed.
 //!
 //! A LiDAR that moves with the twist `V` sees a point, which lies at `p` when the middle line is exposed, `s` seconds
@@ -11,7 +11,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::se3::exp;
 
-/// The way in which a shutter rolls over the picture.
+/// The way in which a shutter rolls over the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Direction {
     #[default]
@@ -22,7 +22,7 @@ pub enum Direction {
 }
 
 /// A camera's clock and shutter. Times are seconds from a moment that the user of a shutter chooses: in a synthetic
-/// world from the middle of the sweep, which is what the picture's stamp says.
+/// world from the middle of the sweep, which is what the image's stamp says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shutter {
     /// When the reading of the first line begins.
@@ -33,7 +33,7 @@ pub struct Shutter {
 }
 
 impl Shutter {
-    /// The number of lines that are exposed one after another; a global shutter exposes the picture as one line.
+    /// The number of lines that are exposed one after another; a global shutter exposes the image as one line.
     pub fn num_lines(&self, [width, height]: [usize; 2]) -> usize {
         match self.direction {
             _ if self.readout_s == 0.0 => 1,
@@ -61,7 +61,7 @@ impl Shutter {
             .collect()
     }
 
-    /// When a place in the picture is exposed, also between the middles of two lines; beyond the picture, as at its border.
+    /// When a place in the image is exposed, also between the middles of two lines; beyond the image, as at its border.
     pub fn time_at_s(&self, [u, v]: [f64; 2], [width, height]: [usize; 2]) -> f64 {
         let (width, height) = (width as f64, height as f64);
         let share = match self.direction {
@@ -95,7 +95,7 @@ const CHUNK: usize = 4096;
 
 /// A camera that moves with a LiDAR while its shutter rolls.
 pub struct Rolling<'a> {
-    /// Its lens and the size of its picture.
+    /// Its lens and the size of its image.
     pub camera: &'a Camera,
     /// Its shutter; when the first line is read does not count.
     pub shutter: Shutter,
@@ -108,7 +108,7 @@ impl Rolling<'_> {
     /// Moves points (LiDAR frame, metres), each from the moment at which it is seen to that at which its line is
     /// exposed. Times are seconds from the exposure of the middle line.
     ///
-    /// Beyond the picture, lines are those at its border. A point that the lens does not show is seen with the middle
+    /// Beyond the image, lines are those at its border. A point that the lens does not show is seen with the middle
     /// line.
     pub fn unroll(&self, points: &[[f32; 3]], seen_s: &[f64]) -> Vec<([f32; 3], f64)> {
         let shutter = self.shutter.around_its_middle();

@@ -88,7 +88,7 @@ impl<'a> Zoomed<'a> {
             angles.push(ray.angle(&center) / reached);
         }
         let fov = Vector2::new(angles[0] + angles[1], angles[2] + angles[3]);
-        // A placement's axis is the optical axis, but the middle of the picture for the paper's zoom.
+        // A placement's axis is the optical axis, but the middle of the image for the paper's zoom.
         let axis = if zoom == Zoom::Exact { Vector3::z() } else { center };
         Ok(Self { camera, zoom, fov, border, axis })
     }
@@ -173,7 +173,7 @@ fn border_ray(camera: &Camera, right: f64, down: f64) -> Result<(Vector3<f64>, f
     shares.into_iter().find_map(reached).ok_or_else(|| {
         let middle = pixel(0.0);
         Error::Input(format!(
-            "camera: the lens model does not reach pixel ({:.0}, {:.0}) in the picture's middle",
+            "camera: the lens model does not reach pixel ({:.0}, {:.0}) in the image's middle",
             middle.x, middle.y
         ))
     })
@@ -201,7 +201,7 @@ mod tests {
         let placement = Placement { azimuth: 0.3, elevation: 0.0, roll: 0.0, scale: 1.0 };
         let pixel = |zoom, right_deg: f64| {
             let direction = from_angles(0.3 - right_deg.to_radians(), 0.0);
-            let zoomed = Zoomed::new(&camera, zoom).expect("a picture");
+            let zoomed = Zoomed::new(&camera, zoom).expect("an image");
             zoomed.pixel_map(&placement)(&direction).expect("inside").x
         };
         assert!((pixel(Zoom::Exact, 0.0) - pixel(Zoom::Paper, 0.0)).abs() < 1e-9);
@@ -215,7 +215,7 @@ mod tests {
         let k = [[300.0, 0.0, 639.5], [0.0, 300.0, 359.5], [0.0, 0.0, 1.0]];
         // The image radius grows up to where the derivative 1 - 0.3 angle^2 is zero, and ends there.
         let camera = Camera::new("fisheye", (1280, 720), k, &[-0.1, 0.0, 0.0, 0.0]).expect("a valid camera");
-        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
+        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("an image");
         let limit = (1.0f64 / 0.3).sqrt();
         assert!(zoomed.reach() < limit && zoomed.reach() > 0.85 * limit, "{} of {limit}", zoomed.reach());
     }
@@ -235,10 +235,10 @@ mod tests {
     }
 
     #[test]
-    fn a_cropped_picture_reaches_farther_on_one_side() {
+    fn a_cropped_image_reaches_farther_on_one_side() {
         let k = [[640.0, 0.0, 200.0], [0.0, 640.0, 100.0], [0.0, 0.0, 1.0]];
         let camera = Camera::new("plumb_bob", (1280, 720), k, &[]).expect("a valid camera");
-        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
+        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("an image");
         let (above, below) = zoomed.above_below(0.0);
         assert!(
             (above - (100.0f64 / 640.0).atan()).abs() < 0.01

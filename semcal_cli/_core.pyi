@@ -237,9 +237,9 @@ class SemanticDistance:
         Distances are those of blocks of `block` x `block` pixels, (rows, columns) of them.
         """
     def at(self, t_camera_lidar: _Float64) -> float:
-        """The mean distance of points that land in the picture, averaged over classes; infinite if none does."""
+        """The mean distance of points that land in the image, averaged over classes; infinite if none does."""
     def minimize(self, t_camera_lidar: _Float64, config: SoicConfig) -> DistanceMinimum:
-        """Minimise it by Powell's method from a pose; raises `CalibrationError` if no point lands in the picture."""
+        """Minimise it by Powell's method from a pose; raises `CalibrationError` if no point lands in the image."""
 
 @final
 class DistanceMinimum:
@@ -279,7 +279,7 @@ class SphericalImages:
 
 @final
 class Hypothesis:
-    """A placement of the picture on the sphere of LiDAR directions."""
+    """A placement of the image on the sphere of LiDAR directions."""
 
     mutual_information: float
     """Mutual information of the pairs, nats, less its bias."""
@@ -288,7 +288,7 @@ class Hypothesis:
     def zoomed(
         self, observations: Observations, images: SphericalImages, zoom: str, frame: int
     ) -> NDArray[np.uint8]:
-        """Label image of a frame's picture on the grid (rows, columns), placed so; 255 around it."""
+        """Label image of a frame's image on the grid (rows, columns), placed so; 255 around it."""
 
 @final
 class Correspondences:
@@ -350,13 +350,13 @@ class Agreement:
     bias: float
     """Miller and Madow's estimate of how far the plug-in estimate is too high, nats."""
     sigma: float
-    """Standard error of the estimate over parts of the pictures, nats; infinite if there is one part only."""
+    """Standard error of the estimate over parts of the images, nats; infinite if there is one part only."""
     label_agreement: float
     """Share of the visible pairs with positive pointwise mutual information."""
     overlap: float
-    """Share of the picture's area that visible labelled points cover."""
+    """Share of the image's area that visible labelled points cover."""
     num_inside: int
-    """Labelled points inside the picture."""
+    """Labelled points inside the image."""
     num_hidden: int
     """Those of them that nearer returns hide from the camera."""
     joint: _Float64
@@ -374,7 +374,7 @@ class HeldOutGain:
     gain: float
     """Nats of classes; of segments, a share of their adjusted mutual information."""
     sigma: float
-    """Its standard error over parts of the pictures; infinite if there are fewer than two."""
+    """Its standard error over parts of the images; infinite if there are fewer than two."""
 
 @final
 class Ascended:
@@ -431,13 +431,13 @@ class Sensitivity:
     curvature: _Float64
     """(n, n) minus the second derivative, nats."""
     scores: _Float64
-    """(parts, n) share of the gradient of the points of each class in each square of each picture, nats."""
+    """(parts, n) share of the gradient of the points of each class in each square of each image, nats."""
     motions: _Float64
     """(n, n) mean products of the pixels by which the variables move the points."""
     parts: NDArray[np.uint32]
     """(parts, 4) frame, row and column of the square of each part, and the class of its points.
 
-    That of segments is the class of the picture under them, numbered after those of points.
+    That of segments is the class of the image under them, numbered after those of points.
     """
     frame_curvatures: _Float64
     """(frames, n, n) share of each frame in `curvature`, nats."""
@@ -446,12 +446,12 @@ class Sensitivity:
 
 @final
 class Projected:
-    """Points in a picture."""
+    """Points in an image."""
 
     pixels: _Float64
-    """(N, 2), (u, v); NaN outside the picture."""
+    """(N, 2), (u, v); NaN outside the image."""
     ranges: _Float64
-    """(N,) metres from the camera; NaN outside the picture."""
+    """(N,) metres from the camera; NaN outside the image."""
     is_hidden: NDArray[np.bool_]
     """(N,) whether a nearer return hides the point from the camera."""
 
@@ -469,7 +469,7 @@ class Renderer:
 
 @final
 class RenderedFrame:
-    """What a rig measures in one sweep and one picture."""
+    """What a rig measures in one sweep and one image."""
 
     points: _Float32
     """(N, 4) metres, LiDAR frame of the time of each point, and intensity."""
@@ -478,13 +478,13 @@ class RenderedFrame:
     point_labels: NDArray[np.uint32]
     """(N,) `instance << 16 | class`."""
     point_visibility: NDArray[np.uint8]
-    """(N,) 0 outside the picture, 1 hidden, 2 visible."""
+    """(N,) 0 outside the image, 1 hidden, 2 visible."""
     image_labels: NDArray[np.uint8]
     """(H, W) classes."""
     image_rgb: NDArray[np.uint8]
     """(H, W, 3)."""
     num_objects: int
-    """Distinct objects in the picture or among the returns."""
+    """Distinct objects in the image or among the returns."""
 
 @final
 class JointMaximum:
@@ -495,7 +495,7 @@ class JointMaximum:
     changes: list[float]
     """Changes of the intrinsics."""
     offset_s: float
-    """Seconds by which pictures are later than they were taken to be."""
+    """Seconds by which images are later than they were taken to be."""
     moved_px: float
     """How far the last round moved the points, or still wanted to move them, root mean square."""
 
@@ -626,7 +626,7 @@ def steps_at_label_borders(
 ) -> _Float32:
     """Sum the steps of colour at the borders of a label image, displaced by up to `reach` pixels.
 
-    Of a picture (H, W, 3) and rows and columns of tiles; returns (tiles, 2 reach + 1, 2 reach + 1): at [t, reach + y,
+    Of an image (H, W, 3) and rows and columns of tiles; returns (tiles, 2 reach + 1, 2 reach + 1): at [t, reach + y,
     reach + x] that of the steps which lie x pixels right of the borders in tile t, and y below.
     """
 
@@ -643,13 +643,13 @@ def register(
     config: InitializationConfig,
     around: tuple[_Float64, float] | None = None,
 ) -> list[Hypothesis]:
-    """Find the best well-separated placements of the pictures on the sphere, best first.
+    """Find the best well-separated placements of the images on the sphere, best first.
 
     `around` narrows the search to rotations within an angle, radians, of that of a `T_camera_lidar`.
 
     Raises:
         CalibrationError: no placement overlaps labelled points with labelled pixels.
-        InputError: the lens does not reach the middle of the picture.
+        InputError: the lens does not reach the middle of the image.
         ValueError: a step of the search is not above zero.
     """
 
@@ -663,10 +663,10 @@ def sample_correspondences(
 ) -> list[Correspondences]:
     """Sample, for each hypothesis, points and their pixels.
 
-    They are spread over the picture and over range.
+    They are spread over the image and over range.
 
     Raises:
-        InputError: the lens does not reach the middle of the picture.
+        InputError: the lens does not reach the middle of the image.
     """
 
 def ascend(
@@ -792,7 +792,7 @@ def information(
 ) -> list[tuple[list[int], float, float]]:
     """What points tell of the pixels at a pose (4, 4): segments less what null partitions tell.
 
-    For each square of the pictures, by frame, row and column: the sum over its visible points, and their weight. All
+    For each square of the images, by frame, row and column: the sum over its visible points, and their weight. All
     sums over all weights are the adjusted mutual information of segments, a share, or that of classes, nats.
     """
 

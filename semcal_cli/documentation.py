@@ -7,7 +7,7 @@ ADDRESS = "https://semcal.readthedocs.io"
 """Address of the site that is built from the folder `docs`."""
 WITH_SCHEMA = (
     *("semcal_drive", "semcal_rig", "semcal_calibration", "semcal_rig_calibration"),
-    *("semcal_picture_model", "semcal_point_model"),
+    *("semcal_image_model", "semcal_point_model"),
 )
 """First keys of the documents that have a JSON Schema; their values are the versions."""
 

@@ -42,7 +42,7 @@ def info(**changes: Any) -> Maker:
 
 
 def image(encoding: str = "bgr8", **changes: Any) -> Maker:
-    """Make pictures that move."""
+    """Make images that move."""
     return lambda bag, index, stamp: bag.image(np.roll(COLORS, index, 0), encoding, stamp, **changes)
 
 
@@ -56,7 +56,7 @@ def at(maker: Maker, shift_ns: Callable[[int], int]) -> Maker:
 
 
 def fill(bag: BagWriter, count: int = 6, **changes: Maker) -> Path:
-    """Write `count` cameras, pictures and sweeps, a tenth of a second apart; changes are by topic, or make others."""
+    """Write `count` cameras, images and sweeps, a tenth of a second apart; changes are by topic, or make others."""
     makers = {"cam/camera_info": info(), "cam/image_raw": image(), "points": cloud()}
     names = {"info": "cam/camera_info", "image": "cam/image_raw"}
     makers |= {names.get(key, key): maker for key, maker in changes.items()}

@@ -286,7 +286,7 @@ def rotation(T: Pose) -> dict[str, float]:
 def write_drive_as_bag(
     drive: Drive, folder: Path, kind: str, *, compression: str = "", T_camera_lidar: Pose | None = None
 ) -> Path:
-    """Record a drive with pictures: a sweep and a raw picture every tenth of a second."""
+    """Record a drive with images: a sweep and a raw image every tenth of a second."""
     return write_drive(drive, BagWriter(folder, kind, compression), T_camera_lidar)
 
 

@@ -160,7 +160,7 @@ def fine_street(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def synthetic(tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    """A small drive with labels and pictures; tests do not write to it."""
+    """A small drive with labels and images; tests do not write to it."""
     folder = tmp_path_factory.mktemp("synthetic")
     synthesize(SMALL_DRIVE, folder)
     return read_drive(folder)
@@ -174,7 +174,7 @@ def drive(street: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def plain(drive: Path) -> Path:
-    """A drive of three frames without labels of pictures."""
+    """A drive of three frames without image labels."""
     document = yaml.safe_load((drive / "drive.yaml").read_text())
     for frame in document["frames"]:
         del frame["image_labels"]
@@ -249,7 +249,7 @@ def cli(capfd: pytest.CaptureFixture[str]) -> Cli:
 
 @pytest.fixture(scope="session")
 def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a calibration, its page and its pictures, all of one run; tests do not write to it."""
+    """A folder with a calibration, its page and its images, all of one run; tests do not write to it."""
     folder = tmp_path_factory.mktemp("made")
     options = ["-o", str(folder / "c.yaml"), "--report", str(folder / "r.html")]
     command = ["calibrate", str(street), *options, "--overlay", str(folder / "overlays")]

@@ -121,7 +121,7 @@ def opencalib(root: Path) -> Tree:
 
 
 def nuscenes(root: Path) -> Tree:
-    """The camera 1 m above the LiDAR, both turned in the vehicle; it drives 0.2 m on before the picture is taken.
+    """The camera 1 m above the LiDAR, both turned in the vehicle; it drives 0.2 m on before the image is taken.
 
     The vehicle looks along the world's y axis, so a mistaken order of the quaternion or a forgotten pose shows.
     """
@@ -156,7 +156,7 @@ def nuscenes(root: Path) -> Tree:
     for name, rows in tables.items():
         write(root / f"v1.0-mini/{name}.json", json.dumps(rows))
     write_cloud(root / sweep, columns=5)
-    write(root / picture, "no picture")
+    write(root / picture, "no image")
     write_labels(root / "lidarseg/v1.0-mini/d0_lidarseg.bin", [24, 17, 0], "u1")
     T = moved(FORWARD, 0.0, 1.0, -0.2)
     return Tree(root, (), T, {"vehicle.car": [17], "flat.driveable_surface": [24]}, {}, ([0, 31], []))
@@ -273,7 +273,7 @@ def kitti_360_perspective() -> str:
 
 
 def kitti_360_window(path: Path, T_world_lidar: Pose) -> None:
-    """Three points near the LiDAR, the last of them seen by no picture; one far away, and one behind the first."""
+    """Three points near the LiDAR, the last of them seen by no image; one far away, and one behind the first."""
     properties = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "int semantic"]
     properties += ["int instance", "uchar visible", "float confidence"]
     vertices = np.zeros(5, dtype="<f4,<f4,<f4,u1,u1,u1,<i4,<i4,u1,<f4")

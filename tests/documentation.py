@@ -56,6 +56,6 @@ def anchors(path: Path) -> set[str]:
 
 
 def links(path: Path) -> list[str]:
-    """The targets of links and pictures of a page, less those on the web."""
+    """The targets of links and images of a page, less those on the web."""
     found = re.findall(r"\]\(([^)\s]+)\)", prose(path))
     return [target for target in found if not re.match(r"[a-z]+://", target)]

@@ -27,7 +27,7 @@ ENCODERS = {"h264": "libx264", "h265": "libx265", "av1": "libsvtav1"}
 
 
 class FoxgloveWriter:
-    """Writes messages of Foxglove's schemas, in Protobuf or JSON; pictures also as a video."""
+    """Writes messages of Foxglove's schemas, in Protobuf or JSON; images also as a video."""
 
     def __init__(self, folder: Path, encoding: str) -> None:
         self.path, self._encoding = folder / "bag.mcap", encoding
@@ -95,7 +95,7 @@ class FoxgloveWriter:
 
 
 class VideoWriter:
-    """Passes messages on, but pictures as the packets of a video."""
+    """Passes messages on, but images as the packets of a video."""
 
     def __init__(self, writer: Any, codec: str, key_every: int = 5) -> None:
         self.writer, self.path, self._codec, self._key_every = writer, writer.path, codec, key_every
@@ -132,7 +132,7 @@ class VideoWriter:
 
 
 def encoded(pictures: list[np.ndarray], codec: str, key_every: int) -> Iterator[bytes]:
-    """Encode pictures (H, W, 3) blue, green, red, of which every so many is a key frame; a packet each."""
+    """Encode images (H, W, 3) blue, green, red, of which every so many is a key frame; a packet each."""
     context = av.CodecContext.create(ENCODERS[codec], "w")
     assert isinstance(context, av.VideoCodecContext)
     context.height, context.width = pictures[0].shape[:2]

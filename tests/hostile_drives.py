@@ -14,7 +14,7 @@ Edit = Callable[[dict[str, Any], Path], object]
 
 
 def break_drive(drive: Path, edit: Edit) -> None:
-    """Break a drive of at least four frames with pictures of 640 x 360."""
+    """Break a drive of at least four frames with images of 640 x 360."""
     document = yaml.safe_load((drive / "drive.yaml").read_text())
     edit(document, drive)
     (drive / "drive.yaml").write_text(yaml.safe_dump(document))

@@ -1,6 +1,6 @@
 """Makers of files that are or claim to be too large, and of files whose opening would never end.
 
-Large files are sparse, and pictures of many pixels are written line by line: no maker fills a disk or the memory.
+Large files are sparse, and images of many pixels are written line by line: no maker fills a disk or the memory.
 """
 
 import json

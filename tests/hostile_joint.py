@@ -25,7 +25,7 @@ def all_round(folder: Path) -> None:
 
 
 JOINT: dict[str, Hostile] = {
-    "k1 of a picture all round": refused(
+    "k1 of an image all round": refused(
         r"--refine-intrinsics: found 'k1', needed names of equirectangular: fx, fy, cx, cy$",
         *("--refine-intrinsics", "fx,k1"),
         make=all_round,

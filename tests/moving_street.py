@@ -1,6 +1,6 @@
-"""Consecutive sweeps and pictures of one synthetic street, along which a rig drives on an arc.
+"""Consecutive sweeps and images of one synthetic street, along which a rig drives on an arc.
 
-The core renders one long sweep of a rosette at one speed, whose parts are sweeps that follow one another, and pictures
+The core renders one long sweep of a rosette at one speed, whose parts are sweeps that follow one another, and images
 at any time of it: where only its shutter is late, the street is the same. A speed that changes is a clock that runs
 unevenly along the same way.
 """
@@ -80,9 +80,9 @@ class MovingStreet:
             yaw_rate_rad_s: Mean turn.
             seed: Seed of the street and the mounting.
             points: Mean number of points of a sweep.
-            width: Width of the pictures.
+            width: Width of the images.
             change: Share by which the speed rises above its mean and falls below it within the drive.
-            readout_s: Time that the shutter takes from the first line of a picture to the last.
+            readout_s: Time that the shutter takes from the first line of an image to the last.
         """
         self.config = StreetConfig(
             seed=seed,
@@ -129,7 +129,7 @@ class MovingStreet:
         return Timed(self._whole.points[is_in, :3], times_s[is_in], self._whole.point_labels[is_in])
 
     def picture(self, stamp_s: float) -> _core.RenderedFrame:
-        """Render the picture whose reading begins at a time, with its labels."""
+        """Render the image whose reading begins at a time, with its labels."""
         begin_s, end_s = self._even_s([stamp_s - FIRST_S, stamp_s - FIRST_S + self._readout_s])
         late_s, readout_s = begin_s - 0.5 * self.config.sweep_s, end_s - begin_s
         return self._rendered(
@@ -155,9 +155,9 @@ class MovingStreet:
         return float(np.linalg.norm(error[:3, 3])), float(np.degrees(angle))
 
     def write(self, folder: Path, count: int = NUM_SWEEPS, every: int = 1, late_s: float = 0.0) -> Path:
-        """Write a drive of the first sweeps, or of every so many, with pictures of their middles, and no motion.
+        """Write a drive of the first sweeps, or of every so many, with images of their middles, and no motion.
 
-        The true poses lie beside it. Pictures are later than their stamps by some time.
+        The true poses lie beside it. Images are later than their stamps by some time.
         """
         folder.mkdir(parents=True)
         frames = []

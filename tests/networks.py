@@ -37,7 +37,7 @@ POINT_CARD = {
 
 def card(folder: Path, **values: object) -> None:
     """Write the card of `color_network`, net.yaml; a value of None leaves a key out."""
-    document = {"semcal_picture_model": 1, "color": "rgb", "scale": 1 / 255, "classes": NAMES} | values
+    document = {"semcal_image_model": 1, "color": "rgb", "scale": 1 / 255, "classes": NAMES} | values
     text = yaml.safe_dump({key: value for key, value in document.items() if value is not None})
     (folder / "net.yaml").write_text(text)
 

@@ -26,7 +26,7 @@ def serious_findings(browser: webdriver.Chrome) -> list[str]:
 
     A finding is a message on the console since it was read last, a file from elsewhere
     than the page's own server, a page or part of it wider than
-    the screen, text that is cut, too small or of too little contrast (WCAG 2.1, level AA), and a control or picture
+    the screen, text that is cut, too small or of too little contrast (WCAG 2.1, level AA), and a control or image
     without a name. What is folded is unfolded for the look. The page is as before afterwards.
     """
     found = _said(browser)

@@ -51,7 +51,7 @@ def clock(*, is_determined: bool = True) -> Clock:
         half_width_95_s=0.0012 if is_determined else None,
         is_determined=is_determined,
         is_kept=is_determined,
-        meaning="pictures are 23.1 ms later than their stamps say"
+        meaning="images are 23.1 ms later than their stamps say"
         if is_determined
         else "not determined: drive at different speeds, and turn",
     )

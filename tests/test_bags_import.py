@@ -29,10 +29,10 @@ from bag_imports import (
 )
 from bags import KINDS, NS, START_NS, BagWriter, Messages, write_drive_as_bag
 
+from semcal_cli.datasets.bags.images import read_picture
 from semcal_cli.datasets.bags.importing import import_bag
 from semcal_cli.datasets.bags.messages import Message, Topic
 from semcal_cli.datasets.bags.motion import MotionSource, Trajectory
-from semcal_cli.datasets.bags.pictures import read_picture
 from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import load_points
@@ -46,7 +46,7 @@ from semcal_cli.geometry.poses import Pose, pose_from_mounting
 def test_a_camera_that_changes_is_an_error_that_says_when(
     kind: str, count: int, changed: int, tmp_path: Path
 ) -> None:
-    """Beside each picture, or stated twice, the second time where no frame lies near."""
+    """Beside each image, or stated twice, the second time where no frame lies near."""
 
     def change(bag: BagWriter, index: int, stamp: int) -> Any:
         K = [9.5 if index == changed else 9.0, 0, 8, 0, 9, 8, 0, 0, 1]
@@ -57,7 +57,7 @@ def test_a_camera_that_changes_is_an_error_that_says_when(
     assert f"/cam/camera_info: {when}" in message
 
 
-def test_rectified_pictures_use_P(tmp_path: Path) -> None:
+def test_rectified_images_use_P(tmp_path: Path) -> None:
     R = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     P = np.array([[7.0, 0, 6, 0], [0, 7.5, 5, 0], [0, 0, 1, 0]])
     path = small(
@@ -182,7 +182,7 @@ TOLD: dict[str, tuple[dict[str, Maker], str]] = {
     "two parents": ({"tf": two_parents}, "/tf of lidar in odom, /tf of lidar in map: choose one"),
     "contradicting frames": ({"tf_static": CONTRADICTION}, "no reference: fixed transforms contradict one another"),
     "one frame of both": ({"points": cloud(frame="same"), "image": image(frame="same")},
-                          "no reference: sweeps and pictures both say that they are in frame 'same'"),
+                          "no reference: sweeps and images both say that they are in frame 'same'"),
     "no frames": ({}, "no reference from 'lidar' to 'optical': there are no fixed transforms"),
 }  # fmt: skip
 
@@ -206,8 +206,8 @@ def test_frames_are_spread_and_the_rest_is_counted(tmp_path: Path) -> None:
     np.testing.assert_allclose(stamps, [0, 1, 2, 3, 4, 5], atol=1e-6)
 
 
-def test_a_picture_goes_to_the_sweep_that_is_nearest(tmp_path: Path) -> None:
-    """A LiDAR twice as fast as the camera, whose pictures are 40 ms after one sweep and 10 ms before the next."""
+def test_an_image_goes_to_the_sweep_that_is_nearest(tmp_path: Path) -> None:
+    """A LiDAR twice as fast as the camera, whose images are 40 ms after one sweep and 10 ms before the next."""
     with BagWriter(tmp_path, "sqlite3") as bag:
         for index in range(100):
             stamp = START_NS + index * NS // 20
@@ -237,7 +237,7 @@ def long_recording(folder: Path, seconds: int) -> Path:
 
 
 def test_as_many_frames_as_wanted_with_their_poses(tmp_path: Path) -> None:
-    """Where the rig stands, pictures decide; late poses are read for every frame."""
+    """Where the rig stands, images decide; late poses are read for every frame."""
     document = imported(long_recording(tmp_path, 120), tmp_path / "drive", max_frames=20)
     assert 19 <= len(document["frames"]) <= 20
     assert "motion" in document

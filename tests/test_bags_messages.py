@@ -1,4 +1,4 @@
-"""Messages of ROS become sweeps and pictures: every layout and encoding, and messages that lie."""
+"""Messages of ROS become sweeps and images: every layout and encoding, and messages that lie."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from bag_imports import (
 from bags import START_NS, BagWriter, Messages, jpeg, png
 
 from semcal_cli.datasets.bags.clouds import read_sweep
+from semcal_cli.datasets.bags.images import ENCODINGS, read_picture
 from semcal_cli.datasets.bags.messages import Message, MessageError, Topic
-from semcal_cli.datasets.bags.pictures import ENCODINGS, read_picture
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
 
@@ -179,7 +179,7 @@ def stored_pixels(encoding: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_every_encoding_of_a_picture(encoding: str) -> None:
+def test_every_encoding_of_an_image(encoding: str) -> None:
     stored, expected = stored_pixels(encoding)
     orders = ["<", ">"] if stored.dtype.itemsize == 2 else ["<"]
     for order in orders:
@@ -201,7 +201,7 @@ def test_every_encoding_of_a_picture(encoding: str) -> None:
 
 
 @pytest.mark.parametrize(("encode", "suffix"), [(png, ".png"), (jpeg, ".jpg")])
-def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str) -> None:
+def test_compressed_images_keep_their_bytes(encode: Any, suffix: str) -> None:
     content = encode(COLORS)
     bag = Messages("ros1")
     message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
@@ -241,7 +241,7 @@ def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
     below = small(tmp_path / "below", **{"cam": image(), "points/front": cloud()})
     assert "found 2 topics of" in refused(below, tmp_path / "none")  # another camera, and another LiDAR
     two = small(tmp_path / "two", **again, **{"other/image_raw": image()})
-    found = "found 2 topics of pictures (Image, CompressedImage, video), needed one of: /cam/image_raw,"
+    found = "found 2 topics of images (Image, CompressedImage, video), needed one of: /cam/image_raw,"
     assert f"--image: {found} /other/image_raw" in refused(two, tmp_path / "none")
 
 
@@ -255,10 +255,10 @@ LIES: dict[str, tuple[dict[str, Maker], str]] = {
     "no fields": ({"points": cloud(fields=[])}, "found the fields none, needed x, y and z"),
     "no pixels": ({"image": image(data=[])}, "found 0 bytes of pixels, needed 768"),
     "step": ({"image": image(step=7)}, "found step 7, needed 48"),
-    "size": ({"image": image(width=0)}, "found a picture of 0 x 16 pixels"),
+    "size": ({"image": image(width=0)}, "found an image of 0 x 16 pixels"),
     "huge": ({"image": image(width=1 << 31, height=1 << 31)}, "needed at most 100,000,000"),
     "encoding": ({"image": image("32FC1")}, "found encoding '32FC1', needed one of: mono8"),
-    "other size": ({"image": image(width=8, step=24)}, "found a picture of 8 x 16 pixels, needed 16 x 16"),
+    "other size": ({"image": image(width=8, step=24)}, "found an image of 8 x 16 pixels, needed 16 x 16"),
     "empty": ({"image": compressed(b"")}, "found 0 bytes of"),
     "other format": ({"image": compressed(b"RIFF1234WEBP")}, "found 12 bytes of"),
     "JPEG": ({"image": compressed(b"\xff\xd8\xff\xe0")}, "found 4 bytes of"),
@@ -267,7 +267,7 @@ LIES: dict[str, tuple[dict[str, Maker], str]] = {
     "lens": ({"info": info(distortion_model="odd")},
              "/cam/camera_info: distortion_model: found 'odd', needed one of: plumb_bob"),
     "no camera": ({"info": nothing}, "found no topic of intrinsics (CameraInfo), only"),
-    "no pictures": ({"image": nothing}, "found no topic of pictures (Image, CompressedImage, video), only"),
+    "no images": ({"image": nothing}, "found no topic of images (Image, CompressedImage, video), only"),
     "two sweeps": ({"rear": cloud()}, "--points: found 2 topics of sweeps (PointCloud2, Livox CustomMsg, "
                    "VelodyneScan), needed one of: /points, /rear"),
 }  # fmt: skip

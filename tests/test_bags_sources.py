@@ -29,7 +29,7 @@ from semcal_cli.geometry.poses import compare_poses
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 VIDEO_GREY = 3.5
-"""Largest mean difference of the brightness of a video's frame from its picture, of 255: it is rounded down by 2."""
+"""Largest mean difference of the brightness of a video's frame from its image, of 255: it is rounded down by 2."""
 WRITERS: dict[str, Any] = {
     "protobuf": lambda folder: FoxgloveWriter(folder, "protobuf"),
     "json": lambda folder: FoxgloveWriter(folder, "json"),
@@ -66,7 +66,7 @@ def test_a_recording_is_the_drive_that_it_was_made_of(name: str, synthetic: Driv
 
 
 @pytest.mark.slow
-def test_a_video_gives_the_pose_of_its_pictures(tmp_path: Path) -> None:
+def test_a_video_gives_the_pose_of_its_images(tmp_path: Path) -> None:
     size = ["--frames", "12", "--width", "640", "--height", "360", "--seed", "93010"]
     run_cli("synth", tmp_path / "true", *size)
     drive, poses = read_drive(tmp_path / "true"), []
@@ -81,7 +81,7 @@ def test_a_video_gives_the_pose_of_its_pictures(tmp_path: Path) -> None:
 
 
 def test_frames_of_a_video_are_decoded_from_the_key_frame_before_them(tmp_path: Path) -> None:
-    """Every 25th picture is a key frame, and frames lie three seconds apart."""
+    """Every 25th image is a key frame, and frames lie three seconds apart."""
 
     def pictures(bag: Any, index: int, stamp: int) -> Any:
         return bag.image(np.full((16, 16, 3), 2 * index + 20, np.uint8), "bgr8", stamp)

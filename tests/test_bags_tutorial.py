@@ -34,7 +34,7 @@ PAINT = np.stack(np.meshgrid(*[[10, 90, 170, 250]] * 3), axis=-1).reshape(-1, 3)
 
 
 def test_the_commands_of_the_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures whose colours are their classes, and a network that knows them."""
+    """Images whose colours are their classes, and a network that knows them."""
     size = ["--width", "480", "--height", "270", "--channels", "64", "--columns", "800"]
     run_cli("synth", tmp_path / "true", "--frames", "8", "--seed", "93002", *size)
     drive = read_drive(tmp_path / "true")
@@ -44,7 +44,7 @@ def test_the_commands_of_the_tutorial(tmp_path: Path, monkeypatch: pytest.Monkey
     recorded = write_drive_as_bag(drive, tmp_path, "mcap library")
     recorded.rename(tmp_path / "recording.mcap")
     color_network(tmp_path / "network.onnx", colors=PAINT)
-    card = {"semcal_picture_model": 1, "scale": 1 / 255, "mean": [0, 0, 0], "std": [1, 1, 1]}
+    card = {"semcal_image_model": 1, "scale": 1 / 255, "mean": [0, 0, 0], "std": [1, 1, 1]}
     (tmp_path / "network.yaml").write_text(yaml.safe_dump(card))
     monkeypatch.chdir(tmp_path)
     commands = tutorial()

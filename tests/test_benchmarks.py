@@ -43,19 +43,19 @@ RUNS = {
     "hand_eye.py --drives 1 --width 320 --without-edges": 2,
     "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160": 3,
     "knocked_drive.py -o OUT/knocked.png --frames 4 --width 320 --angle-deg 3": 0,
-    "labels_from_pictures.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128": 4,
+    "labels_from_images.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128": 4,
     "point_clouds.py --rounds 1 --columns 32": 2,
     "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges": 12,
     "odometry.py --seeds 1 --points 5000": 7,
     "odometry_gain.py --only clock --seeds 1 --points 10000 --width 160": 1,
     "odometry_speed.py -o OUT/speed --sweeps 12 --points 5000": 1,
-    "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL": 0,
+    "images.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL": 0,
     "report.py --frames 2 --width 320 --runs 1": 1,
     "rig.py --seeds 1 --cameras 2 --frames 2 --width 160": 1,
     "same_results.py --before SEMCAL --after SEMCAL --work OUT/work --cases CASES": 0,
     "segmentation.py --rounds 1 --frames 1 --columns 100": 3,
     "segment_scores.py DATA -o OUT/scores.png --only KITTI --max-frames 1 --steps 1": 3,
-    "edges_picture.py DATA -o OUT/edges.png --max-frames 1": 0,
+    "edges_image.py DATA -o OUT/edges.png --max-frames 1": 0,
     "edge_ideas.py DATA -o OUT/ideas.png --only jam --max-frames 1 --starts 1 --steps 1": 7,
     "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed --repeats 1 --pairs 1 --width 64 "
     "--process calibrate --process inspect": 9,
@@ -68,7 +68,7 @@ CASES = {
     "inspect": ["inspect @pinhole --json", "inspect @nothing"],
 }
 """Cases for the comparison of two versions."""
-PICTURES = ("overlay", "terminal", "report", "verify_phone", "fleet", "view", "view_phone")
+IMAGES = ("overlay", "terminal", "report", "verify_phone", "fleet", "view", "view_phone")
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +128,7 @@ def test_a_script_runs_to_its_end(command: str, places: dict[str, Path], tmp_pat
     into = ["--into", str(page)] if RUNS[command] else []
     printed = run([sys.executable, str(BENCHMARKS / script), *arguments, *into], places)
     if script == "pictures.py":
-        assert all((places["OUT"] / f"pictures/{name}.webp").stat().st_size > 0 for name in PICTURES)
+        assert all((places["OUT"] / f"pictures/{name}.webp").stat().st_size > 0 for name in IMAGES)
     if into:
         assert find_place(str(page), page.stem).split() == outside
         written = page.read_text().removeprefix(outside[0]).removesuffix(outside[1])

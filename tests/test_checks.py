@@ -17,7 +17,7 @@ from semcal_cli.experiments.limits import (
     FEW,
     GOOD,
     KINDS,
-    LABELLED_FROM_PICTURES,
+    LABELLED_FROM_IMAGES,
     MOTIONS,
     WRONG_POSE,
     Case,
@@ -97,7 +97,7 @@ def test_the_rule_lies_midway_between_good_and_bad() -> None:
     assert (row["num_good"], row["worst_good"], row["num_bad"], row["mildest_bad"]) == (2, 0.4, 1, 0.8)
     assert row["by_rule"] == pytest.approx(0.6)
     assert (
-        "| wrong-pairing | labels | 2 | 40 % | 0 | 1, pictures of another drive | 80 % | 0 | 55 % | 60 % |"
+        "| wrong-pairing | labels | 2 | 40 % | 0 | 1, images of another drive | 80 % | 0 | 55 % | 60 % |"
         in (markdown([row]))
     )
 
@@ -140,7 +140,7 @@ def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> 
         found = run(pool, Case(kind, "labels", seed, 3, 0.0))
         return {(each.topic, each.limit): each.value for each in found}
 
-    good, exchanged, leaked = (measured(kind) for kind in (GOOD, ANOTHER_DRIVE, LABELLED_FROM_PICTURES))
+    good, exchanged, leaked = (measured(kind) for kind in (GOOD, ANOTHER_DRIVE, LABELLED_FROM_IMAGES))
     assert good.keys() >= {("wrong-pairing", "labels"), ("other-mounting", ""), ("shifted-label-images", "")}
     for (topic, name), number in good.items():
         assert CHECKS[topic].limits[name].is_kept_by(number), topic

@@ -74,7 +74,7 @@ def test_calibrate_then_evaluate(street: Path, street_truth: Pose, tmp_path: Pat
 def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     drive: Path, street_truth: Pose, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only points within five degrees of the optical axis are labelled, a hundredth of the picture."""
+    """Only points within five degrees of the optical axis are labelled, a hundredth of the image."""
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     for path in (drive / "points").iterdir():
         points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
@@ -91,14 +91,14 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert lines[-5] == f"written to       {tmp_path / 'out.yaml'}"
     assert lines[-4] == "verdict          not trusted: 1 doubt, see above"
     assert re.fullmatch(
-        r"visible points with classes cover \d\.\d% of the picture, needed at least 3%: label more of the points, or "
+        r"visible points with classes cover \d\.\d% of the image, needed at least 3%: label more of the points, or "
         "check which ids the drive ignores",
         calibration.reasons[0],
     )
 
 
 def test_a_runner_up_that_is_close_is_not_trusted(drive: Path, tmp_path: Path, cli: Cli) -> None:
-    """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
+    """Each sweep is doubled by its own half turn, so that two opposite mountings explain the images alike."""
     for path in (drive / "points").iterdir():
         cloud = np.fromfile(path, np.float32).reshape(-1, 4)
         np.concatenate([cloud, cloud * np.float32([-1.0, -1.0, 1.0, 1.0])]).tofile(path)
@@ -205,7 +205,7 @@ def test_what_is_known_is_weighed_and_said(
     assert about["sigma_rotation_deg"] == [None, None, 0.0]
 
 
-def test_a_picture_that_is_not_drawn_need_not_be_there(street: Path, tmp_path: Path, cli: Cli) -> None:
+def test_an_image_that_is_not_drawn_need_not_be_there(street: Path, tmp_path: Path, cli: Cli) -> None:
     used = {frame.points for frame in choose_frames(read_drive(street), ("labels",), 2).frames}
     document = read_document(street / DRIVE_FILE)
     for frame in document["frames"]:

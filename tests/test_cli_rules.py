@@ -99,7 +99,7 @@ REFUSED = {
     "calibrate d --rectify": "--rectify requires --image-model.",
     "label d --points segments": "Give -o, --preview or --show.",
     "label d --points segments --probabilities -o o": "--probabilities requires --image-model or --show: these are of "
-    "pictures.",
+    "images.",
     "label d --points segments --point-model x -o o": "--points excludes --point-model.",
     "label d --image-model m --point-card x -o o": "--point-card requires --point-model or --show.",
     "label d --image-model m --preview x.jpg": "Invalid value for '--preview': found x.jpg, needed a .png.",

@@ -34,7 +34,7 @@ T = make_pose((0.4, -1.2, 0.8), (0.3, -0.2, 0.1))
 CONFIG = CalibrationConfig(cues=("labels",))
 STANDING = "the clock was not checked: the drive gives no motion"
 MOVING = (
-    "the clock was not checked: the drive gives no direction of its motion. Pictures may be 20 ms off: at 8 m/s the "
+    "the clock was not checked: the drive gives no direction of its motion. Images may be 20 ms off: at 8 m/s the "
     "camera may be 16 cm off, which is part of its interval"
 )
 
@@ -99,7 +99,7 @@ def test_the_place_may_be_off_along_any_level_direction(loaded: LoadedDrive) -> 
 
 @pytest.mark.parametrize("by_poses", [True, False])
 def test_one_twist_moves_the_place_along_it(loaded: LoadedDrive, by_poses: bool) -> None:
-    """A picture that is late by its standard deviation is taken from where the LiDAR will be."""
+    """An image that is late by its standard deviation is taken from where the LiDAR will be."""
     twist = Twist(linear_m_s=(9.0, -1.0, 0.5), angular_rad_s=(0.0, 0.1, 0.4))
     one = (*twist.linear_m_s, *twist.angular_rad_s)
     data = moving(loaded, one, motion=None if by_poses else Motion(twist=twist))
@@ -111,7 +111,7 @@ def test_one_twist_moves_the_place_along_it(loaded: LoadedDrive, by_poses: bool)
     (offset,) = local_coordinates([T @ expm(step)], T)
     np.testing.assert_allclose(covariance, np.outer(offset, offset), rtol=2e-2, atol=1e-8)
     (note,) = notes_on_clock(data, clock_of(data))
-    assert "its frames move much alike. Pictures may be 10 ms off: at 9.07 m/s" in note
+    assert "its frames move much alike. Images may be 10 ms off: at 9.07 m/s" in note
     exact = replace(data, drive=data.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
     assert clock_of(exact).covariance() is None
     assert notes_on_clock(exact, clock_of(exact)) == ()
@@ -143,7 +143,7 @@ def test_frames_that_move_differently_tell_the_clock(
 
 
 def test_what_tells_no_clock(loaded: LoadedDrive, street_truth: Pose) -> None:
-    """Neither frames that hardly differ, nor pictures without labels: what is stated counts."""
+    """Neither frames that hardly differ, nor images without labels: what is stated counts."""
     blind = loaded.observations.with_images(
         image.with_classes(np.full_like(image.classes, NO_CLASS)) for image in loaded.observations.images
     )
@@ -225,7 +225,7 @@ def test_the_motion_is_part_of_the_interval(tmp_path: Path) -> None:
 
 
 def test_a_delay_at_one_speed_is_within_the_interval(tmp_path: Path) -> None:
-    """Straight on at 12 m/s, pictures that are 20 ms late put the camera 24 cm farther on, and every frame agrees."""
+    """Straight on at 12 m/s, images that are 20 ms late put the camera 24 cm farther on, and every frame agrees."""
     config = SynthConfig(num_frames=4, seed=11, width=640, height=360, motion="steady", delay_ms=20.0)
     synthesize(config, tmp_path / "drive")
     truth = read_transform(tmp_path / "drive")
@@ -286,7 +286,7 @@ def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
 
 
 def frames_at(drive: Drive, gaps_s: Sequence[float | None]) -> Drive:
-    """The drive with a stamp of each sweep, and of the picture some time after it, if there is one."""
+    """The drive with a stamp of each sweep, and of the image some time after it, if there is one."""
     frames = [
         frame.model_copy(update={"points_stamp": 1.0, "image_stamp": None if gap_s is None else 1.0 + gap_s})
         for frame, gap_s in zip(drive.frames, gaps_s, strict=True)

@@ -53,7 +53,7 @@ def at_one_speed(seen: Observations, speed_m_s: float) -> Observations:
     [
         lambda seen: seen,
         lambda seen: seen.of_frames([1]),
-        lambda seen: seen.of_frames([2, 2, 2]),  # pictures of one scene fit all of its sweeps
+        lambda seen: seen.of_frames([2, 2, 2]),  # images of one scene fit all of its sweeps
         lambda seen: at_one_speed(seen, 12.0),  # at which a delay looks like another place
         lambda seen: at_one_speed(seen, 0.0),
     ],
@@ -69,10 +69,10 @@ def test_nothing_is_found_against_a_good_drive(
     [
         (
             lambda seen: seen.with_images(seen.images[1:] + seen.images[:1]),
-            r"pictures of other frames fit the clouds \d{3}% as well as their own, needed at most 55%: check ",
+            r"images of other frames fit the clouds \d{3}% as well as their own, needed at most 55%: check ",
         ),
-        (shuffled, r".* degrees, points and pictures fit (\d{3}% as well|better than)"),
-        (mostly_one_class, r"points in the picture are nearly all of one class, they vary like 1\."),
+        (shuffled, r".* degrees, points and images fit (\d{3}% as well|better than)"),
+        (mostly_one_class, r"points in the image are nearly all of one class, they vary like 1\."),
         (lambda seen: all_pixels_of(seen, 0), "pixels are nearly all of one class"),
         (
             lambda seen: all_pixels_of(seen, NO_CLASS),
@@ -99,7 +99,7 @@ def test_wrong_intrinsics_are_named(
     (focal,) = sentences(seen, T)
     right = "shorter" if scale > 1.0 else "longer"
     assert re.match(
-        rf"the focal length looks wrong, points and pictures agree \d+\.\d% better with fx and fy 7% {right}: ",
+        rf"the focal length looks wrong, points and images agree \d+\.\d% better with fx and fy 7% {right}: ",
         focal,
     )
     around = around_intrinsics(seen, T)

@@ -63,7 +63,7 @@ def test_wrong_arguments_are_errors(street_observations: Observations, street_tr
     cloud = _core.LabelledCloud(np.zeros((50, 3), np.float32), np.zeros(5, np.uint8))
     joint = JointConfig(factors=(1,), changes=(0.0,), sigmas=(1.0,), evidence=1.0)
     for factor in (0, 1000):
-        with pytest.raises(ValueError, match="does not fit the picture"):
+        with pytest.raises(ValueError, match="does not fit the image"):
             _core.sensitivity(observations, street_truth, SensitivityConfig(factor=factor))
     wrong = "InitializationConfig.roll_step_deg: found 0.0, needed a finite number above 0"
     with pytest.raises(ValueError, match=wrong):

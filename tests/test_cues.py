@@ -115,7 +115,7 @@ def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case)
     wrong = replace(data.observations, camera=data.observations.camera.zoomed(WRONG_FOCAL))
     found = fit_jointly(wrong, truth, JointlyConfig(("fx", "fy")), PolishConfig())
     assert found.camera is not None
-    # What segments and intensities tell of so few and small pictures is not always enough.
+    # What segments and intensities tell of so few and small images is not always enough.
     assert found.is_kept or "labels" not in case[0]
     if found.is_kept:
         focal = found.camera.intrinsics["fx"]

@@ -102,13 +102,13 @@ def test_spread_keeps_slow_frames_that_differ(tmp_path: Path) -> None:
 def test_labels_of_ones_own_networks(tmp_path: Path) -> None:
     """Frames that lack a label are left out and counted; classes are those that are named."""
     of = Import("rellis-3d", tmp_path)
-    for name in ("frame000104-1581624663_149", "000106"):  # as the picture, or as the frame
+    for name in ("frame000104-1581624663_149", "000106"):  # as the image, or as the frame
         write_ids(tmp_path / f"image/{name}.png", 1920, 1200)
     for number in (104, 105, 106):
         write_labels(tmp_path / f"points/{number:06d}.label", [1, 2, 3])
     folders = ("--image-labels", tmp_path / "image", "--point-labels", tmp_path / "points")
     drive = of.run(*folders, "--image-classes", "cityscapes-train")
-    assert "note: 1 frames without labels of pictures are left out" in of.stderr
+    assert "note: 1 frames without image labels are left out" in of.stderr
     assert [Path(frame.points).stem for frame in drive.frames] == ["000104", "000106"]
     assert drive.frames[0].point_labels == "../points/000104.label"
     assert drive.classes
@@ -120,8 +120,7 @@ def test_labels_that_no_frame_has_on_both_sides(tmp_path: Path) -> None:
     write_ids(tmp_path / "image/000001.png")
     folders = ("--image-labels", tmp_path / "image", "--point-labels", tmp_path / "points")
     assert Import("kitti-odometry", tmp_path).complaint(*folders) == (
-        "found 1 frames with labels of points and 1 with labels of pictures, none of 3 with both, "
-        "needed at least one"
+        "found 1 frames with point labels and 1 with image labels, none of 3 with both, needed at least one"
     )
 
 

@@ -75,7 +75,7 @@ def test_raw_sweeps_of_kitti_360_are_named_by_plain_digits(tmp_path: Path) -> No
     pictures = of.root / f"data_2d_raw/{KITTI_360_DRIVE}/image_01/data_rect"
     (pictures / "0000000250.png").rename(pictures / "abc.png")
     assert of.complaint() == (
-        f"{{root}}: found no frame of {KITTI_360_DRIVE} with points, a pose and a picture of image_01"
+        f"{{root}}: found no frame of {KITTI_360_DRIVE} with points, a pose and an image of image_01"
     )
 
 
@@ -166,7 +166,7 @@ def test_own_files_and_frames_that_differ_need_label_images(tmp_path: Path) -> N
         "--spread: found frames without label images, needed --image-labels GLOB"
     )
     stderr = run_import("folder", *arguments, "-o", tmp_path / "drive")
-    assert "note: no labels of pictures: a network can make them; --image-labels GLOB" in stderr
+    assert "note: no image labels: a network can make them; --image-labels GLOB" in stderr
 
 
 def test_a_number_in_a_name_that_is_no_time(tmp_path: Path) -> None:

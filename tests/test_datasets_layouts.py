@@ -77,7 +77,7 @@ def kitti_360(tmp_path: Path) -> Import:
 
 
 def test_kitti_360_points_are_cut_from_the_window_around_the_pose(kitti_360: Import) -> None:
-    """Of the window in whose middle the frame is: near points that a picture and the LiDAR see, in its frame.
+    """Of the window in whose middle the frame is: near points that an image and the LiDAR see, in its frame.
 
     No file of labels has their number, and they have no scan pattern.
     """
@@ -114,8 +114,8 @@ def test_kitti_360_fisheye(kitti_360: Import) -> None:
     assert written_cloud(drive)[1].tolist() == [7, 26, 26]
 
 
-def test_kitti_360_raw_pictures_have_their_own_camera(kitti_360: Import, tmp_path: Path) -> None:
-    """Before R_rect, with K, D and S of the file, whose K ends in 0 0 0; labels are of the rectified pictures."""
+def test_kitti_360_raw_images_have_their_own_camera(kitti_360: Import, tmp_path: Path) -> None:
+    """Before R_rect, with K, D and S of the file, whose K ends in 0 0 0; labels are of the rectified images."""
     drive = kitti_360.run("--raw", "--camera", "image_01")
     expected = np.linalg.inv(QUARTER) @ kitti_360.tree.T_camera_lidar
     np.testing.assert_allclose(drive.T_camera_lidar, expected, atol=PRINTED)
@@ -124,7 +124,7 @@ def test_kitti_360_raw_pictures_have_their_own_camera(kitti_360: Import, tmp_pat
     assert drive.camera.distortion == RAW_D
     assert drive.frames[0].image == f"../tree/data_2d_raw/{KITTI_360_DRIVE}/image_01/data_rgb/0000000250.png"
     assert drive.frames[0].image_labels is None
-    said = "note: data_2d_semantics labels rectified pictures: raw ones take theirs from"
+    said = "note: data_2d_semantics labels rectified images: raw ones take theirs from"
     assert said in kitti_360.stderr
     write_ids(tmp_path / "pictures/0000000250.png", *RAW_SIZE)
     drive = kitti_360.run("--raw", "--image-labels", tmp_path / "pictures")
@@ -133,17 +133,17 @@ def test_kitti_360_raw_pictures_have_their_own_camera(kitti_360: Import, tmp_pat
 
 
 @pytest.mark.parametrize(("camera", "usual"), [("image_00", "--rectified"), ("image_02", "--raw")])
-def test_kitti_360_pictures_are_the_usual_ones_unless_others_are_asked_for(
+def test_kitti_360_images_are_the_usual_ones_unless_others_are_asked_for(
     kitti_360: Import, camera: str, usual: str
 ) -> None:
     """Rectified for the pair; the fisheyes have none but raw ones."""
     assert kitti_360.run("--camera", camera) == kitti_360.run("--camera", camera, usual)
 
 
-def test_kitti_360_pictures_that_are_not_there(kitti_360: Import, tmp_path: Path) -> None:
+def test_kitti_360_images_that_are_not_there(kitti_360: Import, tmp_path: Path) -> None:
     (kitti_360.root / f"data_2d_raw/{KITTI_360_DRIVE}/image_00/data_rgb").rename(tmp_path / "elsewhere")
     assert kitti_360.complaint("--raw", "--camera", "image_00") == (
-        f"{{root}}: found no frame of {KITTI_360_DRIVE} with points, a pose and a picture of image_00/data_rgb"
+        f"{{root}}: found no frame of {KITTI_360_DRIVE} with points, a pose and an image of image_00/data_rgb"
     )
 
 
@@ -189,7 +189,7 @@ def test_carla_clouds_without_tags_name_no_labels(tmp_path: Path) -> None:
     of = Import("carla", tmp_path, partial(carla, semantic=False))
     of.check()
     assert not (of.out / "point_labels").exists()
-    assert "no labels of points: edges are compared instead; --point-labels DIR" in of.stderr
+    assert "no point labels: edges are compared instead; --point-labels DIR" in of.stderr
 
 
 @pytest.mark.parametrize("semantic", [False, True])
@@ -235,8 +235,8 @@ def test_carla_tags_of_both_releases(tmp_path: Path, release: str, road: int, sk
     assert drive.classes.points["Road"] == (road,)
 
 
-def test_carla_pictures_of_colours(tmp_path: Path) -> None:
-    """One black picture does not make the others raw."""
+def test_carlan_images_of_colours(tmp_path: Path) -> None:
+    """One black image does not make the others raw."""
     of = Import("carla", tmp_path)
     for color in ((128, 64, 128), (0, 0, 0)):
         write_colors(of.root / "labels/000017.png", color)
@@ -246,7 +246,7 @@ def test_carla_pictures_of_colours(tmp_path: Path) -> None:
         assert palette["Road"] == (128, 64, 128)
 
 
-def test_a_class_table_is_turned_red_for_raw_carla_pictures(tmp_path: Path) -> None:
+def test_a_class_table_is_turned_red_for_raw_carlan_images(tmp_path: Path) -> None:
     of, own = Import("carla", tmp_path), tmp_path / "own.yaml"
     palette = of.run("--image-classes", "carla").palette
     assert palette
@@ -266,6 +266,6 @@ def test_a_class_table_is_turned_red_for_raw_carla_pictures(tmp_path: Path) -> N
 
 
 def test_carla_intrinsics(tmp_path: Path) -> None:
-    """A right angle over 64 pixels; the axis meets the middle of the picture, between two pixels."""
+    """A right angle over 64 pixels; the axis meets the middle of the image, between two pixels."""
     K = Import("carla", tmp_path).run().camera.K
     np.testing.assert_allclose(K, [[32, 0, 31.5], [0, 32, 15.5], [0, 0, 1]], atol=1e-12)

@@ -1,7 +1,7 @@
 """Files that data sets' own projects made are read the right way round, by `semcal import` and by formats.
 
-What is then seen on their pictures tells: where there are labels, they agree. Where there are none, points at the near
-side of a jump in range, along a ring, lie where the picture changes sideways (after Levinson and Thrun, *Automatic
+What is then seen on their images tells: where there are labels, they agree. Where there are none, points at the near
+side of a jump in range, along a ring, lie where the image changes sideways (after Levinson and Thrun, *Automatic
 online calibration of cameras and lasers*, 2013).
 """
 
@@ -31,11 +31,11 @@ PRINTED = 1e-9  # decimals of the reference in the drive.yaml of the real frame
 TURN_DEG = 4.0
 """A file that is read right puts points so much nearer to where they belong that turning it so far shows."""
 BETTER = 0.03
-"""Edges are on stronger edges of the picture by so much of its pixels: 0.77 and 0.78 here, 0.59 to 0.70 turned."""
+"""Edges are on stronger edges of the image by so much of its pixels: 0.77 and 0.78 here, 0.59 to 0.70 turned."""
 LEAST_POINTS = 20
 
 View: TypeAlias = tuple[Path, Path, Camera, Pose]
-"""A cloud, a picture, its camera and T_camera_lidar."""
+"""A cloud, an image, its camera and T_camera_lidar."""
 
 
 def turned(T: Pose, axis: int, angle_deg: float) -> Pose:
@@ -121,7 +121,7 @@ def edge_points(path: Path) -> npt.NDArray[np.float32]:
 
 
 def on_edges(path: Path, picture: Path, camera: Camera, T: Pose) -> float:
-    """How strong the picture's edges are under edges of the cloud: the share of its pixels that have weaker ones."""
+    """How strong the image's edges are under edges of the cloud: the share of its pixels that have weaker ones."""
     gray = cv2.GaussianBlur(cv2.cvtColor(read_image(picture), cv2.COLOR_BGR2GRAY), (0, 0), 2.0)
     strength = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0))
     weaker = np.sort(strength.ravel()[::37])

@@ -129,11 +129,11 @@ def test_frames_of_few_squares_are_outliers_by_chance_no_more_often(rng: np.rand
     assert 0.3 * alpha < np.mean(many) < alpha
 
 
-def test_pictures_of_another_moment_and_mirrored_ones_are_named(
+def test_images_of_another_moment_and_mirrored_ones_are_named(
     long_street: RawDrive, rng: np.random.Generator, tmp_path: Path
 ) -> None:
     frames = list(long_street.frames)
-    frames[2] = frames[2].with_picture_of(frames[6])
+    frames[2] = frames[2].with_image_of(frames[6])
     frames[5] = replace(frames[5], image_labels=frames[5].image_labels[:, ::-1].copy())
     raw = long_street.with_frames(frames)
     (finding,) = paired(raw, tmp_path)

@@ -49,7 +49,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "semcal_rig_calibration-1/camera_1.yaml": read_calibration,
     "semcal_fleet-1/fleet.yaml": read_transform,
     "semcal_transform-1/transform.yaml": read_transform,
-    "semcal_picture_model-1/card.yaml": read_card,
+    "semcal_image_model-1/card.yaml": read_card,
     "semcal_point_model-1/card.yaml": read_card,
 }
 """Public reader of each document. Records and summaries of a batch have tests of their own."""

@@ -49,7 +49,7 @@ def seen(street: Path) -> Observations:
 
 @pytest.fixture
 def bare(drive: Path) -> Path:
-    """The drive without labels of points."""
+    """The drive without point labels."""
     return without(drive, "point_labels")
 
 
@@ -115,7 +115,7 @@ def test_a_start_two_degrees_off_comes_back_and_few_scenes_are_not_trusted(
     data = load(street, config)
     start = InitialPose(FAR @ street_truth, "far")
     error = compare_poses(calibrate(data, config, initial_pose=start).pose, street_truth)
-    # A few frames of pictures 5 pixels a ray: half of that, at 20 m.
+    # A few frames of images 5 pixels a ray: half of that, at 20 m.
     assert error.rotation_deg < 0.3
     assert error.camera_center_cm < 8.0
     few = calibrate(data.of_frames([0, 1]), config, initial_pose=start)

@@ -116,7 +116,7 @@ def test_a_clock_that_was_kept_is_set_in_a_drive(refined: Calibration, tmp_path:
     path, found = put(tmp_path, "drive.yaml", refined.model_copy(update={"clock": clock()}), stated)
     assert found.exit_code == 0, found.output
     assert found.stderr.endswith(
-        f"\nset the time offset in {path}; pictures are 23.1 ms later than their stamps say\n"
+        f"\nset the time offset in {path}; images are 23.1 ms later than their stamps say\n"
     )
     drive = read_drive(path)
     assert (drive.time_offset_s, drive.camera.K) == (LATER_S, refined.used_camera.K)
@@ -134,7 +134,7 @@ def test_a_file_without_a_place_for_the_clock_is_told(refined: Calibration, tmp_
     path, found = put(tmp_path, "chain.yaml", refined.model_copy(update={"clock": clock()}))
     *_, last = found.stderr.splitlines()
     assert last == (
-        f"left out the time offset: {path} has no key for it; pictures are 23.1 ms later than their stamps say"
+        f"left out the time offset: {path} has no key for it; images are 23.1 ms later than their stamps say"
     )
 
 

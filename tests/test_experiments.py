@@ -289,7 +289,7 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     assert list(verified) == [trust.AS_IT_IS, trust.TURNED, trust.MOVED[seed % 3]]
     assert verified.pop(trust.AS_IT_IS) in ("pass", "inconclusive")
     assert verified[trust.TURNED] == "fail"
-    assert verified[trust.MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small picture
+    assert verified[trust.MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small image
     assert found["good"][0].status == "trusted"
     assert {found[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
     report = trust_table.report([each for listed in found.values() for each in listed])

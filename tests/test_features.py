@@ -57,7 +57,7 @@ def test_mine_finds_the_pose_by_features_alone(drive: Drive, street_truth: Pose)
 
 
 def test_vectors_of_blocks_are_those_of_their_pixels(drive: Drive, tmp_path: Path) -> None:
-    """A network's map may be smaller than the picture by a whole number."""
+    """A network's map may be smaller than the image by a whole number."""
     frame = drive.frames[0]
     whole = np.load(drive.resolve(str(frame.image_features)))
     np.save(tmp_path / "small.npy", whole[::4, ::4])

@@ -95,7 +95,7 @@ def test_digits_after_seconds_that_are_not_clear(names: tuple[str, ...]) -> None
 
 
 def test_pairs_by_time_are_each_others_nearest() -> None:
-    """Of two clouds near one picture the nearer takes it; what is too far stays alone; the order does not matter."""
+    """Of two clouds near one image the nearer takes it; what is too far stays alone; the order does not matter."""
     clouds = files("1000000000.00.bin", "1000000000.10.bin", "1000000000.14.bin", "1000000000.50.bin")
     pictures = files("1000000000.60.png", "1000000000.13.png", "1000000000.02.png")
     expected = {clouds[0]: pictures[2], clouds[2]: pictures[1]}
@@ -182,12 +182,12 @@ def own_clouds(root: Path, suffix: str, ids: str) -> list[object]:
 @pytest.mark.parametrize("suffix", [".pcd", ".ply"])
 def test_clouds_with_a_field_of_labels_need_no_files_of_them(tmp_path: Path, suffix: str) -> None:
     stderr = run_import("folder", *own_clouds(tmp_path / "own", suffix, "label"), "-o", tmp_path / "drive")
-    assert f"note: labels of points: the clouds' own, as in 000002{suffix}\n" in stderr
-    assert "no labels of points" not in stderr
+    assert f"note: point labels: the clouds' own, as in 000002{suffix}\n" in stderr
+    assert "no point labels" not in stderr
     drive = read_drive(tmp_path / "drive")
     assert [cloud.labels.tolist() for cloud in read_clouds(drive)] == [[1, 2, 3]] * 2
     stderr = run_import("folder", *own_clouds(tmp_path / "other", suffix, "echo"), "-o", tmp_path / "without")
-    assert "no labels of points: edges are compared instead; --point-labels GLOB" in stderr
+    assert "no point labels: edges are compared instead; --point-labels GLOB" in stderr
     assert stderr.splitlines()[-1] == f"next: semcal calibrate {tmp_path}/without -o calibration.yaml"
 
 

@@ -123,7 +123,7 @@ def test_opencv_reads_what_is_written_for_it(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_camera_info_is_as_camera_calibration_writes_it() -> None:
-    """Of a single camera: no turn to the rectified picture, which has the K of the raw one."""
+    """Of a single camera: no turn to the rectified image, which has the K of the raw one."""
     text = write_transform(
         T_ANY, None, "camera-info", FormatOptions(camera="front", intrinsics=CAMERAS["plumb_bob, 4"])
     )

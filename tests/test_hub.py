@@ -296,7 +296,7 @@ def test_a_short_name_is_that_of_a_repository(hub: ModelHub, plain: Path, tmp_pa
     result = tmp_path / "out.yaml"
     found = invoke("calibrate", plain, "--image-model", "cityscapes", "--no-polish", "-o", result)
     assert found.exit_code in (0, 3), found.output
-    assert "pictures by cityscapes" in found.output
+    assert "images by cityscapes" in found.output
     written = yaml.safe_load(result.read_text())["input"]
     assert ".semcal_labels" in written["drive"]
     weights = (tmp_path / "repository/onnx/model.onnx").read_bytes()

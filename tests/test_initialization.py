@@ -12,7 +12,7 @@ from semcal_cli.geometry.poses import Pose, camera_center, compare_poses, invers
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
 from semcal_cli.result.sections import Hypothesis
 
-RIGHT_DEG = 1.0  # pictures of 640 x 360 ascend on blocks of 2 pixels, a quarter of a degree
+RIGHT_DEG = 1.0  # images of 640 x 360 ascend on blocks of 2 pixels, a quarter of a degree
 RIGHT_CM = 15.0
 
 
@@ -56,7 +56,7 @@ def test_a_turned_lidar_turns_the_answer(street_observations: Observations, stre
 
 
 def test_a_portrait_camera_needs_all_rolls(street_observations: Observations, street_truth: Pose) -> None:
-    """A quarter turn of the pictures is a roll of the camera by 90 degrees."""
+    """A quarter turn of the images is a roll of the camera by 90 degrees."""
     camera = street_observations.camera
     (fx, _, cx), (_, fy, cy), _ = camera.K
     # A pixel (u, v) goes to (v, width - 1 - u), so x becomes y and y becomes -x.
@@ -105,7 +105,7 @@ def test_ascents_that_end_apart_have_the_surroundings_searched(
     """From a pose that leads nowhere, the search finds the truth; where ascents meet, nothing is searched."""
     alignment = InitializationConfig().alignment
     if is_led_astray:
-        # One ascent stays where it is, the other one goes by blocks as large as half the picture.
+        # One ascent stays where it is, the other one goes by blocks as large as half the image.
         alignment = dataclasses.replace(alignment, blocks_across_given=(), blocks_across_near=(2,))
     (found,) = from_nothing(street_observations, turned_about_z(street_truth, 3.0), alignment=alignment)
     # Only the registration counts pairs.
@@ -133,7 +133,7 @@ def test_a_runner_up_says_something_else(street_observations: Observations) -> N
 
 
 def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations: Observations) -> None:
-    """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
+    """Each sweep is doubled by its own half turn, so that two opposite mountings explain the images alike."""
     half_turn = np.float32([-1.0, -1.0, 1.0])
     doubled = street_observations.with_clouds(
         LabelledCloud(
@@ -172,7 +172,7 @@ def test_a_margin_is_in_standard_errors_of_the_difference(sigma_nats: float | No
     assert hypothesis(1.1, 0.0).margin(hypothesis(1.0, 0.0)) == 0.0  # no scatter, no known error
 
 
-def test_pictures_without_labels_overlap_nothing(street_observations: Observations) -> None:
+def test_images_without_labels_overlap_nothing(street_observations: Observations) -> None:
     blank = street_observations.with_images(
         image.with_classes(np.full_like(image.classes, 255)) for image in street_observations.images
     )

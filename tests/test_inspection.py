@@ -47,7 +47,7 @@ def test_what_is_suspicious_comes_first_and_equal_faults_are_one_line(drive: Pat
         document["frames"][3]["image_labels"] = DRIVE_FILE
     lines = unwrapped(invoke("inspect", drive).stdout, LABEL_WIDTH).splitlines()
     names = [frame["points"] for frame in document["frames"]]
-    assert lines[0] == f"suspicious  {names[0]}, {names[1]}: sweep and picture are 0.500 s apart"
+    assert lines[0] == f"suspicious  {names[0]}, {names[1]}: sweep and image are 0.500 s apart"
     assert lines[1].startswith(f"suspicious  {names[3]}: {drive / DRIVE_FILE}: ")
     assert not any(line.startswith("points") for line in lines)
     assert "is not checked here" in "\n".join(lines)
@@ -84,7 +84,7 @@ def test_a_mirrored_cloud_is_recognised(drive: Path) -> None:
 
 
 @pytest.mark.parametrize(("scale", "is_suspicious"), [(1.0, False), (2 / 3, True), (2.0, True)])
-def test_intrinsics_of_another_picture_size_are_suspicious(
+def test_intrinsics_of_another_image_size_are_suspicious(
     drive: Path, scale: float, is_suspicious: bool
 ) -> None:
     with edited(drive) as document:
@@ -141,7 +141,7 @@ def test_label_images_that_say_nothing_are_suspicious(
 
 def test_files_that_cannot_be_read_are_named_and_the_others_are_looked_at(drive: Path) -> None:
     (drive / "cut.bin").write_bytes(b"123")
-    (drive / "grey.png").write_bytes(b"no picture")
+    (drive / "grey.png").write_bytes(b"no image")
     write_image(np.zeros((180, 320), np.uint8), drive / "half.png")
     write_image(np.zeros((HIGH, WIDE, 3), np.uint8), drive / "colors.png")
     with edited(drive) as document:
@@ -153,8 +153,8 @@ def test_files_that_cannot_be_read_are_named_and_the_others_are_looked_at(drive:
     assert "colors.png: " in report.frames[1].suspicions[0]
     assert report.frames[2].suspicions[0].startswith(f"{drive}/cut.bin: 3 bytes")
     assert report.frames[3].num_points > 0
-    assert "half.png is 320 x 180, the camera's pictures are 640 x 360" in report.suspicions
-    assert any("grey.png: found 10 bytes of an unknown format" in line for line in report.suspicions)
+    assert "half.png is 320 x 180, the camera's images are 640 x 360" in report.suspicions
+    assert any("grey.png: found 8 bytes of an unknown format" in line for line in report.suspicions)
 
 
 def test_identical_files_are_named(drive: Path) -> None:
@@ -163,12 +163,12 @@ def test_identical_files_are_named(drive: Path) -> None:
         (drive / second[kind]).write_bytes((drive / first[kind]).read_bytes())
     (drive / others[1]["image"]).write_bytes((drive / others[0]["image"]).read_bytes())
     assert find_identical_files(read_drive(drive)) == [
-        "frame 000001 has the same points, point labels, label images and pictures as frame 000000",
-        "frame 000003 has the same pictures as frame 000002",
+        "frame 000001 has the same points, point labels, label images and images as frame 000000",
+        "frame 000003 has the same images as frame 000002",
     ]
     with edited(drive) as document:
         document["frames"] = [first] * 70
-    same = "the same points, point labels, label images and pictures"
+    same = "the same points, point labels, label images and images"
     sentence = f"frame points/000000.bin is listed 70 times, with {same}"
     assert find_identical_files(read_drive(drive)) == [sentence]
     assert sentence in looked_at(drive).suspicions

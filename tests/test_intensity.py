@@ -36,7 +36,7 @@ def seen(street: Path) -> Observations:
 def changed(
     street: Path, folder: Path, *, picture: Callable | None = None, cloud: Callable | None = None
 ) -> Drive:
-    """A copy of the drive, with one frame's picture or cloud changed."""
+    """A copy of the drive, with one frame's image or cloud changed."""
     shutil.copytree(street, folder)
     drive = read_drive(folder)
     frame = drive.frames[0]
@@ -147,7 +147,7 @@ def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
     drive = read_drive(street)
     bare = drive.model_copy(update={"frames": (drive.frames[0].model_copy(update={"image": None}),)})
     with pytest.raises(
-        InputError, match=r"frames\[points/000000.bin\].image: found nothing, needed a picture"
+        InputError, match=r"frames\[points/000000.bin\].image: found nothing, needed an image"
     ):
         observe_intensity(bare)
     np.save(tmp_path / "xyz.npy", np.ones((50, 3), np.float32))

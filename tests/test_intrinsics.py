@@ -56,7 +56,7 @@ def test_intrinsics(tmp_path: Path, text: str, camera: str | None, expected: dic
         ("  height: 32", "  height: 16", "roi.height: found 16, needed 0 or 32"),
     ],
 )
-def test_intrinsics_of_a_part_of_the_picture(tmp_path: Path, found: str, instead: str, expected: str) -> None:
+def test_intrinsics_of_a_part_of_the_image(tmp_path: Path, found: str, instead: str, expected: str) -> None:
     path = tmp_path / "camera.yaml"
     write(path, ROS_ECHO.replace(found, instead))
     with pytest.raises(InputError) as error:

@@ -104,7 +104,7 @@ def test_a_camera_that_is_known_exactly_stays(observed: Observations, truth: Pos
 
 
 @pytest.mark.parametrize("late_s", [0.02, -0.05])
-def test_late_pictures_are_found(moving: LoadedDrive, late_s: float) -> None:
+def test_late_images_are_found(moving: LoadedDrive, late_s: float) -> None:
     truth = np.array(moving.drive.T_camera_lidar)
     late = delayed(moving.observations, -late_s)
     found = fit_jointly(late, truth, JointlyConfig(with_delay=True), PolishConfig())
@@ -190,7 +190,7 @@ def test_what_was_found_and_not_kept_is_in_the_interval(synthetic_eight: LoadedD
     cy = free.camera.intrinsics["cy"]
     assert cy.sigma is not None
     assert abs(cy.found - cy.given) > 0.5 * cy.sigma
-    # A picture that lies lower by some pixels looks like a pitch by as many.
+    # An image that lies lower by some pixels looks like a pitch by as many.
     pitch_rad = math.hypot(cy.sigma, cy.found - cy.given) / intrinsic_value(
         synthetic_eight.observations.camera, "fy"
     )

@@ -82,7 +82,7 @@ def test_labels_where_they_belong_give_no_finding(
 
 
 POINTS = "point labels{of} fit the clouds better shifted by {by}"
-PIXELS = "label images{of} fit their pictures better {by}"
+PIXELS = "label images{of} fit their images better {by}"
 EVEN = " of frames 000000 and 000002"
 DISPLACED: dict[str, tuple[Callable[[Observations], Observations], str]] = {
     "1 entry": (
@@ -137,14 +137,14 @@ def test_labels_of_others_are_found(
     assert found.sentence.startswith(start)
 
 
-def test_pictures_that_cannot_be_read_are_left_out(drive: Path, street_observations: Observations) -> None:
+def test_images_that_cannot_be_read_are_left_out(drive: Path, street_observations: Observations) -> None:
     moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=1))
     (drive / "images/000001.png").unlink()
     aligned = check_label_alignment(read_drive(drive), moved)
     (finding,), (note,) = findings_among(aligned.measured), aligned.notes
-    assert finding.sentence.startswith("label images fit their pictures better shifted by 4 pixels left")
+    assert finding.sentence.startswith("label images fit their images better shifted by 4 pixels left")
     assert note == (
-        "whether label images fit their pictures was not tested on all: images/000001.png: no such file or folder"
+        "whether label images fit their images was not tested on all: images/000001.png: no such file or folder"
     )
     for picture in (drive / "images").iterdir():
         picture.unlink()
@@ -157,7 +157,7 @@ def test_calibrate_and_verify_doubt_and_inspect_suspects(drive: Path, street_tru
     for path in (drive / "image_labels").iterdir():
         write_image(np.roll(read_image(path)[..., 0], 3, axis=1), path)
     of_points = "point labels fit the clouds better shifted by 3 entries"
-    of_pixels = "label images fit their pictures better shifted by 3 pixels left"
+    of_pixels = "label images fit their images better shifted by 3 pixels left"
     data = load(drive, CalibrationConfig())
     truth = InitialPose(street_truth, "the truth")
     verification = verify(data, truth)
@@ -170,7 +170,7 @@ def test_calibrate_and_verify_doubt_and_inspect_suspects(drive: Path, street_tru
 
 
 @pytest.mark.parametrize("num_frames", [5, 10, 13, 70])
-def test_few_pictures_are_of_even_and_odd_frames(num_frames: int) -> None:
+def test_few_images_are_of_even_and_odd_frames(num_frames: int) -> None:
     chosen = spread(num_frames)
     assert len(set(chosen)) == 4
     assert 0 <= min(chosen) <= max(chosen) < num_frames

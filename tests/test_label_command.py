@@ -29,9 +29,9 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds, read_label_images
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.labelling.card import card_names, find_card, read_card, read_classes
+from semcal_cli.labelling.images import ImageLabeller
 from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import open_network
-from semcal_cli.labelling.pictures import PictureLabeller
 
 
 def run(*arguments: object) -> Result:
@@ -78,7 +78,7 @@ def test_a_stopped_run_goes_on_and_other_settings_do_not_mix(plain: Path, tmp_pa
 
 
 def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_path: Path) -> None:
-    """Pictures of one name lie in folders of their own, so that labels are numbered."""
+    """Images of one name lie in folders of their own, so that labels are numbered."""
     net = street_network(tmp_path)
     document = yaml.safe_load((plain / "drive.yaml").read_text())
     for index, frame in enumerate(document["frames"]):
@@ -134,7 +134,7 @@ def test_a_second_network_tells_how_far_both_agree(plain: Path, tmp_path: Path, 
     assert "found 3, needed at most 2" in run("label", plain, *models, *models[:2], "-o", out).output
 
 
-def test_a_picture_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: Path, tmp_path: Path) -> None:
+def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: Path, tmp_path: Path) -> None:
     net, pictures = street_network(tmp_path), sorted((plain / "images").iterdir())
     document = yaml.safe_load((plain / "drive.yaml").read_text())
     absent = document["frames"][2]
@@ -142,7 +142,7 @@ def test_a_picture_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: 
     (plain / "drive.yaml").write_text(yaml.safe_dump(document))
     pictures[1].write_bytes(pictures[1].read_bytes()[:900])
     first = f"{pictures[1]}: found a damaged image, needed an intact one"
-    second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed a picture"
+    second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed an image"
     found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
     assert isinstance(found.exception, InputError)
     assert str(found.exception) == f"2 of {len(pictures)} frames failed; {first}"
@@ -159,7 +159,7 @@ def test_probabilities_are_those_that_a_calibration_reads(plain: Path, tmp_path:
     assert isinstance(soft, _core.ClassShares)
     # Shares in 1/255 may be equal where scores are not quite.
     assert np.mean(soft.classes == hard.ravel()) > 0.98
-    labeller = PictureLabeller(picture_model(open_network(net), None), read_drive(plain).camera)
+    labeller = ImageLabeller(picture_model(open_network(net), None), read_drive(plain).camera)
     image = cv2.imread(str(sorted((plain / "images").iterdir())[0]))
     exact = labeller.shares(image).astype(np.float16) / 255
     np.savez(tmp_path / "float16.npz", exact)
@@ -213,7 +213,7 @@ def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
     # Other frames are another drive, by the same labels.
     run(*arguments, "--max-frames", "1")
     assert len(list(folder.glob("drive_*.yaml"))) == 2
-    # Another picture has another name in the cache.
+    # Another image has another name in the cache.
     picture = sorted((plain / "images").iterdir())[0]
     cv2.imwrite(str(picture), cv2.imread(str(picture))[:, ::-1])
     run(*arguments)
@@ -298,9 +298,9 @@ OF_NETWORKS: tuple[tuple[Callable[[Path], object], str], ...] = (
     (_external("../outside.bin"), "found no model .*escapes model directory"),
     (
         _two_inputs,
-        "found further inputs z, needed a picture alone, or their whole numbers as constants in a card",
+        "found further inputs z, needed an image alone, or their whole numbers as constants in a card",
     ),
-    (_point_card, "found the card of a network for sweeps, needed one for pictures"),
+    (_point_card, "found the card of a network for sweeps, needed one for images"),
     (constant_network(np.ones((1, 1, 32, 48))), "found scores of 1 class, needed two or more"),
     (constant_network(np.full((1, 3, 32, 48), np.nan)), "found a score that is NaN, needed finite ones"),
     (constant_network(np.full((1, 32, 48), -1)), "found ids from -1 to -1, needed 0 to 65534"),

@@ -58,7 +58,7 @@ def test_a_networks_labels_are_wrong_at_borders_and_in_blobs(street_observations
 
 
 def test_errors_that_all_frames_share_are_alike_in_all_frames(street_observations: Observations) -> None:
-    """Frames of one picture stay frames of one picture, and every class keeps its neighbours: borders move."""
+    """Frames of one image stay frames of one image, and every class keeps its neighbours: borders move."""
     one = street_observations.images[0]
     same = street_observations.with_images(one for _ in street_observations.images)
     first, *others = (image.classes for image in with_shared_errors(same, np.random.default_rng(4)).images)

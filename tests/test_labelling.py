@@ -14,9 +14,9 @@ from onnx import TensorProto, helper
 from semcal_cli import _core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
+from semcal_cli.labelling.images import ImageLabeller, joined_masks
 from semcal_cli.labelling.model import picture_model, point_model
 from semcal_cli.labelling.network import open_network
-from semcal_cli.labelling.pictures import PictureLabeller, joined_masks
 from semcal_cli.labelling.sweeps import SweepLabeller, sweep_labeller
 from semcal_cli.labelling.views import resized
 
@@ -24,7 +24,7 @@ WIDTH, HEIGHT = 96, 64
 K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
 PLAIN = Camera(model="plumb_bob", width=WIDTH, height=HEIGHT, K=K)
 BORDER_PX = 1.0
-"""A rectified picture is sampled once, so that no border moves by more than a pixel."""
+"""A rectified image is sampled once, so that no border moves by more than a pixel."""
 BESIDE_PX = 1.0
 """Distance from its border, which counts as the pixel below it, of the pixel above."""
 
@@ -39,8 +39,8 @@ def picture(
     return COLORS[classes][..., ::-1].copy(), classes
 
 
-def labeller(path: Path, camera: Camera = PLAIN, *, is_rectified: bool = False) -> PictureLabeller:
-    return PictureLabeller(picture_model(open_network(path), None), camera, is_rectified=is_rectified)
+def labeller(path: Path, camera: Camera = PLAIN, *, is_rectified: bool = False) -> ImageLabeller:
+    return ImageLabeller(picture_model(open_network(path), None), camera, is_rectified=is_rectified)
 
 
 def color_scores(rgb: np.ndarray) -> np.ndarray:
@@ -49,7 +49,7 @@ def color_scores(rgb: np.ndarray) -> np.ndarray:
     return np.moveaxis(1e-4 * (2.0 * rgb @ colors.T - (colors**2).sum(1)), 2, 0)
 
 
-# Pictures
+# Images
 
 
 WAYS: dict[str, tuple[dict[str, Any], dict[str, object]]] = {
@@ -75,7 +75,7 @@ WAYS: dict[str, tuple[dict[str, Any], dict[str, object]]] = {
     "with a border": ({"size": (2 * HEIGHT, 2 * WIDTH + 32)}, {"fit": "letterbox"}),
     "four tiles": ({"size": (48, 64)}, {"fit": "tiles"}),
     "of a longer side": ({}, {"short_side": 8 * HEIGHT, "long_side": 2 * WIDTH}),
-    "four tiles of a larger picture": ({"size": (96, 128)}, {"fit": "tiles", "short_side": 2 * HEIGHT}),
+    "four tiles of a larger image": ({"size": (96, 128)}, {"fit": "tiles", "short_side": 2 * HEIGHT}),
     "a tile with a border": ({"size": (128, 128)}, {"fit": "tiles"}),
 }
 
@@ -166,8 +166,8 @@ def test_masks_of_queries_are_joined(tmp_path: Path) -> None:
     assert np.allclose(scaled, joined_masks(outputs), atol=1e-6)
 
 
-def test_a_picture_shrinks_by_the_filter_of_the_card() -> None:
-    """Of a bright column among dark ones, a shrunk picture has its share by the mean, and nothing by the nearest."""
+def test_an_image_shrinks_by_the_filter_of_the_card() -> None:
+    """Of a bright column among dark ones, a shrunk image has its share by the mean, and nothing by the nearest."""
     stripes = np.zeros((8, 32, 3), np.uint8)
     stripes[:, ::4] = 200
     shrunk = {how: set(np.unique(resized(stripes, (8, 8), how))) for how in (None, "box", "nearest")}
@@ -189,13 +189,13 @@ LENSES = {
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_the_way_through_rectified_pictures_moves_no_border_by_more_than_a_pixel(
+def test_the_way_through_rectified_images_moves_no_border_by_more_than_a_pixel(
     tmp_path: Path, name: str
 ) -> None:
     camera = LENSES[name]
     color_network(tmp_path / "net.onnx", colors=COLORS[:3])
     card(tmp_path, classes=NAMES[:3])
-    # Stripes of two classes, so that no mixed colour is that of a third, which go on behind a round picture's border.
+    # Stripes of two classes, so that no mixed colour is that of a third, which go on behind a round image's border.
     rows, columns = np.mgrid[: camera.height, : camera.width]
     classes = ((rows + 80.0 * columns / camera.width) // 40 % 2).astype(int)
     image = COLORS[classes][..., ::-1].copy()

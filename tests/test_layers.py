@@ -16,7 +16,7 @@ WITH_OPENCV = {
     "drive/cues/intensity",
     "drive/cues/edges",
     "labelling/views",
-    "datasets/bags/pictures",
+    "datasets/bags/images",
     "datasets/bags/video",
     "labelling/sides",
     "initialization/pnp",

@@ -71,7 +71,7 @@ def test_vectors_are_those_of_the_blocks_in_their_own_frame(scale: int, factor: 
     np.testing.assert_allclose(found, needed, atol=FLOAT32)
 
 
-def test_points_behind_the_camera_or_beside_the_picture_are_left_out() -> None:
+def test_points_behind_the_camera_or_beside_the_image_are_left_out() -> None:
     observations = make_observations()
     points = make_points(observations, 4)
     # The lens sees less than a quarter of all directions.

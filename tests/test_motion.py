@@ -25,7 +25,7 @@ from semcal_cli.synthetic.synthesis import synthesize
 TWIST = {"linear_m_s": [9.0, 0.5, -0.2], "angular_rad_s": [0.03, -0.02, 0.35]}
 SWEEP_S = 0.1
 CLOSE_S = 0.002
-"""Error of the clock that six small pictures tell."""
+"""Error of the clock that six small images tell."""
 STAMPS = {"points_stamp": 1_600_000_000.25, "image_stamp": 1_600_000_000.31}
 
 
@@ -127,7 +127,7 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
     suspicions = inspect(read_drive(write_drive(tmp_path, skewed, {"speed_m_s": speed}))).suspicions
     assert any("motion during a sweep displaces half of the points by" in line for line in suspicions)
     assert load(tmp_path, skewed, {"speed_m_s": 0.0}).motion_error_px == 0.0
-    # A picture that is later than its stamp by more than the sweep takes is farther from every point.
+    # An image that is later than its stamp by more than the sweep takes is farther from every point.
     late = load(tmp_path, skewed | {"time_offset_s": 0.3}, {"speed_m_s": speed})
     assert late.motion_error_px is not None
     assert late.motion_error_px > 3.0 * observations.motion_error_px
@@ -231,7 +231,7 @@ def without_times(folder: Path, drive: Path, frames: Sequence[int]) -> Path:
 
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drive at mixed speeds, whose pictures are 20 ms later than their stamps say."""
+    """A drive at mixed speeds, whose images are 20 ms later than their stamps say."""
     folder = tmp_path_factory.mktemp("late") / "drive"
     config = SynthConfig(num_frames=6, seed=11, width=640, height=360, motion="mixed", delay_ms=20.0)
     synthesize(config, folder)
@@ -239,7 +239,7 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_sweeps_without_times_move_as_a_whole(late: Path, tmp_path: Path) -> None:
-    """Compensated to their stamps before, and from there to the pictures, they are as those compensated at once."""
+    """Compensated to their stamps before, and from there to the images, they are as those compensated at once."""
     frames = (1, 4)
     drive = read_drive(without_times(tmp_path / "drive", late, frames))
     found, timed = read_observations(drive), read_observations(read_drive(late))

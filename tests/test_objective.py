@@ -52,7 +52,7 @@ def test_its_gradient_is_that_of_differences(street_observations: Observations, 
         assert (v.grad @ axis / step).item() == pytest.approx(difference.item() / (2.0 * step), rel=0.3)
 
 
-def test_nothing_in_the_picture_is_an_error(street_observations: Observations) -> None:
+def test_nothing_in_the_image_is_an_error(street_observations: Observations) -> None:
     objective = MutualInformation.from_observations(street_observations)
     with pytest.raises(CalibrationError, match="no overlap"):
         objective(torch.eye(4, dtype=torch.float64))  # into the sky

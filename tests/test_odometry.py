@@ -119,7 +119,7 @@ def test_a_plain_world_does_not_seem_to_stand() -> None:
 
 
 def written(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) -> Path:
-    """Record the first sweeps of the street, with small pictures."""
+    """Record the first sweeps of the street, with small images."""
 
     def sweep(bag: BagWriter, index: int, stamp: int) -> Any:
         return bag.cloud(street.sweep(index).records(), stamp)

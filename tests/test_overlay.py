@@ -1,4 +1,4 @@
-"""Points drawn on pictures: which, where, in which order, and in which colours."""
+"""Points drawn on images: which, where, in which order, and in which colours."""
 
 import re
 import shutil
@@ -33,7 +33,7 @@ from semcal_cli.report.colors import (
     depth_levels,
     level_colors,
 )
-from semcal_cli.report.overlay import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_picture
+from semcal_cli.report.overlay import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_image
 from semcal_cli.report.points import View, frame_points, goes_together, points_in_image
 
 CAMERA = Camera(
@@ -44,7 +44,7 @@ CAR, OTHER = class_colors(NAMES)
 EDGE_NAMES = (NO_EDGE_NAME, *STEP_COLORS)
 RANGE_3, INTENSITY_1 = EDGE_NAMES.index("range step 3"), EDGE_NAMES.index("intensity step 1")
 STEP_COLUMN, STEP_ROW = 400, 250
-"""Where the picture of `draw_edges` steps: its right part is brighter, and so is its lower part."""
+"""Where the image of `draw_edges` steps: its right part is brighter, and so is its lower part."""
 # The camera looks along the LiDAR's x axis from 0.5 m to its right: with parallax, points can be hidden.
 T_CAMERA_LIDAR = np.array([[0, -1, 0, -0.5], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 WALL = [(u, v, 2.0) for u in range(0, 300, 3) for v in range(0, 360, 3)]
@@ -72,20 +72,20 @@ def make(
 
 
 def draw(points: Sequence[tuple[int, int, float]], classes: Sequence[int]) -> np.ndarray:
-    """What the dots change of a black picture."""
+    """What the dots change of a black image."""
     pictures, _ = Overlays(*make(points, classes), {"it": T_CAMERA_LIDAR}).draw(0)
     return pictures["it"]
 
 
 def draw_edges(folder: Path, points: Sequence[tuple[int, int, float]], classes: Sequence[int]) -> np.ndarray:
-    """Draw points by edge on a picture with two steps."""
+    """Draw points by edge on an image with two steps."""
     picture = np.full((360, 640, 3), 60, np.uint8)
     picture[:, STEP_COLUMN:] += 60
     picture[STEP_ROW:] += 60
     cv2.imwrite(str(folder / "image.png"), picture)
     drive, observations = make(points, classes, str(folder / "image.png"), names=EDGE_NAMES)
     pictures, legend = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}, "edge").draw(0)
-    assert set(legend) <= {*STEP_COLORS, "edge in the picture"}
+    assert set(legend) <= {*STEP_COLORS, "edge in the image"}
     return pictures["it"]
 
 
@@ -133,7 +133,7 @@ def test_legend_and_panels_have_the_width_they_are_given() -> None:
     assert before_after(both, stacked=True).shape[1] == 640
 
 
-def test_without_a_picture_the_label_image_is_shown(tmp_path: Path) -> None:
+def test_without_an_image_the_label_image_is_shown(tmp_path: Path) -> None:
     classes = np.full((360, 640), NO_CLASS, np.uint8)
     classes[:180] = 1
     drive, observations = make([(100, 200, 8.0)], [0], image_classes=classes)
@@ -195,11 +195,11 @@ def test_a_drive_without_labels_is_shown_by_what_needs_none(drive: Path, tmp_pat
         assert (tmp_path / by).exists() == is_enough
     without(drive, "image")
     found = invoke("overlay", drive, drive, "--by", "edge", "-o", tmp_path / "out")
-    assert str(found.exception).endswith(".image: found nothing, needed a picture")
+    assert str(found.exception).endswith(".image: found nothing, needed an image")
 
 
 @pytest.mark.parametrize("command", ["overlay", "calibrate"])
-def test_pictures_replace_nothing_that_is_read(command: str, street: Path, tmp_path: Path) -> None:
+def test_images_replace_nothing_that_is_read(command: str, street: Path, tmp_path: Path) -> None:
     drive = tmp_path / "drive"
     shutil.copytree(street, drive)
     labels = drive / "image_labels"
@@ -262,7 +262,7 @@ def test_only_points_with_an_edge_are_drawn_and_in_the_colour_of_their_step(tmp_
     assert not np.delete(is_colored, np.s_[90:110], axis=0).any()
 
 
-def test_steps_from_left_to_right_are_white_on_a_dark_picture(tmp_path: Path) -> None:
+def test_steps_from_left_to_right_are_white_on_a_dark_image(tmp_path: Path) -> None:
     """And those from above to below are not: the cue does not compare them."""
     drawn = draw_edges(tmp_path, [(100, 100, 8.0)], [0])[..., 0].astype(int)
     assert drawn[100, STEP_COLUMN] > 180
@@ -287,9 +287,7 @@ def test_all_classes_of_the_cue_have_colours_of_edges(
     assert (np.diff(gradients) > 0).all()
 
 
-def test_edges_of_sweep_and_picture_coincide_at_the_truth_alone(
-    street: Path, street_truth: np.ndarray
-) -> None:
+def test_edges_of_sweep_and_image_coincide_at_the_truth_alone(street: Path, street_truth: np.ndarray) -> None:
     """Strong steps in range lie on pixels that are drawn brighter than with the camera turned by a degree."""
     drive = read_drive(street)
     observations, brightness = load_cues(drive, ("edges",)), []
@@ -300,7 +298,7 @@ def test_edges_of_sweep_and_picture_coincide_at_the_truth_alone(
             seen = points_in_image(cloud.points, T, observations.camera)
             shown = ~seen.is_hidden & (cloud.classes[seen.indices] == RANGE_3)
             u, v = seen.pixels[shown].clip(0, (639, 359)).T
-            found.append(edge_picture(drive, frame)[v, u, 0])
+            found.append(edge_image(drive, frame)[v, u, 0])
         brightness.append(float(np.concatenate(found).mean()))
-    # Foliage is full of edges, which lie on edges of the picture at any pose.
+    # Foliage is full of edges, which lie on edges of the image at any pose.
     assert brightness[1] > 1.05 * max(brightness[0], brightness[2])

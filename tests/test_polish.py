@@ -29,7 +29,7 @@ MAX_CENTER_CM = 1.0
 def test_a_pixel_off_ends_at_the_truth(
     street_observations: Observations, street_truth: Pose, num_frames: int
 ) -> None:
-    """Held out are regions of the pictures."""
+    """Held out are regions of the images."""
     few = street_observations.of_frames(range(num_frames))
     polished = polish_pose(few, PIXEL_OFF @ street_truth, CONFIG)
     assert polished.is_accepted

@@ -102,7 +102,7 @@ def test_a_networks_probabilities_end_at_the_truth(
     assert error.rotation_deg < MAX_ROTATION_DEG
 
 
-def test_segments_end_at_the_truth_by_soft_pictures(soft_street: Path, street_truth: Pose) -> None:
+def test_segments_end_at_the_truth_by_soft_images(soft_street: Path, street_truth: Pose) -> None:
     data = load(soft_street, CalibrationConfig(cues=("segments",)))
     assert all(image.shares is not None for image in data.observations.images)
     start = displaced(street_truth, 1.0, 0.1, np.random.default_rng(0))

@@ -42,7 +42,7 @@ def kitti_360_reference(root: Path, *arguments: str) -> Pose:
     return read_transform(root / "drive")
 
 
-def test_the_row_of_kitti_360_is_that_of_raw_pictures(tmp_path: Path) -> None:
+def test_the_row_of_kitti_360_is_that_of_raw_images(tmp_path: Path) -> None:
     """The paper prints its reference as 73.72, -71.37, 64.56: camera 0 before R_rect_00 turns it."""
     for T in (
         kitti_360_reference(tmp_path, "--raw"),
@@ -60,7 +60,7 @@ def test_rectification_turns_the_row_of_kitti_360(tmp_path: Path) -> None:
 
 
 def test_a_drive_is_told_by_its_reference(tmp_path: Path) -> None:
-    """KITTI-360's also if its pictures are rectified, by less than half of what is allowed."""
+    """KITTI-360's also if its images are rectified, by less than half of what is allowed."""
     for rows in PUBLISHED.values():
         T = rows[0].T_camera_lidar
         assert np.round(rotation_vector_deg(T), 2).tolist() == list(rows[0].rotation_vector_deg)

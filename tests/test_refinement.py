@@ -103,10 +103,10 @@ def test_a_camera_that_looks_away_has_no_overlap(street_observations: Observatio
 
 
 @pytest.mark.parametrize("estimator", ["exact", "mine"])
-def test_points_that_leave_the_picture_raise_nothing(
+def test_points_that_leave_the_image_raise_nothing(
     street_observations: Observations, street_truth: Pose, estimator: str
 ) -> None:
-    """A crop of the pictures has fewer border pixels' worth of points: a start to its side must not run away."""
+    """A crop of the images has fewer border pixels' worth of points: a start to its side must not run away."""
     u, v, width, height = 200, 120, 160, 120
     camera = street_observations.camera
     (fx, _, cx), (_, fy, cy), _ = camera.K
@@ -141,7 +141,7 @@ def test_cuda_gives_the_same_answer(street_observations: Observations, street_tr
         (8, 8, 8.0, 1),
     ],
 )
-def test_the_pyramid_follows_lens_and_picture(width: int, height: int, focal: float, coarsest: int) -> None:
+def test_the_pyramid_follows_lens_and_image(width: int, height: int, focal: float, coarsest: int) -> None:
     camera = Camera(
         model="plumb_bob",
         width=width,
@@ -154,7 +154,7 @@ def test_the_pyramid_follows_lens_and_picture(width: int, height: int, focal: fl
 
 
 def test_a_mirror_in_the_lens_is_no_longer_focal_length() -> None:
-    """Seen from xi behind the sphere, the middle of the picture is smaller by 1 + xi."""
+    """Seen from xi behind the sphere, the middle of the image is smaller by 1 + xi."""
     K = ((960.0, 0.0, 639.5), (0.0, 960.0, 479.5), (0.0, 0.0, 1.0))
     mirror = Camera(model="omnidirectional", width=1280, height=960, K=K, parameters={"xi": 2.0})
     K = ((320.0, 0.0, 639.5), (0.0, 320.0, 479.5), (0.0, 0.0, 1.0))

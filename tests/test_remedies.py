@@ -33,9 +33,9 @@ CLOCKS = Finding("clocks", "the clocks look wrong", "check the clocks")
 OTHER = Finding("overlap", "the sky is 3 m high", "add sky")
 NAMES = "--refine-intrinsics fx,fy,cx,cy,k1"
 CLOSE_SHARE = 0.01
-"""Error of a focal length that four small pictures tell."""
+"""Error of a focal length that four small images tell."""
 CLOSE_MS = 2.0
-"""Error of the clock that six small pictures tell."""
+"""Error of the clock that six small images tell."""
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_a_wrong_focal_length_is_told(
 
 @pytest.fixture(scope="module")
 def early(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
-    """A drive at mixed speeds, whose pictures are 20 ms earlier than their stamps say."""
+    """A drive at mixed speeds, whose images are 20 ms earlier than their stamps say."""
     folder = tmp_path_factory.mktemp("early") / "drive"
     config = SynthConfig(num_frames=6, seed=11, width=640, height=360, motion="mixed", delay_ms=-20.0)
     synthesize(config, folder)
@@ -89,7 +89,7 @@ def test_wrong_clocks_are_told(early: LoadedDrive) -> None:
     findings = assess(early, polished, config, with_label_bleed=False).findings
     (clocks,) = (finding for finding in findings if finding.topic == "clocks")
     found = re.fullmatch(
-        r"calibrate with --estimate-delay, which finds that pictures are (\d+\.\d) ms earlier than their stamps say",
+        r"calibrate with --estimate-delay, which finds that images are (\d+\.\d) ms earlier than their stamps say",
         clocks.advice,
     )
     assert found is not None, clocks.advice
@@ -111,7 +111,7 @@ def test_wrong_clocks_are_told_also_where_the_polish_is_rejected(
     topics = [finding.topic for finding in found.findings]
     assert {"polish-rejected", "clocks"} <= {*topics}
     (clocks,) = (finding for finding in found.findings if finding.topic == "clocks")
-    assert "--estimate-delay, which finds that pictures are " in clocks.advice
+    assert "--estimate-delay, which finds that images are " in clocks.advice
 
 
 def test_both_are_estimated_together_and_the_drives_offset_is_part_of_it(early: LoadedDrive) -> None:
@@ -121,7 +121,7 @@ def test_both_are_estimated_together_and_the_drives_offset_is_part_of_it(early: 
     )
     assert intrinsics.advice == clocks.advice
     found = re.fullmatch(
-        rf"calibrate with {NAMES} --estimate-delay, which finds .*fx .* and that pictures are (\d+\.\d) ms earlier "
+        rf"calibrate with {NAMES} --estimate-delay, which finds .*fx .* and that images are (\d+\.\d) ms earlier "
         "than their stamps say",
         clocks.advice,
     )

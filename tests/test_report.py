@@ -46,7 +46,7 @@ def report(made: Path, street: Path) -> ReportInput:
 # What it says.
 
 
-def test_one_run_leaves_the_page_and_the_pictures(made: Path, street: Path, tmp_path: Path) -> None:
+def test_one_run_leaves_the_page_and_the_images(made: Path, street: Path, tmp_path: Path) -> None:
     """And the page is that of `report`, to the byte, but for the names of files."""
     assert sorted(path.name for path in (made / "overlays").iterdir()) == [f"00000{i}.png" for i in range(4)]
     result = CliRunner().invoke(
@@ -223,7 +223,7 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(report: ReportInput) -
         name: np.frombuffer(base64.b64decode(text), np.uint8).reshape(-1, 3)
         for name, text in cloud.colors.items()
     }
-    assert set(by) == {"label of the pixel", "label of the point", "picture"}
+    assert set(by) == {"label of the pixel", "label of the point", "image"}
     assert all(len(colors) == len(positions) for colors in by.values())
     T = report.T_camera_lidar
     points = np.asarray(positions, np.float32)

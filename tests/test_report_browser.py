@@ -62,7 +62,7 @@ def drawn(page: webdriver.Chrome, selector: str) -> int:
 
 
 def test_the_first_screen_tells_what_matters(page: webdriver.Chrome) -> None:
-    """Verdict, intervals, the best picture with its points, the transform, and its button."""
+    """Verdict, intervals, the best image with its points, the transform, and its button."""
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SCREEN)
     for selector in ("h1", ".lead", "#first .look .picture", "#notation-1", "#first button.copy", "#worst"):
         element = page.find_element(By.CSS_SELECTOR, selector)
@@ -78,7 +78,7 @@ def test_the_first_screen_tells_what_matters(page: webdriver.Chrome) -> None:
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
-def test_the_choice_of_colours_draws_all_pictures_anew(page: webdriver.Chrome) -> None:
+def test_the_choice_of_colours_draws_all_images_anew(page: webdriver.Chrome) -> None:
     """Points hidden from the camera are shown with the agreement alone."""
     by_class = drawn(page, "#first .after")
     for choice in ("depth", "agreement"):
@@ -94,7 +94,7 @@ def test_the_choice_of_colours_draws_all_pictures_anew(page: webdriver.Chrome) -
 def test_points_are_drawn_where_the_transform_puts_them(
     page: webdriver.Chrome, made: Path, street: Path
 ) -> None:
-    """The pixel on which the nearest point lands has the colour of its depth, and of no other picture's."""
+    """The pixel on which the nearest point lands has the colour of its depth, and of no other image's."""
     page.find_element(By.CSS_SELECTOR, "input[value=depth]").click()
     drawn(page, "#first .after")
     image = pixels(page, "#first .after").astype(int)
@@ -142,7 +142,7 @@ def test_the_slider_moves_the_line(
 def test_the_page_of_a_verification(
     browser: webdriver.Chrome, made: Path, street: Path, tmp_path: Path
 ) -> None:
-    """Fail, by how much and along which axis, with both transforms on the pictures."""
+    """Fail, by how much and along which axis, with both transforms on the images."""
     off = str(turned_off(made, tmp_path, 0.6))
     options = ["--report", str(tmp_path / "v.html"), "--overlay", str(tmp_path / "drawn")]
     result = CliRunner().invoke(semcal, ["verify", str(street), off, *options])
@@ -167,7 +167,7 @@ def test_the_page_of_a_verification(
 
 
 def agreements(browser: webdriver.Chrome) -> list[float]:
-    """Shares, in per cent, in the strip of the first picture, at each pose."""
+    """Shares, in per cent, in the strip of the first image, at each pose."""
     shares = browser.find_elements(By.CSS_SELECTOR, "#first .look .shares > span")
     return [float(re.findall(r"[\d.]+", each.text)[0]) for each in shares]
 
@@ -212,7 +212,7 @@ def test_what_is_folded_is_printed(page: webdriver.Chrome) -> None:
     assert page.execute_script("return document.querySelectorAll('details[open]').length") == 0
 
 
-def test_a_page_without_pictures_and_before_has_no_complaint(
+def test_a_page_without_images_and_before_has_no_complaint(
     browser: webdriver.Chrome, street: Path, tmp_path: Path
 ) -> None:
     drive = read_drive(street)

@@ -15,7 +15,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import NO_CLASS
 from semcal_cli.report import read_report_input
 from semcal_cli.report.colors import page_colors
-from semcal_cli.report.pictures import MAX_POINTS, make_pictures
+from semcal_cli.report.images import MAX_POINTS, make_images
 from semcal_cli.report.points import frame_points
 from semcal_cli.report.words import polish_sentences
 from semcal_cli.result.calibration import read_calibration, write_calibration
@@ -50,7 +50,7 @@ def test_what_is_shown_is_what_the_pose_was_refined_by(
     assert ("range step 3" in found.observations.point_class_names) == (by == "edge")
 
 
-def test_a_page_of_edges_shows_them_on_those_of_the_picture(made: Path, street: Path, tmp_path: Path) -> None:
+def test_a_page_of_edges_shows_them_on_those_of_the_image(made: Path, street: Path, tmp_path: Path) -> None:
     file = by_cues(made, tmp_path, "segments", "edges")
     page, found = page_of(street, file, tmp_path), read_report_input(read_drive(street), file)
     assert '<input type="radio" name="colors" value="edge" checked>' in page
@@ -58,7 +58,7 @@ def test_a_page_of_edges_shows_them_on_those_of_the_picture(made: Path, street: 
     assert page.count('class="picture edges"') == 4
     assert 'id="worst"' not in page
     assert "<dt>edges agree</dt>" in page
-    shown = make_pictures(found.overlays(1)).best
+    shown = make_images(found.overlays(1)).best
     picture = np.array(PIL.Image.open(io.BytesIO(base64.b64decode(shown.uri.split(",")[1])))).astype(int)
     assert np.abs(picture - picture.mean(axis=2, keepdims=True)).max() < 3.0  # grey, but for the encoder
 

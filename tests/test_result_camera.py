@@ -106,7 +106,7 @@ def test_overlays_are_those_of_the_right_camera(
     found = invoke("overlay", wrong_drive, file, "-o", tmp_path / "with", "--max-frames", 1)
     assert found.exit_code == 0, found.output
     assert told(found).startswith(said(right, file))
-    shutil.copy(made / "c.yaml", file)  # its name stands on the pictures
+    shutil.copy(made / "c.yaml", file)  # its name stands on the images
     invoke("overlay", wrong_drive, file, "-o", tmp_path / "wrong", "--max-frames", 1)
     with_K(wrong_drive, right.K)
     invoke("overlay", wrong_drive, file, "-o", tmp_path / "right", "--max-frames", 1)
@@ -152,11 +152,11 @@ def test_each_stage_is_shown_by_the_camera_that_it_was_found_with(
 def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
     wrong_drive: Path, file: Path, made: Path, right: Camera, tmp_path: Path
 ) -> None:
-    """The upper picture, or the left one, is that of the drive's camera if its transform belongs to that."""
+    """The upper image, or the left one, is that of the drive's camera if its transform belongs to that."""
     beside = tmp_path / "beside.yaml"
     pictures = []
     for source in (made / "c.yaml", file):
-        shutil.copy(source, beside)  # its name stands on the pictures
+        shutil.copy(source, beside)  # its name stands on the images
         found = invoke(
             "overlay", wrong_drive, file, "--against", beside, "-o", tmp_path / "o", "--max-frames", 1
         )
@@ -182,7 +182,7 @@ def test_a_camera_that_was_not_kept_is_not_used(
     )
 
 
-def test_a_camera_of_other_pictures_is_not_used(record: Calibration, drive: Path, right: Camera) -> None:
+def test_a_camera_of_other_images_is_not_used(record: Calibration, drive: Path, right: Camera) -> None:
     half = [[value / 2.0 for value in row] for row in right.K[:2]] + [[0.0, 0.0, 1.0]]
     with_K(drive, half, width=right.width // 2, height=right.height // 2)
     small = read_drive(drive)
@@ -194,7 +194,7 @@ def test_a_camera_of_other_pictures_is_not_used(record: Calibration, drive: Path
     late = record.model_copy(update={"clock": clock()})
     applied = apply_result(late, moving(small), "c.yaml")
     assert applied.drive == moving(small)
-    own = f"that of {small.path}: pictures are 5.0 ms later than their stamps say (c.yaml: 23.1 ms)"
+    own = f"that of {small.path}: images are 5.0 ms later than their stamps say (c.yaml: 23.1 ms)"
     assert applied.changes == (("camera", line), ("clock", own))
 
 
@@ -227,7 +227,7 @@ def test_a_page_says_whose_camera_is_that_of_the_other_transform(
     found = invoke("report", wrong_drive, other, "--against", file, "-o", tmp_path / "r.html")
     assert said(right, file) in told(found)
     notice = said(right, file).removeprefix("camera").strip()
-    assert f"In pictures of {file}, the camera is {notice}." in (tmp_path / "r.html").read_text()
+    assert f"In images of {file}, the camera is {notice}." in (tmp_path / "r.html").read_text()
 
 
 def test_zeros_that_a_lens_ends_with_make_it_no_other_one(right: Camera) -> None:
@@ -250,14 +250,14 @@ def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> N
     late = record.model_copy(update={"camera": None, "clock": clock(), "input": given})
     applied = apply_result(late, drive, "c.yaml")
     assert applied.drive.time_offset_s == 0.0231
-    line = "that of c.yaml: pictures are 23.1 ms later than their stamps say (drive: 5.0 ms)"
+    line = "that of c.yaml: images are 23.1 ms later than their stamps say (drive: 5.0 ms)"
     assert applied.changes == (("clock", line),)
     unknown = late.model_copy(update={"clock": clock(is_determined=False)})
     assert apply_result(unknown, drive, "c.yaml") == (drive, ())
     rejected = clock().model_copy(update={"is_kept": False})
     assert apply_result(late.model_copy(update={"clock": rejected}), drive, "c.yaml") == (drive, ())
     on_time = drive.model_copy(update={"time_offset_s": 0.0})
-    line = f"that of {drive.path}: stamps of pictures are right (c.yaml: 5.0 ms)"
+    line = f"that of {drive.path}: stamps of images are right (c.yaml: 5.0 ms)"
     found = apply_result(late.model_copy(update={"clock": rejected}), on_time, "c.yaml")
     assert found == (on_time, (("clock", line),))
 
@@ -314,7 +314,7 @@ def test_the_summary_lists_intrinsics_and_clock(record: Calibration, right: Came
         f"                 fy {fy:.2f} +- 0.50 px (drive: {1.03 * fy:.2f})",
         f"                 cx not determined: it stays at {cx:.6g} px",
         "                 kept: on data that was held out they gain 0.0123 +- 0.0010 nats",
-        "clock            pictures are 23.1 ms later than their stamps say, +- 1.2 ms",
+        "clock            images are 23.1 ms later than their stamps say, +- 1.2 ms",
     ]
 
 

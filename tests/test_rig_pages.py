@@ -91,14 +91,14 @@ def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
     assert rig_verdict(good).figures.startswith("each is known to +- ")
 
 
-def test_each_camera_has_a_folder_of_pictures(rig: Path, rig_results: Results, tmp_path: Path) -> None:
+def test_each_camera_has_a_folder_of_images(rig: Path, rig_results: Results, tmp_path: Path) -> None:
     found = invoke(
         "overlay", rig, rig_results[1], "-o", tmp_path / "out", "--by", "depth", "--max-frames", "2"
     )
     assert found.exit_code == 0, found.output
     written = sorted(path.relative_to(tmp_path / "out").as_posix() for path in tmp_path.rglob("*.png"))
     assert written == [f"{name}/00000{frame}.png" for name in NAMES for frame in range(2)]
-    # The picture is that of the camera alone, below its caption.
+    # The image is that of the camera alone, below its caption.
     alone = tmp_path / "alone"
     result = rig_results[1] / "camera_1.yaml"
     invoke("overlay", rig.parent / "camera_1", result, "-o", alone, "--by", "depth", "--max-frames", "2")

@@ -40,7 +40,7 @@ def seen(street: Path) -> Observations:
 
 @pytest.fixture
 def bare(drive: Path) -> Path:
-    """The drive without labels of points."""
+    """The drive without point labels."""
     without(drive, "point_labels")
     shutil.rmtree(drive / "point_labels")
     return drive
@@ -89,7 +89,7 @@ def test_the_mounting_of_the_lidar_changes_little(seen: Observations, street_tru
 
 
 def with_points(seen: Observations, points: list[np.ndarray]) -> Observations:
-    """The same pictures with other sweeps, segmented anew."""
+    """The same images with other sweeps, segmented anew."""
     segmented = _core.segment_sweeps(points, SEGMENTS.segmentation)
     partitions = _core.turned_partitions(points, segmented, SEGMENTS.num_turns)
     kinds = [np.append(sweep.kinds, 255)[np.minimum(sweep.ids, sweep.num_segments)] for sweep in segmented]
@@ -148,7 +148,7 @@ def test_beside_intensity_segments_weigh_less_and_are_searched_alone(street: Pat
     assert both.starts == STARTS
 
 
-def test_pictures_of_unsure_labels_are_exchanged_as_sure_as_their_own(
+def test_images_of_unsure_labels_are_exchanged_as_sure_as_their_own(
     seen: Observations, street_truth: Pose, tmp_path: Path
 ) -> None:
     unsure = []
@@ -159,7 +159,7 @@ def test_pictures_of_unsure_labels_are_exchanged_as_sure_as_their_own(
         (read,) = _core.read_class_shares([tmp_path / f"{index}.npz"], image.classes.shape)
         unsure.append(replace(image, shares=read))
     found = findings_among(check_consistency(seen.with_images(unsure), street_truth))
-    assert not any("pictures of other frames" in finding.sentence for finding in found)
+    assert not any("images of other frames" in finding.sentence for finding in found)
 
 
 def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:

@@ -56,7 +56,7 @@ MAX_CLOCK_S = 0.002
 
 
 def pole(direction: ReadoutDirection) -> Observations:
-    """A pole before a camera that slides to its right in the LiDAR's place, seen by each row of its picture."""
+    """A pole before a camera that slides to its right in the LiDAR's place, seen by each row of its image."""
     camera = Camera(
         model="plumb_bob",
         width=WIDTH,

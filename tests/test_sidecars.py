@@ -13,10 +13,10 @@ from onnx import TensorProto, helper
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.labelling.card import PictureCard
+from semcal_cli.labelling.card import ImageCard
+from semcal_cli.labelling.images import ImageLabeller
 from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import Network, Port, open_network
-from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.labelling.sidecars import read_sidecars
 
 MEAN, STD = [0.485, 0.456, 0.406], [0.229, 0.224, 0.225]
@@ -48,7 +48,7 @@ def write(folder: Path, architecture: str, names: list[str], processor: dict[str
         (folder / "preprocessor_config.json").write_text(json.dumps(processor))
 
 
-def read(path: Path, shape: tuple[int | None, ...], outputs: tuple[str, ...]) -> PictureCard:
+def read(path: Path, shape: tuple[int | None, ...], outputs: tuple[str, ...]) -> ImageCard:
     """Read the sidecars of a network of this shape; nothing of it is run."""
     ports = tuple(Port(name, (None,) * 4, "float32") for name in outputs)
     found = read_sidecars(Network(path, None, (Port("pixel_values", shape, "float32"),), ports))  # type: ignore[arg-type]
@@ -226,7 +226,7 @@ def test_oneformer_is_told_its_task(tmp_path: Path) -> None:
     write(tmp_path, "OneFormerForUniversalSegmentation", ["a", "b"], preprocessor())
     model = picture_model(open_network(tmp_path / "net.onnx"), None)
     K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
-    labeller = PictureLabeller(model, Camera(model="plumb_bob", width=6, height=4, K=K))
+    labeller = ImageLabeller(model, Camera(model="plumb_bob", width=6, height=4, K=K))
     assert np.array_equal(labeller.ids(np.zeros((4, 6, 3), np.uint8)), masks[0].argmax(0))
 
 
@@ -282,7 +282,7 @@ def test_a_config_of_another_program_is_none_of_transformers(tmp_path: Path) -> 
 
 
 def test_a_local_network_is_labelled_by_its_sidecars(tmp_path: Path) -> None:
-    """A picture of twice the shorter side, in blue first and not normalised, as MobileViT's, in a folder `onnx`."""
+    """An image of twice the shorter side, in blue first and not normalised, as MobileViT's, in a folder `onnx`."""
     (tmp_path / "onnx").mkdir()
     color_network(tmp_path / "onnx/net.onnx", colors=COLORS[:, ::-1])
     processor = preprocessor(do_normalize=False, do_flip_channel_order=True, size={"shortest_edge": 64})
@@ -291,7 +291,7 @@ def test_a_local_network_is_labelled_by_its_sidecars(tmp_path: Path) -> None:
     assert model.card_path == tmp_path / "config.json"
     assert not model.guesses
     K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
-    labeller = PictureLabeller(model, Camera(model="plumb_bob", width=192, height=128, K=K))
+    labeller = ImageLabeller(model, Camera(model="plumb_bob", width=192, height=128, K=K))
     assert labeller.views.size == (96, 64)
     classes = np.kron(np.random.default_rng(0).integers(0, len(COLORS), (4, 6)), np.ones((32, 32), int))
     found = labeller.ids(np.ascontiguousarray(COLORS[classes][..., ::-1]))

@@ -64,7 +64,7 @@ def test_devices_are_not_opened(path: str, tmp_path: Path) -> None:
         _core.read_label_images([tmp_path / "a.png"], 1, 1)
 
 
-# Pictures.
+# Images.
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp"])
@@ -81,8 +81,8 @@ def test_sizes_are_read_from_headers(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [png(12_000, 9_000, 1), jpeg(12_000, 9_000), bmp(12_000, 9_000)])
-def test_pictures_of_too_many_pixels(content: bytes, tmp_path: Path) -> None:
-    """The size is that of the picture, not of the preview in it, or of rows from the top down."""
+def test_images_of_too_many_pixels(content: bytes, tmp_path: Path) -> None:
+    """The size is that of the image, not of the preview in it, or of rows from the top down."""
     (tmp_path / "a").write_bytes(content)
     assert read_size(tmp_path / "a") == (12_000, 9_000)
     with pytest.raises(InputError, match=r"found 12,000 x 9,000 pixels, needed at most 100,000,000$"):

@@ -59,13 +59,13 @@ def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     rigs = list(drives.RIGS)
     seed = 6 * 7 + rigs.index("default")
     monkeypatch.setitem(drives.RIGS, "default", {"width": STREET.width, "height": STREET.height})
-    pools = Pool(tmp_path / "pool"), Pool(tmp_path / "pool_with_pictures", has_pictures=True)
+    pools = Pool(tmp_path / "pool"), Pool(tmp_path / "pool_with_images", has_pictures=True)
     kinds = {
         "half of the frames turned by 3 degrees": 2,
         "two mountings, 1 degree apart": 2,
         "one frame 20 times": 2,
         "clouds in feet": 1,
-        "points labelled from pictures through a wrong transform": 2,
+        "points labelled from images through a wrong transform": 2,
         "f wrong by 1 %, by segments": 2,
     }
     monkeypatch.setitem(
@@ -184,11 +184,11 @@ def test_users_give_no_more_than_they_know(raw: RawDrive, tmp_path: Path) -> Non
     assert raw.drive.camera.intrinsics_sigma is not None
     for number, (name, keys, has_sigma) in enumerate(
         (
-            ("pictures 30 ms late at 10 m/s", {"point_labels", "image_labels", "image"}, True),
+            ("images 30 ms late at 10 m/s", {"point_labels", "image_labels", "image"}, True),
             ("a good drive, by segments", {"image_labels"}, True),
             ("f wrong by 1 %", {"point_labels", "image_labels", "image"}, False),
-            ("label pictures shifted by 8 px", {"point_labels", "image_labels"}, False),
-            ("label pictures cropped by 8 px, by segments", {"image_labels"}, False),
+            ("label images shifted by 8 px", {"point_labels", "image_labels"}, False),
+            ("label images cropped by 8 px, by segments", {"image_labels"}, False),
         )
     ):
         (folder := tmp_path / str(number)).mkdir()
@@ -202,8 +202,8 @@ def test_users_give_no_more_than_they_know(raw: RawDrive, tmp_path: Path) -> Non
 
 def test_rates_of_subtle_faults() -> None:
     late, leak = (
-        "pictures 30 ms late at 10 m/s",
-        "points labelled from pictures through a wrong transform",
+        "images 30 ms late at 10 m/s",
+        "points labelled from images through a wrong transform",
     )
     segments = "a good drive, by segments"
     outcomes = [
@@ -222,7 +222,7 @@ def test_rates_of_subtle_faults() -> None:
     ]
     rates = {rate.name: (rate.count, rate.n) for rate in subtle_rates(outcomes)}
     for group, counts in {
-        "pictures late": (3, 3, 1, 5),
+        "images late": (3, 3, 1, 5),
         "intrinsics slightly wrong": (2, 1, 1, 2),
         "leaked labels": (1, 1, 1, 2),
     }.items():

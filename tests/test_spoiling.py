@@ -110,7 +110,7 @@ def test_a_frame_is_listed_again(raw: RawDrive, rng: np.random.Generator, tmp_pa
         assert len(set(contents.values())) == (5 if "noise_m" in options else 1)
 
 
-def test_classes_are_merged_and_pictures_exchanged(
+def test_classes_are_merged_and_images_exchanged(
     raw: RawDrive, rng: np.random.Generator, tmp_path: Path
 ) -> None:
     for first in (None, (3, 9, 11)):
@@ -119,22 +119,20 @@ def test_classes_are_merged_and_pictures_exchanged(
         assert list(classes.points) == ["a", "b"]
         assert classes.points == classes.image
     assert classes.points["a"] == (3, 9, 11)
-    mirrored = spoiling.pictures_mirrored(raw, rng)
+    mirrored = spoiling.images_mirrored(raw, rng)
     is_mirrored = [
         np.array_equal(frame.image_labels, before.image_labels[:, ::-1])
         for frame, before in zip(mirrored.frames, raw.frames, strict=True)
     ]
     assert sum(is_mirrored) == 2
     write_raw_drive(mirrored, tmp_path)
-    other = spoiling.picture_of_another_moment(
-        replace(raw, frames=raw.frames[:3], unused=raw.frames[3:]), rng
-    )
+    other = spoiling.image_of_another_moment(replace(raw, frames=raw.frames[:3], unused=raw.frames[3:]), rng)
     assert [frame.image for frame in other.frames].count(raw.frames[3].image) == 1
 
 
-def test_late_pictures_show_a_rig_that_is_farther_on(raw: RawDrive, rng: np.random.Generator) -> None:
+def test_late_images_show_a_rig_that_is_farther_on(raw: RawDrive, rng: np.random.Generator) -> None:
     for speeds_m_s, ways_m in (((10.0, 10.0), {0.3}), ((0.0, 20.0), None)):
-        late = spoiling.pictures_late(raw, rng, late_s=0.03, speeds_m_s=speeds_m_s)
+        late = spoiling.images_late(raw, rng, late_s=0.03, speeds_m_s=speeds_m_s)
         assert late.truths == raw.truths
         found = []
         for frame, before in zip(late.frames, raw.frames, strict=True):
@@ -147,10 +145,10 @@ def test_late_pictures_show_a_rig_that_is_farther_on(raw: RawDrive, rng: np.rand
 
 
 @pytest.mark.parametrize("is_by_a_network", [False, True])
-def test_labels_of_points_are_those_of_pictures_through_a_wrong_transform(
+def test_labels_of_points_are_those_of_images_through_a_wrong_transform(
     raw: RawDrive, rng: np.random.Generator, is_by_a_network: bool
 ) -> None:
-    leaked = spoiling.point_labels_from_pictures(raw, rng, is_by_a_network=is_by_a_network)
+    leaked = spoiling.point_labels_from_images(raw, rng, is_by_a_network=is_by_a_network)
     camera, shares = core_camera(raw.drive.camera), []
     for frame, before in zip(leaked.frames, raw.frames, strict=True):
         projected = _core.project_points(camera, frame.points, frame.T_camera_lidar)

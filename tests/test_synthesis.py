@@ -101,7 +101,7 @@ def test_rosette_is_no_grid(tmp_path: Path) -> None:
     assert read_drive(tmp_path).lidar is None
 
 
-def test_pictures_are_in_color_order(tiny: Path) -> None:
+def test_images_are_in_color_order(tiny: Path) -> None:
     renderer = make_renderer(TINY, mounting(TINY))
     picture_rgb = renderer.frame(TINY.seed, 1).image_rgb
     written_bgr = cv2.imread(str(tiny / "images/000001.png"))

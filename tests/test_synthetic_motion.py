@@ -25,7 +25,9 @@ DELAY_S = 0.08
 EXACT = 1e-9  # metres and radians a second: round-off of a logarithm over a second
 BORDER_PIXELS_AGREE = 0.97  # points within half a pixel of a border round to either side
 AS_GOOD = 0.9  # share of the information of streets at rest that other streets have
-WORSE = 0.85  # share of the information that is left where points are smeared by up to 1 m, or pictures 80 ms late
+WORSE = (
+    0.85  # share of the information that is left where points are smeared by up to 1 m, or images 80 ms late
+)
 INCLINED_DEG = 4.0  # the vehicle leans by up to 2 degrees each way, and streets are not flat
 
 

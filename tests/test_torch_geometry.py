@@ -123,7 +123,7 @@ def test_unprojected_pixels_project_back(camera: Camera) -> None:
     pixels = np.stack(np.meshgrid(np.arange(0.0, 1280, 40), np.arange(0.0, 720, 40)), -1).reshape(-1, 2)
     rays = core_camera(camera).unproject(pixels)
     reached = ~np.isnan(rays[:, 0])
-    assert reached.mean() > 0.35  # a circular picture leaves corners dark
+    assert reached.mean() > 0.35  # a circular image leaves corners dark
     np.testing.assert_allclose(np.linalg.norm(rays[reached], axis=1), 1.0)
     np.testing.assert_allclose(
         core_camera(camera).project(rays[reached] * 9.0), pixels[reached], atol=SAME_PIXEL

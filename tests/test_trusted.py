@@ -1,4 +1,4 @@
-"""What keeps a wrong pose from being trusted: rivals by labels, errors of K, labels from pictures, its own drive."""
+"""What keeps a wrong pose from being trusted: rivals by labels, errors of K, labels from images, its own drive."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -43,7 +43,7 @@ def painted(observations: Observations, T_camera_lidar: Pose) -> Observations:
     return observations.with_clouds(clouds)
 
 
-def test_labels_from_pictures_are_named(street_observations: Observations, street_truth: Pose) -> None:
+def test_labels_from_images_are_named(street_observations: Observations, street_truth: Pose) -> None:
     assert findings_among(check_leaks(street_observations, street_truth)) == ()
     wrong = displaced(street_truth, 2.0, 0.2, np.random.default_rng(3))
     (found,) = findings_among(check_leaks(painted(street_observations, wrong), wrong))
@@ -96,11 +96,11 @@ def test_k_is_part_of_the_interval_unless_it_is_exact(drive: Path, tmp_path: Pat
     assert ("of which K" in said, "of which K" in said_exact) == (True, False)
 
 
-def test_labels_without_pictures_are_said_to_be_unchecked(street: Path) -> None:
+def test_labels_without_images_are_said_to_be_unchecked(street: Path) -> None:
     drive = read_drive(street)
     frames = tuple(frame.model_copy(update={"image": None}) for frame in drive.frames)
     found = calibrate(drive.model_copy(update={"frames": frames}), LABELS_ALONE)
-    assert "labels were not checked against pictures: the drive gives no image" in found.notes
+    assert "labels were not checked against images: the drive gives no image" in found.notes
 
 
 def test_its_own_drive_proves_nothing(street: Path) -> None:

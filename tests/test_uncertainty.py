@@ -92,7 +92,7 @@ def test_sandwich_of_independent_scores() -> None:
 
 
 @pytest.mark.parametrize("num_squares", [40, 4000])
-def test_what_a_class_shares_does_not_fall_with_more_pictures(num_squares: int) -> None:
+def test_what_a_class_shares_does_not_fall_with_more_images(num_squares: int) -> None:
     """Borders of five classes are off by `shared` in all squares; each class is a fifth of the curvature."""
     shared, noise = np.array([0.5, -0.3, 0.1, 0.2, -0.5]), 0.05
     curvature = np.array([[5.0 * num_squares]])

@@ -27,7 +27,7 @@ from semcal_cli.synthetic.synthesis import synthesize
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 CLOSE_MS = 2.0
-"""Error of the clock that six small pictures tell."""
+"""Error of the clock that six small images tell."""
 MAX_CURVED_M = 0.02
 """How far points of the farthest range are off that are moved at a constant twist, as a path that curves is not."""
 NOT_DETERMINED = "the offset of the clocks is not determined: drive at different speeds, and turn"
@@ -147,7 +147,7 @@ def test_what_is_said_of_a_clock_alone(
     assert verdict.startswith("fail: clock off by 2")
     assert verdict.endswith(" ms, allowed 5")
     assert "::error title=semcal verify::fail; clock 2" in err
-    assert "pictures later (clock)" in page.read_text()
+    assert "images later (clock)" in page.read_text()
     one = exactly_triggered(moving / "one", tmp_path)
     code, out, _ = run(capfd, "verify", one, one, "--max-delay-ms", 5, "--report", page)
     assert code == INCONCLUSIVE

@@ -84,9 +84,7 @@ def test_a_body_that_is_no_question_is_answered_in_one_line(server: ViewServer, 
     assert "needed" in json.loads(found)["error"]
 
 
-def test_a_picture_is_the_frame_s(
-    server: ViewServer, street: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_an_image_is_the_frame_s(server: ViewServer, street: Path, capfd: pytest.CaptureFixture[str]) -> None:
     drive = read_drive(street)
     status, content = request(server, f"/{server.token}/picture/1")
     assert status == 200
@@ -146,7 +144,7 @@ def test_the_page_has_nothing_serious(page: webdriver.Chrome) -> None:
 
 
 def test_dragging_a_slider_moves_points(page: webdriver.Chrome, T_off: Pose) -> None:
-    """And the picture with them: a turn about y by dx moves all points by dx times the focal length."""
+    """And the image with them: a turn about y by dx moves all points by dx times the focal length."""
     np.testing.assert_allclose(pose(page), T_off, atol=1e-9)
     drawing = "return document.getElementById('points').toDataURL()"
     before, count = page.execute_script(drawing), shown(page)
@@ -184,7 +182,7 @@ def test_arrow_keys_turn_the_camera(page: webdriver.Chrome, T_off: Pose) -> None
     assert 0.1 < compare_poses(pose(page), T_off).rotation_deg < 2.0
 
 
-def test_dragging_the_picture_carries_the_points_along(
+def test_dragging_the_image_carries_the_points_along(
     page: webdriver.Chrome, session: Session, T_off: Pose
 ) -> None:
     """Far points follow the mouse: their displacement is that of the pointer."""
@@ -268,7 +266,7 @@ def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, sessio
         wait(browser, lambda: np.allclose(pose(browser)[2, :3], [-1, 0, 0], atol=1e-9))
 
 
-def test_edges_are_drawn_on_edges_and_other_colours_on_the_picture(
+def test_edges_are_drawn_on_edges_and_other_colours_on_the_image(
     browser: webdriver.Chrome, by_edge: Session
 ) -> None:
     with serving(by_edge) as server:
@@ -315,7 +313,7 @@ def test_the_command_refuses_before_it_serves(
     assert complaint in f"{result.output}{result.exception}"
 
 
-def test_a_missing_picture_is_told_before_a_drive_is_served(drive: Path) -> None:
+def test_a_missing_image_is_told_before_a_drive_is_served(drive: Path) -> None:
     picture = next((drive / "images").iterdir())
     picture.unlink()
     assert picture.name in str(invoke("view", drive).exception)

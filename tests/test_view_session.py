@@ -1,4 +1,4 @@
-"""What moves points by hand, without its page: scores, points and pictures of a session."""
+"""What moves points by hand, without its page: scores, points and images of a session."""
 
 from pathlib import Path
 from typing import Any
@@ -94,7 +94,7 @@ def test_a_drive_by_edges_is_shown_by_edge(by_edge: Session, street_truth: Pose)
     assert at[1]["mutual_information"] > max(at[0]["mutual_information"], at[2]["mutual_information"])
 
 
-def test_the_picture_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Session) -> None:
+def test_the_image_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Session) -> None:
     shown = [
         cv2.imdecode(np.frombuffer(by_edge.picture(0, by_edge=each), np.uint8), cv2.IMREAD_COLOR).astype(int)
         for each in (False, True)

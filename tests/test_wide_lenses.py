@@ -1,4 +1,4 @@
-"""From nothing, where the picture is no plane: lenses that see beside and behind themselves."""
+"""From nothing, where the image is no plane: lenses that see beside and behind themselves."""
 
 import dataclasses
 from pathlib import Path

@@ -1,9 +1,9 @@
-//! The adjusted mutual information of segments and picture classes (Vinh, Epps and Bailey, JMLR 2010).
+//! The adjusted mutual information of segments and image classes (Vinh, Epps and Bailey, JMLR 2010).
 //!
 //! `S = (I - N) / (H - N)`: I is the information of segments and classes, N the mean of that of null partitions, and H the
 //! entropy of the classes under the points, which I cannot exceed. It is 0 where segments tell no more than any partition
-//! of their kind, and 1 where they tell the classes. Neither richer nor poorer parts of the pictures raise it: I - N is
-//! larger where the picture is rich, and I / H where it is poor.
+//! of their kind, and 1 where they tell the classes. Neither richer nor poorer parts of the images raise it: I - N is
+//! larger where the image is rich, and I / H where it is poor.
 
 use std::ops::Range;
 

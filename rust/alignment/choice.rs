@@ -15,7 +15,7 @@ use crate::pyramid::{Sampled, ShareMap};
 use crate::thinning::thinned;
 use crate::visibility::{Projected, project_points};
 
-/// Width of the band around the picture from which points are kept, as a share of its longer side.
+/// Width of the band around the image from which points are kept, as a share of its longer side.
 const BAND: f64 = 0.5;
 
 /// The labelled points of the image that count.
@@ -66,7 +66,7 @@ impl Weights {
     }
 }
 
-/// Observations without the points that lie far outside of the picture at all of some poses, and without the rows of
+/// Observations without the points that lie far outside of the image at all of some poses, and without the rows of
 /// their segments: most segments of a turn are behind the camera. Observations without partitions stay as they are, and
 /// so do frames whose points have shares of classes.
 pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]) -> Arc<Observations> {

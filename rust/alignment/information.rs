@@ -1,4 +1,4 @@
-//! What segments tell of the pictures at a pose, frame by frame, and what is gained from one pose to another.
+//! What segments tell of the images at a pose, frame by frame, and what is gained from one pose to another.
 //!
 //! Segments of one frame say nothing of another's, so that no table of other frames can judge a frame. Each pose is
 //! judged by the histogram of the same frames there, which both poses are free to fill as well as they can.
@@ -18,7 +18,7 @@ use crate::observation::Observations;
 /// Squares across an image that are counted as independent.
 const SQUARES_ACROSS: f64 = 8.0;
 
-/// The information of the visible points in a square of the picture of a frame.
+/// The information of the visible points in a square of the image of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SquareInformation {
     /// Sum over the points: of classes their pointwise information, nats; of segments what each adds to the adjusted mutual
@@ -28,7 +28,7 @@ pub struct SquareInformation {
     pub weight: f64,
 }
 
-/// The information at a pose, in full resolution, by frame, row and column of the squares of the pictures.
+/// The information at a pose, in full resolution, by frame, row and column of the squares of the images.
 pub fn information(
     observations: &Arc<Observations>,
     pose: &Isometry3<f64>,

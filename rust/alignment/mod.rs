@@ -6,7 +6,7 @@
 //! information of ids drawn from the shares, a lower bound.
 //!
 //! Overlap: points are chosen at an anchor pose, with the weights that they have there. While the lens still projects
-//! them they keep counting when they leave the picture, with the class at the nearest border: a pose cannot raise the
+//! them they keep counting when they leave the image, with the class at the nearest border: a pose cannot raise the
 //! objective by pushing points out.
 //!
 //! Where points have partitions, the rows of the histogram are their segments, and what is maximised is the adjusted

@@ -90,7 +90,7 @@ pub fn sensitivity(
 
 impl Level {
     /// Makes the weights of samples at a pose shares of a class: the labelled share under a point is put back where it
-    /// lands. Segments are of one sweep: what they share with those of others is the class of the picture that they lie on.
+    /// lands. Segments are of one sweep: what they share with those of others is the class of the image that they lie on.
     fn as_shares_of_classes(&self, samples: &mut [Sample], pose: &Isometry3<f64>) {
         let (at, observations) = (self.at(pose), &self.observations);
         samples.par_iter_mut().for_each(|sample| {
@@ -124,7 +124,7 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// The share in the gradient of each part: of a frame, a square of its picture, and a class. Points are chosen again, as
+    /// The share in the gradient of each part: of a frame, a square of its image, and a class. Points are chosen again, as
     /// at the end of the polish.
     fn scores(
         &self,

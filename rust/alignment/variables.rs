@@ -17,7 +17,7 @@ pub const MAX_VARIABLES: usize = 27;
 #[derive(Clone, Debug, Default)]
 pub struct Variables {
     pub intrinsics: Vec<Intrinsic>,
-    /// Twist of the LiDAR in each frame, metres and radians a second in its own frame; with it, the time by which pictures
+    /// Twist of the LiDAR in each frame, metres and radians a second in its own frame; with it, the time by which images
     /// are later than they were taken to be is a variable, seconds.
     pub twists: Option<Vec<Vector6<f64>>>,
 }
@@ -26,7 +26,7 @@ pub struct Variables {
 pub struct Estimate {
     pub pose: Isometry3<f64>,
     pub camera: Camera,
-    /// Time by which pictures are later than they were taken to be, seconds.
+    /// Time by which images are later than they were taken to be, seconds.
     pub offset_s: f64,
 }
 
@@ -60,7 +60,7 @@ impl Estimate {
     }
 
     /// Observations with the camera of this estimate, and the points where the LiDAR would have seen them when the
-    /// pictures were taken.
+    /// images were taken.
     pub fn observed(&self, observations: &Observations, variables: &Variables) -> Arc<Observations> {
         let mut seen = observations.clone();
         seen.camera = self.camera.clone();

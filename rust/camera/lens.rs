@@ -36,7 +36,7 @@ pub(super) enum Lens {
 }
 
 impl Lens {
-    /// The lens of a `model`; `left` is the distorted coordinate of the picture's left border.
+    /// The lens of a `model`; `left` is the distorted coordinate of the image's left border.
     pub fn new(model: &str, distortion: &[f64], parameters: &[(String, f64)], left: f64) -> Result<Self> {
         let lens = match (model, distortion.len()) {
             ("plumb_bob", 0 | 4 | 5) | ("rational_polynomial", 0 | 8) => {

@@ -61,7 +61,7 @@ impl Camera {
     /// | `double_sphere` | | xi, alpha |
     ///
     /// No coefficients are a lens without distortion, except that `fov` needs its w. Size and `K` are in pixels. The
-    /// focal lengths of an equirectangular picture are pixels a radian: `width / (2 pi)` for one that goes all round.
+    /// focal lengths of an equirectangular image are pixels a radian: `width / (2 pi)` for one that goes all round.
     pub fn with_parameters(
         model: &str,
         (width, height): (usize, usize),
@@ -83,7 +83,7 @@ impl Camera {
     }
 
     /// The pixel of a point (camera frame, metres); `None` where the model does not hold. The pixel may lie outside
-    /// the picture: see [`Camera::contains`].
+    /// the image: see [`Camera::contains`].
     #[inline(always)]
     pub fn project(&self, point: &Vector3<f64>) -> Option<Point2<f64>> {
         let distorted = self.lens.project(point)?;

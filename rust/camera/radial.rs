@@ -37,7 +37,7 @@ pub(super) fn jacobian(
     (dr, dz): (f64, f64),
 ) -> Matrix2x3<f64> {
     let unit = point.xy() / radius;
-    // Along the radius the distorted radius changes; across it the picture only turns.
+    // Along the radius the distorted radius changes; across it the image only turns.
     let along = Vector3::new(unit.x * dr, unit.y * dr, dz);
     let across = (Matrix2::identity() - unit * unit.transpose()) * (distorted / radius);
     unit * along.transpose() + across * Matrix2x3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)

@@ -4,7 +4,7 @@
 //!
 //! `u = fx azimuth + cx` with `azimuth = atan2(x, z)`, positive to the right, and `v = fy elevation + cy` with
 //! `elevation = atan2(y, hypot(x, z))`, positive downwards. So the focal lengths are pixels a radian, `width / (2 pi)` for
-//! a picture that goes all round, and the principal point is where z points. A turn begins at the picture's left border.
+//! an image that goes all round, and the principal point is where z points. A turn begins at the image's left border.
 //!
 //! Omnidirectional: Mei and Rives, *Single view point omnidirectional camera calibration from planar grids*, as OpenCV's
 //! omnidir and KITTI-360's `image_02.yaml` have it: the sphere is projected from `(0, 0, -xi)`, and distorted by k1 k2 p1 p2.
@@ -22,12 +22,12 @@ use super::lens::Model;
 use crate::error::{Error, Result};
 
 /// Straight up and down have every azimuth: what is nearer to them than this, radians, is outside. A hundredth of the
-/// pixel of a picture of 60,000 columns.
+/// pixel of an image of 60,000 columns.
 const POLE: f64 = 1e-6;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Equirectangular {
-    /// Azimuth of the picture's left border, radians.
+    /// Azimuth of the image's left border, radians.
     left: f64,
 }
 

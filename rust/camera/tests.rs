@@ -31,7 +31,7 @@ fn cameras() -> Vec<Camera> {
         camera("fisheye", &[-0.02, 0.003, -0.001, 0.0]),
         // 210 degrees from the left to the right.
         camera_of(349.0, "fisheye", &[0.0; 4], &[]),
-        // KITTI-360's left fisheye, scaled to a smaller picture: a circle within it.
+        // KITTI-360's left fisheye, scaled to a smaller image: a circle within it.
         camera_of(700.0, "omnidirectional", &[0.0168, 1.655, 0.0004, 0.0004], &[("xi", 2.2134)]),
         camera_of(500.0, "omnidirectional", &[-0.1, 0.01, 0.001, 0.0], &[("xi", 0.9)]),
         camera_of(1280.0 / TAU, "equirectangular", &[], &[]),
@@ -122,7 +122,7 @@ fn pixels_are_those_of_the_closed_forms() {
 }
 
 #[test]
-fn a_turn_of_an_equirectangular_picture_begins_at_its_left_border() {
+fn a_turn_of_an_equirectangular_image_begins_at_its_left_border() {
     // Forward is at the left border: what lies behind is in the middle.
     let k = [[1280.0 / TAU, 0.0, -0.5], [0.0, 200.0, 359.5], [0.0, 0.0, 1.0]];
     let camera = Camera::new("equirectangular", SIZE, k, &[]).expect("a valid camera");

@@ -1,4 +1,4 @@
-//! Scores of classes on a coarse grid, as networks give them, sampled where the pixels of a picture lie.
+//! Scores of classes on a coarse grid, as networks give them, sampled where the pixels of an image lie.
 
 use std::borrow::Cow;
 
@@ -22,7 +22,7 @@ pub struct Scores<'a> {
     num_classes: usize,
 }
 
-/// Where the pixels of a picture lie in views of it, each view with scores of its own.
+/// Where the pixels of an image lie in views of it, each view with scores of its own.
 #[derive(Clone, Copy, Debug)]
 pub struct Places<'a> {
     /// The view of each pixel, or [`NO_VIEW`].
@@ -152,7 +152,7 @@ impl Places<'_> {
         let num_classes = scores.first().map_or(0, |first| first.num_classes);
         let is_known = |view: &u8| *view == NO_VIEW || usize::from(*view) < scores.len();
         if scores.iter().any(|each| each.num_classes != num_classes) || !self.views.par_iter().all(is_known) {
-            return Err(Error::Input("views of a picture: found other scores than views".into()));
+            return Err(Error::Input("views of an image: found other scores than views".into()));
         }
         Ok(num_classes.max(1))
     }

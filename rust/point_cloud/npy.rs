@@ -14,7 +14,7 @@ use super::table::{Table, Values};
 use crate::file::{Opened, Stream};
 use crate::npy::{open_archive, read_array, split_header};
 
-/// An array with more columns is no table of points but a picture.
+/// An array with more columns is no table of points but an image.
 const MAX_COLUMNS: u64 = 16;
 
 pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {

@@ -112,7 +112,7 @@ impl ShareMap {
         Self { blocks_per_pixel: 1.0 / factor as f64, columns, rows, blocks }
     }
 
-    /// The shares at a pixel of the full-resolution picture, bilinear between the centres of blocks, and continued
+    /// The shares at a pixel of the full-resolution image, bilinear between the centres of blocks, and continued
     /// beyond the outermost ones.
     pub fn at(&self, pixel: &Point2<f64>) -> Sampled<'_> {
         let (column, right) = self.between(pixel.x, self.columns);
@@ -161,7 +161,7 @@ impl ShareMap {
     /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
     fn between(&self, pixel: f64, count: usize) -> (usize, Option<f64>) {
         let place = (pixel + 0.5) * self.blocks_per_pixel - 0.5;
-        // Conversions of 32 bits are faster than those of 64, and no picture is as wide.
+        // Conversions of 32 bits are faster than those of 64, and no image is as wide.
         let last = count as i32 - 1;
         if place > 0.0 && place < f64::from(last) {
             let before = place as i32;

@@ -309,7 +309,7 @@ fn variables(
 
 pub(super) fn check_factor(factor: usize, camera: &Camera) -> PyResult<()> {
     if factor == 0 || factor > camera.width.min(camera.height) {
-        return Err(value_error(format!("factor {factor} does not fit the picture")));
+        return Err(value_error(format!("factor {factor} does not fit the image")));
     }
     Ok(())
 }

@@ -86,7 +86,7 @@ pub(super) fn steps_at_label_borders<'py>(
     let shape = picture.as_array().dim();
     if shape != (classes.height, classes.width, 3) {
         let needed = (classes.height, classes.width, 3);
-        return Err(value_error(format!("found a picture of {shape:?}, needed {needed:?}")));
+        return Err(value_error(format!("found an image of {shape:?}, needed {needed:?}")));
     }
     let array = picture.as_array();
     let pixels = array.as_slice().map_or_else(|| array.iter().copied().collect(), <[u8]>::to_vec);

@@ -12,7 +12,7 @@ use crate::world::{Class, Frame, Lidar, Renderer, Rig, Shutter, Visibility};
 #[pyclass(name = "Renderer", frozen)]
 pub(super) struct PyRenderer {
     renderer: Renderer,
-    /// Rows and columns of the picture.
+    /// Rows and columns of the image.
     size: [usize; 2],
 }
 

@@ -1,6 +1,6 @@
 //! The exhaustive search: every azimuth, elevation and in-plane rotation, on coarse cells.
 //!
-//! For each elevation and in-plane rotation the pictures are brought to the grid once, as a template; all azimuths are
+//! For each elevation and in-plane rotation the images are brought to the grid once, as a template; all azimuths are
 //! then shifts of it along the spherical images, which are rings.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -66,7 +66,7 @@ pub(super) fn search(
     Ok(candidates.into_iter().filter(enough).collect())
 }
 
-/// The (elevation, roll) pairs at azimuth zero whose picture can overlap the sweep.
+/// The (elevation, roll) pairs at azimuth zero whose image can overlap the sweep.
 fn upright_placements(
     zoomed: &Zoomed,
     grid: &SphericalGrid,
@@ -93,7 +93,7 @@ fn upright_placements(
 }
 
 /// The in-plane rotations, each once. A search that is narrowed to a rotation tries them all: where the camera looks far
-/// up or down, a turn in azimuth and one in the picture are nearly the same.
+/// up or down, a turn in azimuth and one in the image are nearly the same.
 fn rolls(config: &RegistrationConfig, is_narrowed: bool) -> Vec<f64> {
     let num_around = (TAU / config.roll_step).round();
     let steps = (config.max_roll / config.roll_step).ceil();
@@ -147,11 +147,11 @@ fn commonest(counts: &[u32]) -> usize {
     best.filter(|&class| counts[class] > 0).unwrap_or(counts.len())
 }
 
-/// The picture of every frame on the grid, for one (elevation, roll) at azimuth zero.
+/// The image of every frame on the grid, for one (elevation, roll) at azimuth zero.
 struct Template {
     upright: Placement,
     columns: usize,
-    /// Cells of one row of the grid that lie side by side in the picture: where they begin in a ring that is not
+    /// Cells of one row of the grid that lie side by side in the image: where they begin in a ring that is not
     /// shifted, and which of `classes` they are.
     runs: Vec<(usize, Range<usize>)>,
     /// The column of [`Counts`] of each cell, frame after frame.

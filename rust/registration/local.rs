@@ -31,7 +31,7 @@ impl Downsampled {
     }
 }
 
-/// Blocks are about as wide as a cell at the middle of the picture.
+/// Blocks are about as wide as a cell at the middle of the image.
 pub(super) fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f64) -> Downsampled {
     let pixels_per_radian = observations.camera.width as f64 / zoomed.horizontal_fov();
     let factor = ((pixels_per_radian * cell).round() as usize).max(1);
@@ -98,7 +98,7 @@ impl<'a> Compared<'a> {
         Self { observations, zoomed, images: downsampled(observations, zoomed, cell), returns }
     }
 
-    /// The returns of each frame that a picture placed within `reach` of `placement` may show.
+    /// The returns of each frame that an image placed within `reach` of `placement` may show.
     fn near(&self, placement: &Placement, reach: f64) -> Vec<Vec<LabelledDirection>> {
         let half_angle = self.zoomed.reach() + reach;
         let axis = from_angles(placement.azimuth, placement.elevation);
@@ -126,7 +126,7 @@ impl<'a> Compared<'a> {
         joint
     }
 
-    /// Powell's method from one placement: three angles, and the scale of the paper's zoomed picture.
+    /// Powell's method from one placement: three angles, and the scale of the paper's zoomed image.
     /// Line searches reach `reach` to either side.
     pub fn refine(&self, start: &Placement, reach: f64, config: &RegistrationConfig) -> Hypothesis {
         let returns = self.near(start, 2.0 * reach);

@@ -131,7 +131,7 @@ impl SphericalImages {
         Self { grid, returns: observations.frames.par_iter().map(labelled).collect() }
     }
 
-    /// The label image of a frame on the grid, row by row, for pictures.
+    /// The label image of a frame on the grid, row by row, for images.
     pub fn label_image(&self, frame: usize) -> LabelImage<u8> {
         let mut ids = vec![NO_CLASS; self.grid.rows * self.grid.columns];
         for (point, class) in &self.returns[frame] {

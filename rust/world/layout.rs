@@ -198,7 +198,7 @@ fn place_at(
     }
 }
 
-/// Cars, and lorries and buses, keep this far from the rig: one beside it would fill the picture.
+/// Cars, and lorries and buses, keep this far from the rig: one beside it would fill the image.
 const CAR_GAP: f32 = 3.6;
 const BIG_VEHICLE_GAP: f32 = 9.0;
 

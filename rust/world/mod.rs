@@ -2,7 +2,7 @@
 //!
 //! A frame is a pure function of the rig, its motion, a seed and the frame's number. Labels are exact, both sensors see
 //! true parallax, and each [`Frame`] says which returns are hidden from the camera. A rig that moves fires every ray and
-//! exposes every line of the picture from where it is then, while the world stands still.
+//! exposes every line of the image from where it is then, while the world stands still.
 
 mod buildings;
 mod classes;

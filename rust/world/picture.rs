@@ -23,7 +23,7 @@ pub struct Pixel {
     pub instance: u16,
 }
 
-/// The picture of a rig's camera, whose pixels look along `pixel_rays`, row by row.
+/// The image of a rig's camera, whose pixels look along `pixel_rays`, row by row.
 pub fn take(stage: &Stage, rig: &Rig, pixel_rays: &[Option<Vector3<f32>>]) -> Vec<Pixel> {
     let size = [rig.camera.width, rig.camera.height];
     let t_lidar_camera = rig.t_camera_lidar.inverse();
@@ -43,7 +43,7 @@ pub fn take(stage: &Stage, rig: &Rig, pixel_rays: &[Option<Vector3<f32>>]) -> Ve
     rows.into_iter().flatten().collect()
 }
 
-/// From where, and which way round, a line of the picture is exposed.
+/// From where, and which way round, a line of the image is exposed.
 struct View {
     origin: Vec3,
     rotation: Matrix3<f32>,
@@ -118,7 +118,7 @@ pub struct Target {
     pub truth: Vector3<f64>,
 }
 
-/// Whether a rig's camera sees a return, at the time at which the line of its place in the picture is exposed.
+/// Whether a rig's camera sees a return, at the time at which the line of its place in the image is exposed.
 pub fn visibility(stage: &Stage, rig: &Rig, target: &Target) -> Visibility {
     let Some(time_s) = exposure_time_s(stage, rig, target) else { return Visibility::Outside };
     let camera_world = stage.t_world_lidar(time_s) * (rig.t_camera_lidar.inverse() * Point3::origin());
@@ -131,7 +131,7 @@ pub fn visibility(stage: &Stage, rig: &Rig, target: &Target) -> Visibility {
     }
 }
 
-/// When the camera exposes the place at which a return lies in its picture; `None` if it lies outside.
+/// When the camera exposes the place at which a return lies in its image; `None` if it lies outside.
 fn exposure_time_s(stage: &Stage, rig: &Rig, target: &Target) -> Option<f64> {
     let (camera, shutter) = (&rig.camera, &rig.shutter);
     let size = [camera.width, camera.height];

@@ -1,4 +1,4 @@
-//! One frame of a rig: its LiDAR's returns and its camera's picture.
+//! One frame of a rig: its LiDAR's returns and its camera's image.
 
 use nalgebra::{Point2, Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
@@ -29,9 +29,9 @@ pub struct Frame {
     pub point_visibility: Vec<Visibility>,
     /// Class ids, row-major; [`super::UNLABELED`] where the lens does not reach.
     pub image_labels: Vec<u8>,
-    /// The colour picture, row-major; black where the lens does not reach.
+    /// The colour image, row-major; black where the lens does not reach.
     pub image_rgb: Vec<[u8; 3]>,
-    /// Distinct objects in the picture or among the returns; the ground is none.
+    /// Distinct objects in the image or among the returns; the ground is none.
     pub num_objects: usize,
 }
 
@@ -176,7 +176,7 @@ mod tests {
     use crate::shutter::Shutter;
     use crate::spherical::from_angles;
 
-    /// Half the default picture's size, so that the tests stay quick.
+    /// Half the default image's size, so that the tests stay quick.
     const SIZE: (usize, usize) = (640, 360);
 
     /// A camera 0.5 m from the LiDAR that looks along an azimuth.

@@ -115,7 +115,7 @@ pub struct Rig {
     pub camera: Camera,
     /// `p_camera = t_camera_lidar * p_lidar`.
     pub t_camera_lidar: Isometry3<f64>,
-    /// When the lines of a picture are exposed; it matters only while the rig moves.
+    /// When the lines of an image are exposed; it matters only while the rig moves.
     pub shutter: Shutter,
 }
 

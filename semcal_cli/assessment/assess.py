@@ -38,7 +38,7 @@ from semcal_cli.result.uncertainty import Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
 NOTHING = NOT_DETERMINED.finding(
-    "points and pictures do not determine the pose, their agreement does not fall in every direction"
+    "points and images do not determine the pose, their agreement does not fall in every direction"
 )
 TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and what is known do not determine the pose together")
 KNOW_K = "give --intrinsics-sigma, if K is known better than it says"
@@ -267,7 +267,7 @@ def _compare_frames(answer: _Answer) -> Assessment:
         if num_scenes == 1:
             count, same = (
                 "1 frame",
-                "all show the same scene; whether sweeps and pictures belong together cannot be determined",
+                "all show the same scene; whether sweeps and images belong together cannot be determined",
             )
         notes.append(
             f"the {observations.num_frames} frames count as {count}, because {same}: add frames from a moving car"
@@ -277,7 +277,7 @@ def _compare_frames(answer: _Answer) -> Assessment:
     if any(frame.image_labels is not None for frame in frames) and all(
         frame.image is None for frame in frames
     ):
-        notes.append("labels were not checked against pictures: the drive gives no image")
+        notes.append("labels were not checked against images: the drive gives no image")
     if "labels" in data.cues:
         measured += check_leaks(data.of_cue("labels"), T)
     if data.cues[0] in ("labels", "segments"):

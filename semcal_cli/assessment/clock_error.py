@@ -103,14 +103,14 @@ def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, 
             offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
             later = "later" if clock.offset_s > 0.0 else "earlier"
             return (
-                f"pictures seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than the drive says, which is part "
+                f"images seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than the drive says, which is part "
                 "of the interval: --estimate-delay corrects the pose",
             )
         is_speed = motion.speed_m_s is not None
         why = "the drive gives no direction of its motion" if is_speed else "its frames move much alike"
         cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
         return (
-            f"the clock was not checked: {why}. Pictures may be {1e3 * clock.sigma_s:.3g} ms off: at "
+            f"the clock was not checked: {why}. Images may be {1e3 * clock.sigma_s:.3g} ms off: at "
             f"{clock.speed_m_s:.3g} m/s the camera may be {cost_cm:.2g} cm off, which is part of its interval",
         )
     if motion is not None:

@@ -98,7 +98,7 @@ def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[M
     sides = {}
     if not observations.has_segments:  # Each segment is a class of its own.
         camera = core_camera(observations.camera)
-        sides["points in the picture"] = [
+        sides["points in the image"] = [
             cloud.classes[np.isfinite(_core.project_points(camera, cloud.points, T_camera_lidar).ranges)]
             for cloud in observations.clouds
         ]
@@ -137,11 +137,11 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
     if not found:
         return []
     by, best = compared_by(observations), max(found)
-    sentence = f"clouds and pictures {NO_FIT}, and pictures of other frames fit better"
+    sentence = f"clouds and images {NO_FIT}, and images of other frames fit better"
     if own > 0.0:
         as_well, most = told_apart(best / own, WRONG_PAIRING.limit(by), unit="%")
         sentence = (
-            f"pictures of other frames fit the clouds {as_well} as well as their own, needed at most {most}"
+            f"images of other frames fit the clouds {as_well} as well as their own, needed at most {most}"
         )
     return [WRONG_PAIRING.measured(_share(best, own), sentence, by)]
 
@@ -157,12 +157,10 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
         if turned.information > best and turned.agreement.overlap >= 0.5 * own.agreement.overlap:
             best, best_deg = turned.information, turn_deg
     by, turned_by = compared_by(observations), f"with the camera turned by {best_deg:.0f} degrees"
-    found = f"points and pictures {NO_FIT}" + f", and fit better {turned_by}" * (best_deg > 0.0)
+    found = f"points and images {NO_FIT}" + f", and fit better {turned_by}" * (best_deg > 0.0)
     if own.information > 0.0:
         as_well, most = told_apart(best / own.information, OTHER_AZIMUTH.limit(by), unit="%")
-        found = (
-            f"{turned_by}, points and pictures fit {as_well} as well as at this pose, needed at most {most}"
-        )
+        found = f"{turned_by}, points and images fit {as_well} as well as at this pose, needed at most {most}"
     return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 
 
@@ -212,7 +210,7 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit]) -> list[Measure
     gain = _share(others[change].information, own.information) - 1.0
     better = f"{gain:.1%} better" if own.information > 0.0 else "better"
     sentence = (
-        f"the focal length looks wrong, points and pictures agree {better} with fx and fy {abs(change):.0%} "
+        f"the focal length looks wrong, points and images agree {better} with fx and fy {abs(change):.0%} "
         f"{'longer' if change > 0.0 else 'shorter'}"
     )
     return [WRONG_FOCAL_LENGTH.measured(gain, sentence)]
@@ -228,7 +226,7 @@ def _wrong_clocks(observations: Observations, own: _Fit, others: Mapping[float, 
         sigmas[delay_s] = gain.gain / max(gain.sigma, 1e-12)
     best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
     sentence = (
-        f"the clocks look wrong, points and pictures agree better by {sigmas[best_s]:.1f} standard errors if "
-        f"pictures are {1e3 * abs(best_s):.0f} ms {'later' if best_s > 0.0 else 'earlier'} than image_stamp says"
+        f"the clocks look wrong, points and images agree better by {sigmas[best_s]:.1f} standard errors if "
+        f"images are {1e3 * abs(best_s):.0f} ms {'later' if best_s > 0.0 else 'earlier'} than image_stamp says"
     )
     return [WRONG_CLOCKS.measured(sigmas[best_s], sentence)]

@@ -227,7 +227,7 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
         gap_s = abs(frame.points_stamp - frame.image_stamp)
         # A motion with a direction moves the points to the time of the image.
         if gap_s > MAX_GAP_S and not _has_direction(drive):
-            suspicions.append(f"sweep and picture are {gap_s:.3f} s apart")
+            suspicions.append(f"sweep and image are {gap_s:.3f} s apart")
     report = FrameReport(
         points=frame.points,
         num_points=num_points,
@@ -313,7 +313,7 @@ def _check_images(drive: Drive) -> list[str]:
                 read_image(drive.resolve(name), needed)
             else:
                 size = f"{needed[0]} x {needed[1]}"
-                found.append(f"{name} is {width} x {height}, the camera's pictures are {size}")
+                found.append(f"{name} is {width} x {height}, the camera's images are {size}")
         except InputError as error:
             found.append(str(error))
     return found

@@ -46,9 +46,9 @@ about one pixel."""
 MAX_DECENTRED = 0.04
 """Largest distance of the principal point from the image centre without a note, relative to the longer side.
 Lenses are off by the same length in both directions. Published cameras (KITTI, nuScenes, RELLIS-3D, OpenCalib) are off
-by at most 0.03, and pictures of which a tenth was cut off at one side of the longer sides by 0.05."""
+by at most 0.03, and images of which a tenth was cut off at one side of the longer sides by 0.05."""
 MAX_ASPECT = 0.02
-"""Largest difference of fx / fy from 1 without a note. Pixels are square to 0.2 % in the same cameras; pictures that
+"""Largest difference of fx / fy from 1 without a note. Pixels are square to 0.2 % in the same cameras; images that
 were resized without keeping their shape, as 1920 x 1200 to 1280 x 720, differ by 10 %."""
 
 
@@ -123,14 +123,14 @@ def implausible_intrinsics(camera: Camera) -> dict[str, str]:
         share = abs(center - 0.5 * (size - 1)) / max(camera.width, camera.height)
         if share > MAX_DECENTRED:
             found[name] = (
-                f"{name} of K is {center:g} in a picture of {size}, {share:.0%} of the longer side from the "
-                f"middle, lenses have at most {MAX_DECENTRED:.0%}: K may belong to pictures of another size, or "
+                f"{name} of K is {center:g} in an image of {size}, {share:.0%} of the longer side from the "
+                f"middle, lenses have at most {MAX_DECENTRED:.0%}: K may belong to images of another size, or "
                 "these are cropped"
             )
     if abs(fx / fy - 1.0) > MAX_ASPECT:
         found["fx"] = (
             f"fx of K is {fx / fy:.3f} times fy, cameras have 1 within {MAX_ASPECT:.0%}: K may belong to "
-            "pictures that were resized in another way"
+            "images that were resized in another way"
         )
     return found
 

@@ -67,7 +67,7 @@ class Joint(StageResult):
         """What to do where variables that keep the drive's values make the pose uncertain."""
         more, without = [], []
         if self.camera is not None and not self.is_kept:
-            more.append("record objects near and far in all parts of the pictures")
+            more.append("record objects near and far in all parts of the images")
             without.append("--refine-intrinsics if K is right")
         if self.clock is not None and not self.clock.is_kept:
             more.append("drive at different speeds, and turn")
@@ -262,7 +262,7 @@ def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -
         stay = "stay" if others else "stays"
         notes.append(
             f"{subject} not determined by these frames and {stay} as the drive says: record objects near and far in "
-            "all parts of the pictures"
+            "all parts of the images"
         )
     if asked.with_delay and not fit.variables.with_delay:
         notes.append(DELAY_NOT_DETERMINED)

@@ -1,8 +1,8 @@
 """Whether labels belong to what they label: point labels by order, label images by their images, and both at a pose.
 
 From entry to entry of a sweep, labels change where the range steps, and borders of a label image lie on edges of its
-picture. If the two coincide better at another displacement, labels belong to other points or pixels: a converter lost
-an entry, or another tool resized the label images. Where there are no pictures, or points have no order, good drives
+image. If the two coincide better at another displacement, labels belong to other points or pixels: a converter lost
+an entry, or another tool resized the label images. Where there are no images, or points have no order, good drives
 give no finding either. None of that needs a pose.
 
 Each half of a frame votes for or against a displacement, and its vote decides whether the other half counts. So no half
@@ -49,7 +49,7 @@ MAX_ENTRIES = 32
 """Largest displacement of point labels that is tried, in entries."""
 NUM_BLOCKS = 128
 """Number of blocks of consecutive entries of a sweep."""
-NUM_PICTURES = 4
+NUM_IMAGES = 4
 """Number of frames whose images are read first."""
 MIN_Z_TO_READ_ON = 1.0
 """Gain of the fit in standard errors above which the images of all frames are read."""
@@ -87,7 +87,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
     """Check that labels of points and pixels belong to them, and say which labels do not.
 
     Args:
-        drive: The drive, for its pictures and the names of its frames. Pictures that cannot be read are left out.
+        drive: The drive, for its images and the names of its frames. Images that cannot be read are left out.
         observations: Labelled points, in the order of their files, and label images of the same frames.
     """
     measured, unread = list[Measured](), set[str]()
@@ -119,14 +119,14 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
     if pixels is not None:
         better, most = told_apart(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
         found = (
-            f"label images{of(pixels)} fit their pictures better {_move_words(*pixels.move)}, "
+            f"label images{of(pixels)} fit their images better {_move_words(*pixels.move)}, "
             f"by {better} standard errors, needed at most {most}"
         )
         measured.append(SHIFTED_LABEL_IMAGES.measured(pixels.z, found))
     if not unread:
         return LabelAlignment(tuple(measured))
     more = f", and {len(unread) - 1} more" if len(unread) > 1 else ""
-    note = f"whether label images fit their pictures was not tested on all: {min(unread)}{more}"
+    note = f"whether label images fit their images was not tested on all: {min(unread)}{more}"
     return LabelAlignment(tuple(measured), (note,))
 
 
@@ -192,9 +192,9 @@ def _moved_pixels(
 
 def spread(num_frames: int) -> list[int]:
     """Spread a few indices over those of all frames, even and odd ones by turns, for every other frame may differ."""
-    if num_frames <= NUM_PICTURES:
+    if num_frames <= NUM_IMAGES:
         return list(range(num_frames))
-    evenly = (place * (num_frames - 1) // (NUM_PICTURES - 1) for place in range(NUM_PICTURES))
+    evenly = (place * (num_frames - 1) // (NUM_IMAGES - 1) for place in range(NUM_IMAGES))
     return [index - (index + place) % 2 if index else 0 for place, index in enumerate(evenly)]
 
 

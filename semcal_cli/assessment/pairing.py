@@ -36,7 +36,7 @@ FILES = {
     "points": "points",
     "point_labels": "point labels",
     "image_labels": "label images",
-    "image": "pictures",
+    "image": "images",
 }
 """Keys of a frame's files, with their names in sentences."""
 MIN_PAIRS = 500.0
@@ -97,12 +97,12 @@ def check_pairs(
     if observations.starts is not None:
         found = information_by_squares(observations, T_camera_lidar)
         own, num_pairs = found.by_frame, found.weight_by_frame
-        most_exchanged = own + ODD_FRAMES.limit("another picture, by squares") * found.sigma_by_frame
+        most_exchanged = own + ODD_FRAMES.limit("another image, by squares") * found.sigma_by_frame
     else:
         joints = agreement.frame_joints[: observations.num_frames]
         table = pointwise_information(joints.sum(axis=0))
         own, num_pairs = information_by_frame(joints, table), joints.sum(axis=(1, 2))
-        most_exchanged = ODD_FRAMES.limit("another picture") * own
+        most_exchanged = ODD_FRAMES.limit("another image") * own
 
     def measure(others: Observations) -> Information:
         """Compute the information (F,) with the pixels of other observations."""
@@ -128,7 +128,7 @@ def check_pairs(
     as_well = f"{part} as well as others" if share >= 0.0 else "worse than by chance"
     sentence = (
         f"points and pixels of {frame_list(names, wrong)} may not belong together, {frame_name(names, worst)} agrees "
-        f"{as_well}, needed at least {needed} or more than with pictures of other frames"
+        f"{as_well}, needed at least {needed} or more than with images of other frames"
     )
     return (ODD_FRAMES.measured(share, sentence, "information"),)
 

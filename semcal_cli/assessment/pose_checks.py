@@ -92,12 +92,12 @@ def check_pose(
         found = f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
         findings.append(FAR_CAMERA.finding(found))
     covered, least = told_apart(agreement.overlap, OVERLAP.limit(), 1, "%")
-    found = f"visible points with classes cover {covered} of the picture, needed at least {least}"
+    found = f"visible points with classes cover {covered} of the image, needed at least {least}"
     findings += OVERLAP.measured(agreement.overlap, found).findings
     by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
     as_well, least = told_apart(by_chance, CHANCE.limit(), unit="%")
     found = (
-        f"points and pictures agree {as_well} as well as unrelated ones do by chance, needed at least {least}"
+        f"points and images agree {as_well} as well as unrelated ones do by chance, needed at least {least}"
     )
     return (*findings, *CHANCE.measured(by_chance, found).findings)
 

@@ -52,7 +52,7 @@ def check_rivals(
 
     A rival lies farther away than a trusted pose may be uncertain; by labels, outside the interval of the pose. Its
     information and that of the pose are compared by the points that are visible at the pose, square by square of the
-    pictures.
+    images.
 
     Args:
         observations: Points and pixels of all cues.
@@ -82,7 +82,7 @@ def check_rivals(
 
 
 def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> Measured:
-    """Check that segments and labels of the pictures do not prefer another pose to the one that edges found.
+    """Check that segments and image labels do not prefer another pose to the one that edges found.
 
     Args:
         guide: Points and pixels by segments.
@@ -99,7 +99,7 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> M
     away = compare_poses(others[best], T_camera_lidar)
     ahead, most = told_apart(-behind[best], CUES_DISAGREE.limit(), 1)
     found = (
-        f"segments and labels of the pictures prefer a pose {away.rotation_deg:.1f} degrees and "
+        f"segments and image labels prefer a pose {away.rotation_deg:.1f} degrees and "
         f"{away.camera_center_cm:.0f} cm away from that of edges, by {ahead} standard errors, needed at "
         f"most {most}"
     )
@@ -173,7 +173,7 @@ def decide_in_full(
     is_clear, least, polish = bool(rivals), OTHER_POSE.limit(), PolishConfig(max_baseline_m=max_baseline_m)
     for rival in rivals:
         on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
-        # A mounting in which sweeps and pictures do not overlap is none.
+        # A mounting in which sweeps and images do not overlap is none.
         with suppress(CalibrationError):
             several = SeveralStarts(observations, ExactConfig(max_baseline_m=max_baseline_m), seed, starts)
             T_coarse = newton(observations, several.coarse_top(rival.pose), polish).T_camera_lidar

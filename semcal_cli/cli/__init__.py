@@ -32,7 +32,7 @@ SECTIONS: dict[str, dict[str, str]] = {
     "Start": {
         "demo": "Calibrate a synthetic street from nothing, and look at it.",
         "import": "Make a drive of a recording, a data set or your own files.",
-        "label": "Label pictures or sweeps with a network.",
+        "label": "Label images or sweeps with a network.",
         "inspect": "Show what a drive holds, and what looks wrong with it.",
         "odometry": "Estimate how the LiDAR moves from the sweeps of a drive.",
         "synth": "Write a synthetic drive whose transform is known.",
@@ -47,8 +47,8 @@ SECTIONS: dict[str, dict[str, str]] = {
         "verify": "Check on a drive whether a transform still holds.",
         "compare": "Tell how two transforms differ, beside what is allowed.",
         "report": "Write a page about a transform, to send around.",
-        "overlay": "Draw the points on the pictures.",
-        "view": "Move the points on the pictures by hand, and save.",
+        "overlay": "Draw the points on the images.",
+        "view": "Move the points on the images by hand, and save.",
     },
     "Export": {
         "convert": "Write a transform in the format of another tool.",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NUM_FRAMES, NUM_REAL_FRAMES = 8, 20
 OFF_DEG, OFF_M = 2.0, 0.1
-"""How far the camera is off on the left half of the picture, which shows what a wrong transform looks like."""
+"""How far the camera is off on the left half of the image, which shows what a wrong transform looks like."""
 START_DEG, START_M = 2.0, 0.2
 """How far off a real drive starts: edges alone need to know the mounting to 5 degrees and 0.3 m."""
 

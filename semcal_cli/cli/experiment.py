@@ -189,7 +189,7 @@ def gradient(out: Path, seeds: range) -> Experiment[Any, Any]:
     "--frame",
     least=0,
     default=0,
-    help="Frame that the pictures show, numbered from 0 among those used.",
+    help="Frame that the images show, numbered from 0 among those used.",
 )
 @max_frames_option
 @max_points_option
@@ -206,7 +206,7 @@ def table(
 ) -> None:
     """Compare methods on DRIVE, from the same start, with its reference.
 
-    Writes results.csv, summary.json, table.md and the pictures (a) to (d) into the drive's folder of DIR: points at
+    Writes results.csv, summary.json, table.md and the images (a) to (d) into the drive's folder of DIR: points at
     the reference, and where SOIC, PMI and semcal put them. If the reference is that of RELLIS-3D or KITTI-360, within 1
     degree and 10 cm, what the paper prints of it stands below it, measured on the same frames.
     """
@@ -256,11 +256,9 @@ def table(
     "--frames", default=70, help="Number of frames that are rendered; the most pairs but for 1,000."
 )
 @click.option(
-    "--width", type=click.IntRange(64), default=1280, show_default=True, help="Columns of the pictures."
+    "--width", type=click.IntRange(64), default=1280, show_default=True, help="Columns of the images."
 )
-@click.option(
-    "--height", type=click.IntRange(48), default=720, show_default=True, help="Rows of the pictures."
-)
+@click.option("--height", type=click.IntRange(48), default=720, show_default=True, help="Rows of the images.")
 @measures
 def speed(
     out: Path, repeats: int, plain_torch: Path | None, only: str | None, frames: int, width: int, height: int

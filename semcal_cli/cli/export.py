@@ -29,7 +29,7 @@ class RerunSettings(DriveSettings):
 @export.command(
     cls=SettingsCommand,
     settings=RerunSettings,
-    help="Write DRIVE for the Rerun viewer: sweeps and pictures with their labels along time, and a camera at each "
+    help="Write DRIVE for the Rerun viewer: sweeps and images with their labels along time, and a camera at each "
     "pose of CALIBRATION: its hypotheses, its stages and its result, or the one pose of another file: "
     f"{KNOWN_TRANSFORMS}. Look at it by `rerun FILE.rrd`.",
     short_help="For the Rerun viewer, .rrd.",

@@ -65,7 +65,7 @@ class ImportSettings(QuietSettings):
         metavar="NAME|FILE",
     )
     point_classes: str | None = option(
-        "Classes of the labels of points: a table as semantickitti, or a file of lines as `road: [40]`.",
+        "Classes of the point labels: a table as semantickitti, or a file of lines as `road: [40]`.",
         metavar="NAME|FILE",
     )
     max_gap_s: float | None = option(
@@ -102,7 +102,7 @@ class DatasetSettings(ImportSettings):
     root: Path = argument()
     sequence: str | None = option("The sequence; needed if there are several.", metavar="NAME")
     image_labels: Path | None = option("Take the label images from this folder.", metavar="DIR")
-    point_labels: Path | None = option("Take the labels of points from this folder.", metavar="DIR")
+    point_labels: Path | None = option("Take the point labels from this folder.", metavar="DIR")
     version: str | None = None
     rectified: bool | None = None
 
@@ -130,7 +130,7 @@ class Kitti360Settings(DatasetSettings):
     """Options of the import of KITTI-360."""
 
     rectified: bool | None = option(
-        "Pictures of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is turned by "
+        "Images of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is turned by "
         "R_rect. Raw: data_rgb, with K, D and the reference as calib_cam_to_velo.txt has it.  [default: rectified]",
         "--rectified/--raw",
     )
@@ -162,8 +162,8 @@ class BagSettings(QuietSettings):
     output: Path | None = option("Folder of the drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE")
     is_list: bool = option("List the topics, and what would be taken.", "--list", default=False)
     points: str | None = option("Sweeps; needed if there are several topics of them.", metavar="TOPIC")
-    image: str | None = option("Pictures; needed if there are several topics of them.", metavar="TOPIC")
-    camera_info: str | None = option("Intrinsics; if not given, those beside the pictures.", metavar="TOPIC")
+    image: str | None = option("Images; needed if there are several topics of them.", metavar="TOPIC")
+    camera_info: str | None = option("Intrinsics; if not given, those beside the images.", metavar="TOPIC")
     intrinsics: Path | None = option(
         "Intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
         metavar="FILE",
@@ -180,10 +180,10 @@ class BagSettings(QuietSettings):
         metavar="S",
     )
     stamps: Literal["header", "receive"] = option(
-        "Times of sweeps and pictures: those of their headers, or when they were received.", default="header"
+        "Times of sweeps and images: those of their headers, or when they were received.", default="header"
     )
     max_gap_s: float = option(
-        "Largest time between a sweep and its picture.", default=0.05, above=0.0, most=1e3, metavar="S"
+        "Largest time between a sweep and its image.", default=0.05, above=0.0, most=1e3, metavar="S"
     )
     motion: str | None = option(
         "Odometry, PoseStamped or /tf that tells how the LiDAR moves; the only one if not given.",
@@ -207,7 +207,7 @@ class BagSettings(QuietSettings):
 def bag(settings: BagSettings) -> None:
     """Make a drive of a recording, without ROS. Several PATHs are one recording in parts.
 
-    Sweeps keep all their fields, JPEG and PNG pictures their bytes; video is decoded. Intrinsics come from
+    Sweeps keep all their fields, JPEG and PNG images their bytes; video is decoded. Intrinsics come from
     camera_info, the reference T_camera_lidar from /tf_static, motion from odometry or /tf. Damaged parts are left out,
     and told.
     """
@@ -249,7 +249,7 @@ def _list(paths: tuple[Path, ...]) -> None:
             span, use = topic.span, uses.get(topic, "")
             times = [f"{(time - recording.start_ns) / NS:.3f}" for time in (span.first_ns, span.last_ns)]
             first, last = times if span.num_messages else ("", "")
-            is_choice = use in ("sweeps", "pictures", "fixed frames") and list(uses.values()).count(use) > 1
+            is_choice = use in ("sweeps", "images", "fixed frames") and list(uses.values()).count(use) > 1
             choice = " (one of several)" if is_choice else ""
             rate = f"{topic.rate_hz:.1f}"
             rows.append((topic.name, topic.type, f"{span.num_messages:,}", rate, first, last, use + choice))
@@ -287,7 +287,7 @@ class FolderSettings(ImportSettings):
     rules = [given("--image-classes").requires("--image-labels")]
     points: str = option("Point clouds, as 'clouds/*.pcd'.", required=True, metavar="GLOB")
     point_labels: str | None = option(
-        "Labels of points; not needed where the clouds have a field of them.", metavar="GLOB"
+        "Point labels; not needed where the clouds have a field of them.", metavar="GLOB"
     )
     image_labels: str | None = option("Label images.", metavar="GLOB")
     images: str | None = option("Images.", metavar="GLOB")

@@ -17,7 +17,7 @@ class InitializeSettings(SearchSettings, ResultSettings):
     """What the options of `initialize` say."""
 
     images: Path | None = option(
-        "Also write pictures of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
+        "Also write images of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
         "camera, and correspondences.",
         "--overlay",
         metavar="DIR",
@@ -35,7 +35,7 @@ def initialize(settings: InitializeSettings) -> None:
     from semcal_cli.cli.tables import hypothesis_lines
     from semcal_cli.pipeline import initialize as search
     from semcal_cli.pipeline import make_calibration
-    from semcal_cli.report.registration import RegistrationPictures
+    from semcal_cli.report.registration import RegistrationImages
 
     start, images, outputs = settings.initial_pose, settings.images, Outputs.of_result(settings)
     config = CalibrationConfig(settings.seed, settings.cues, settings.max_frames, settings.initialization)
@@ -48,8 +48,6 @@ def initialize(settings: InitializeSettings) -> None:
             data, Stages(found), config, initial_pose=start, relative_to=outputs.folder
         )
         if images is not None:
-            pictures = RegistrationPictures.near(
-                data.observations, found.T_camera_lidar, config.initialization
-            )
-            terminal.print_paths("picture", pictures.write_all(images, MAX_IMAGES))
+            pictures = RegistrationImages.near(data.observations, found.T_camera_lidar, config.initialization)
+            terminal.print_paths("image", pictures.write_all(images, MAX_IMAGES))
     sys.exit(outputs.write(calibration, terminal, settings.threads))

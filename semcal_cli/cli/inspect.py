@@ -45,8 +45,8 @@ class InspectSettings:
 def inspect(settings: InspectSettings) -> None:
     """Show what DRIVE holds, and what looks wrong with it. Of a rig.yaml, the drive of each camera is shown.
 
-    Among others it looks for mirrored clouds, a K of another picture size, labels that are shifted against their points
-    or pictures, and frames with the same files.
+    Among others it looks for mirrored clouds, a K of another image size, labels that are shifted against their points
+    or images, and frames with the same files.
     """
     from semcal_cli.assessment.inspection import inspect as look_through
     from semcal_cli.cli.terminal import Terminal

@@ -1,4 +1,4 @@
-"""`semcal label`: labels of pictures and sweeps from networks."""
+"""`semcal label`: labels of images and sweeps from networks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from semcal_cli.config import Device
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.labelling.pictures import PictureLabeller
+    from semcal_cli.labelling.images import ImageLabeller
     from semcal_cli.labelling.sides import Side
 
 
@@ -28,9 +28,9 @@ MOST_NETWORKS = 2
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkSettings:
-    """Options about networks that label pictures."""
+    """Options about networks that label images."""
 
-    section = "Labels of pictures"
+    section = "Image labels"
     rules = [given("--image-card", "--rectify").requires("--image-model", "--show")]
     image_card: str | None = option(
         "What the network wants and gives: a ready card, as segformer-cityscapes, or a file; FILE.yaml beside "
@@ -41,12 +41,12 @@ class NetworkSettings:
         "Fetch at most this from the hub, in megabytes.", default=500, least=1, metavar="MB"
     )
     rectify: bool = option(
-        "Let the network see pictures without the lens's distortion, several of a fisheye's, and carry its labels "
+        "Let the network see images without the lens's distortion, several of a fisheye's, and carry its labels "
         "back.",
         default=False,
     )
 
-    def picture_labeller(
+    def image_labeller(
         self,
         drive: Drive,
         name: str,
@@ -55,31 +55,31 @@ class NetworkSettings:
         num_threads: int | None = None,
         *,
         card: str | None = None,
-    ) -> PictureLabeller:
+    ) -> ImageLabeller:
         """Open the network, and tell what had to be guessed of it.
 
         Raises:
             InputError: the model or the card is wrong.
         """
         from semcal_cli.labelling.hub import find_model
+        from semcal_cli.labelling.images import ImageLabeller
         from semcal_cli.labelling.model import picture_model
         from semcal_cli.labelling.network import open_network
-        from semcal_cli.labelling.pictures import PictureLabeller
 
         path = find_model(name, self.max_download_mb, terminal.on_event)
         model = picture_model(open_network(path, device, num_threads), card)
         terminal.print(*(f"guessed: {guess}" for guess in model.guesses))
         if model.licence is not None:
             terminal.print(f"licence of {path.name}: {model.licence}")
-        return PictureLabeller(model, drive.camera, is_rectified=self.rectify)
+        return ImageLabeller(model, drive.camera, is_rectified=self.rectify)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImageSettings(NetworkSettings):
-    """Options about the network that labels pictures."""
+    """Options about the network that labels images."""
 
     image_model: str | None = option(
-        "Network that labels the pictures: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
+        "Network that labels the images: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
         "a short name, as cityscapes.",
         metavar="FILE|NAME",
     )
@@ -88,10 +88,10 @@ class ImageSettings(NetworkSettings):
 def label_on_the_way(
     drive: Path, images: ImageSettings, max_frames: int, max_points: int, terminal: Terminal
 ) -> Path:
-    """Label evenly spaced pictures of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
+    """Label evenly spaced images of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
 
     Raises:
-        InputError: the model or the card is wrong, or a picture cannot be labelled.
+        InputError: the model or the card is wrong, or an image cannot be labelled.
     """
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
@@ -101,9 +101,9 @@ def label_on_the_way(
     start, whole = perf_counter(), read_drive(drive, max_points)
     chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
     assert images.image_model is not None  # where it is asked for
-    labeller = images.picture_labeller(chosen, images.image_model, terminal, card=images.image_card)
+    labeller = images.image_labeller(chosen, images.image_model, terminal, card=images.image_card)
     path = label_beside(chosen, picture_side(labeller), terminal.on_event)
-    did = f"{len(chosen.frames)} pictures by {Path(images.image_model).name}, in {path}"
+    did = f"{len(chosen.frames)} images by {Path(images.image_model).name}, in {path}"
     terminal.print(f"labels   {perf_counter() - start:6.2f} s   {did}")
     return path
 
@@ -133,7 +133,7 @@ def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) ->
 class PairSettings(NetworkSettings):
     """Options about one network or two that label images."""
 
-    section = "Labels of pictures"
+    section = "Image labels"
     image_model: tuple[str, ...] = option(
         "Network that labels the images: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
         "a short name, as cityscapes. A second one, in drive_2.yaml, tells how far to believe the first.",
@@ -153,7 +153,7 @@ class LabelSettings(PairSettings, ThreadSettings):
         given("--points").excludes("--point-model"),
         given("--point-card").requires("--point-model", "--show"),
         given("--preview", "--probabilities").requires(
-            "--image-model", "--show", because="these are of pictures"
+            "--image-model", "--show", because="these are of images"
         ),
         one_of("-o", "--preview", "--show"),
     ]
@@ -171,9 +171,7 @@ class LabelSettings(PairSettings, ThreadSettings):
     output: Path | None = option(
         "Folder of the labelled drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE"
     )
-    preview: Path | None = option(
-        "Draw the labels of one picture, .png.", callback=_check_png, metavar="FILE"
-    )
+    preview: Path | None = option("Draw the labels of one image, .png.", callback=_check_png, metavar="FILE")
     show: str | None = option(
         "Tell what was understood of a model, and try it; no drive.", metavar="FILE|NAME"
     )
@@ -188,7 +186,7 @@ class LabelSettings(PairSettings, ThreadSettings):
 
 @command(LabelSettings, context_settings={"max_content_width": 100})
 def label(settings: LabelSettings) -> None:
-    """Label the pictures or the sweeps of DRIVE with networks, and write a drive with the labels.
+    """Label the images or the sweeps of DRIVE with networks, and write a drive with the labels.
 
     A network is an ONNX file, or the name of one on the Hugging Face hub. What it wants is read from it, and from its
     card or the files of transformers beside it; what these do not say is guessed, and told.
@@ -196,8 +194,8 @@ def label(settings: LabelSettings) -> None:
     """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.labelling.hub import find_model
+    from semcal_cli.labelling.images import describe_model
     from semcal_cli.labelling.network import open_network
-    from semcal_cli.labelling.pictures import describe_model
     from semcal_cli.threads import set_num_threads
 
     set_num_threads(settings.threads)
@@ -253,7 +251,7 @@ def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> l
     sides: list[Side] = []
     for name in settings.image_model:
         card = None if sides else settings.image_card
-        labeller = settings.picture_labeller(
+        labeller = settings.image_labeller(
             drive, name, terminal, settings.device, settings.threads, card=card
         )
         if settings.preview is not None and not sides:
@@ -276,7 +274,7 @@ def _point_sides(settings: LabelSettings) -> list[Side]:
     return [sweep_side(sweep_labeller(network, settings.point_card))]
 
 
-def _preview(drive: Drive, labeller: PictureLabeller, path: Path, terminal: Terminal) -> None:
+def _preview(drive: Drive, labeller: ImageLabeller, path: Path, terminal: Terminal) -> None:
     """Draw the labels of the middle frame."""
     from semcal_cli.drive.reading import read_needed_image
     from semcal_cli.files.images import write_image

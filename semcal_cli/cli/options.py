@@ -68,9 +68,9 @@ def cue_list() -> Any:
     """Make the option for cues."""
     return option(
         "Cues to compare, alone or together: auto (the best that the files of DRIVE allow); labels of points and "
-        "pictures; edges (steps along the scans against gradients of the pictures, without any labels, from a start "
+        "images; edges (steps along the scans against gradients of the images, without any labels, from a start "
         "that is known to 5 degrees and 0.3 m); segments (parts of the sweeps by their shape, against labels of "
-        "pictures alone, which give edges a start); intensity (the LiDAR's against the picture's grey values, without "
+        "images alone, which give edges a start); intensity (the LiDAR's against the image's grey values, without "
         "any labels); or features (vectors of points and pixels, alone, by `semcal calibrate --estimator mine`).  "
         "[default: auto: labels, or, if points have none, segments,edges or what the files allow of both]",
         "--cue",

@@ -123,8 +123,8 @@ class Outputs:
         elif self.output is not None:
             output_format(self.output)
 
-    def check_pictures(self, drive: Drive) -> None:
-        """Check the pictures that points will be drawn on, of a drive with only the frames that are used.
+    def check_images(self, drive: Drive) -> None:
+        """Check the images that points will be drawn on, of a drive with only the frames that are used.
 
         Raises:
             InputError: one is missing, or is not an image of the camera's size.
@@ -201,8 +201,8 @@ class Outputs:
                 write_report(report, self.page, terminal.show)
                 terminal.print_paths("report", [self.page])
             if self.images is not None:
-                terminal.show("drawing points on pictures")
-                terminal.print_paths("picture", report.overlays(MAX_IMAGES).write_all(self.images))
+                terminal.show("drawing points on images")
+                terminal.print_paths("image", report.overlays(MAX_IMAGES).write_all(self.images))
 
 
 def _report(calibration: Calibration, written_to: str) -> CiReport:
@@ -262,13 +262,13 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
     from semcal_cli.report.overlay import overlay_paths
 
     if folder.exists() and not is_folder(folder):
-        raise InputError(f"{folder}: found a file, needed a folder for pictures")
+        raise InputError(f"{folder}: found a file, needed a folder for images")
     taken = set(map(os.path.realpath, read))
     for path in overlay_paths(folder, count):
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads, needed another folder")
         if is_folder(path):
-            raise InputError(f"{path}: found a folder, needed a place for a picture")
+            raise InputError(f"{path}: found a folder, needed a place for an image")
 
 
 def check_page(path: Path) -> None:
@@ -318,5 +318,5 @@ def loaded_drive(
             spec = applied.drive
             config = replace(config, cues=cues_applied(initial_pose.record, config.cues, spec))
         data = load(spec, config, terminal.on_event)
-        outputs.check_pictures(data.drive)
+        outputs.check_images(data.drive)
         yield data, terminal

@@ -27,13 +27,13 @@ class OverlaySettings(DriveSettings):
 
     calibration: Path = argument()
     output: Path = option(
-        "Folder of the pictures, 000000.png and so on.", "-o", "--output", required=True, metavar="DIR"
+        "Folder of the images, 000000.png and so on.", "-o", "--output", required=True, metavar="DIR"
     )
     against: Path | None = option("Transform to show beside it.", metavar="FILE")
     by: Coloring | None = option(
         "Meaning of the colours: the class of the point; its distance from the camera; whether its class and the "
         "pixel's go together; the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
-        "object; or how far range (orange) or intensity (blue) steps beside it, drawn on the edges of the picture. "
+        "object; or how far range (orange) or intensity (blue) steps beside it, drawn on the edges of the image. "
         "Distance, parts and edges need no labels.  [default: class; with --against, agreement; by the cue edges, edge]"
     )
     cues: tuple[CueName, ...] = cue_list()
@@ -42,12 +42,12 @@ class OverlaySettings(DriveSettings):
 
 @command(
     OverlaySettings,
-    help=f"Draw the points of DRIVE on its pictures, as CALIBRATION puts them: {KNOWN_TRANSFORMS}. Points that the "
+    help=f"Draw the points of DRIVE on its images, as CALIBRATION puts them: {KNOWN_TRANSFORMS}. Points that the "
     "camera cannot see are left out, or grey with --by agreement. Of a rig.yaml, CALIBRATION is the folder that semcal "
-    "calibrate wrote, and each camera has a folder of pictures.",
+    "calibrate wrote, and each camera has a folder of images.",
 )
 def overlay(settings: OverlaySettings) -> None:
-    """Draw points on pictures."""
+    """Draw points on images."""
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.writing import make_folder
@@ -76,7 +76,7 @@ def overlay(settings: OverlaySettings) -> None:
 
 
 def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Overlays:
-    """Prepare the pictures of a drive at one transform or two, and tell where a camera or a clock is another one."""
+    """Prepare the images of a drive at one transform or two, and tell where a camera or a clock is another one."""
     from semcal_cli.cli.outputs import files_read
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.report.overlay import Overlays
@@ -97,7 +97,7 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
 
 
 def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]) -> Drive:
-    """Take evenly spaced frames of a drive, and check that their pictures replace nothing that is read."""
+    """Take evenly spaced frames of a drive, and check that their images replace nothing that is read."""
     from semcal_cli.cli.outputs import check_image_folder
     from semcal_cli.drive.frame_selection import evenly_spaced
 

@@ -204,7 +204,7 @@ class RefinementSettings(StartSettings):
         metavar="PERCENT PX",
     )
     estimate_delay: bool = option(
-        "Estimate by how much pictures are later than their stamps say, together with the pose. Needs `motion:` with "
+        "Estimate by how much images are later than their stamps say, together with the pose. Needs `motion:` with "
         "poses or a twist, different speeds, and turns.",
         default=False,
     )

@@ -63,7 +63,7 @@ class SynthSettings(SynthConfig, ThreadSettings):
 
 @command(SynthSettings)
 def synth(settings: SynthSettings) -> None:
-    """Write a synthetic drive, with labels, pictures and its true T_camera_lidar, to the folder OUT.
+    """Write a synthetic drive, with labels, images and its true T_camera_lidar, to the folder OUT.
 
     Streets are drawn from the seed, with 20 classes under CARLA's names and ids. Both sensors see true
     parallax. What the mounting options leave open is drawn from the seed, too.

@@ -93,7 +93,7 @@ def labelled(label: str, line: str) -> str:
 
 def _label_rows(quality: Quality) -> Rows:
     visible = f"{quality.label_agreement:.1%} of the pairs of {quality.num_points:,} visible points agree"
-    return [("labels", visible), ("", f"they cover {quality.overlap:.0%} of the picture")]
+    return [("labels", visible), ("", f"they cover {quality.overlap:.0%} of the image")]
 
 
 def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:

@@ -55,7 +55,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
     junit: Path | None = output_file("Also write a JUnit XML file.")
     page: Path | None = output_file("Also write a page about the verdict: .html.", "--report")
     images: Path | None = option(
-        "Also draw the points on at most 20 pictures, as the transform and as the one that was found put them.",
+        "Also draw the points on at most 20 images, as the transform and as the one that was found put them.",
         "--overlay",
         metavar="DIR",
     )
@@ -134,17 +134,17 @@ def verify(settings: VerifySettings) -> None:
 def _illustrate(
     found: Verification, data: LoadedDrive, initial_pose: InitialPose, outputs: Outputs, terminal: Terminal
 ) -> None:
-    """Write the page and the pictures of a verification, where requested."""
+    """Write the page and the images of a verification, where requested."""
     from semcal_cli.drive.events import Progress
     from semcal_cli.report.page import both_overlays, write_verification
 
     if outputs.page is not None:
-        terminal.on_event(Progress("drawing points on pictures"))
+        terminal.on_event(Progress("drawing points on images"))
         write_verification(found, data, initial_pose, outputs.page)
         terminal.print_paths("report", [outputs.page])
     if outputs.images is not None:
         overlays = both_overlays(found, data, initial_pose)
-        terminal.print_paths("picture", overlays.write_all(outputs.images))
+        terminal.print_paths("image", overlays.write_all(outputs.images))
 
 
 def _print(found: Verification) -> None:

@@ -41,7 +41,7 @@ class ViewSettings(EstimateSettings):
 
 @command(
     ViewSettings,
-    help=f"""Move the points of DRIVE on its pictures by hand, as a page in a browser shows them.
+    help=f"""Move the points of DRIVE on its images by hand, as a page in a browser shows them.
 
     CALIBRATION is where it begins: {KNOWN_TRANSFORMS}. Without one, the page offers mountings to begin with.
     Sliders and the mouse move the camera, the page tells how well labels agree, refines from the pose, and saves it

@@ -19,8 +19,8 @@ from semcal_cli.errors import InputError
 SPREAD_FRAMES = 20
 """Number of frames that `spread` chooses by default."""
 WITHOUT = {
-    "points": "edges are compared instead",
-    "pictures": "a network can make them",
+    "point labels": "edges are compared instead",
+    "image labels": "a network can make them",
 }
 """What takes the place of labels of one side."""
 
@@ -112,28 +112,28 @@ def labelled(recording: Recording) -> Recording:
     """Leave out frames that lack labels which other frames have, and count them in a remark.
 
     Raises:
-        InputError: some frames have labels of points, others have label images, and none has both.
+        InputError: some frames have point labels, others have label images, and none has both.
     """
     frames = list(recording.frames)
     num_points = sum(frame.has_point_labels for frame in frames)
     num_images = sum(frame.image_labels is not None for frame in frames)
     remarks = []
     for side, what, option in (
-        ("has_point_labels", "points", "--point-labels"),
-        ("image_labels", "pictures", "--image-labels"),
+        ("has_point_labels", "point labels", "--point-labels"),
+        ("image_labels", "image labels", "--image-labels"),
     ):
         kept = [frame for frame in frames if getattr(frame, side)]
         if not kept and num_points and num_images:
             raise InputError(
-                f"found {num_points:,} frames with labels of points and {num_images:,} with labels of "
-                f"pictures, none of {len(recording.frames):,} with both, needed at least one"
+                f"found {num_points:,} frames with point labels and {num_images:,} with image "
+                f"labels, none of {len(recording.frames):,} with both, needed at least one"
             )
         if not kept and recording.labels_by is not None:
             remarks.append(
-                f"no labels of {what}: {WITHOUT[what]}; {option} {recording.labels_by} adds those that you have"
+                f"no {what}: {WITHOUT[what]}; {option} {recording.labels_by} adds those that you have"
             )
         elif kept and len(kept) < len(frames):
-            remarks.append(f"{len(frames) - len(kept):,} frames without labels of {what} are left out")
+            remarks.append(f"{len(frames) - len(kept):,} frames without {what} are left out")
         frames = kept or frames
     return replace(recording, frames=frames, remarks=(*recording.remarks, *remarks))
 

@@ -20,7 +20,7 @@ KITTI_PERIOD_S = 0.1
 CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".laz")
 POINT_LABEL_SUFFIXES = (".label", ".bin", ".npy", ".npz")
 IMAGE_LABEL_SUFFIXES = (".png", ".npy", ".npz")
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
 def stem(path: Path) -> str:

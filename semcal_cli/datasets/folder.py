@@ -12,7 +12,7 @@ from semcal_cli.config import MAX_POINTS
 from semcal_cli.datasets.files import (
     CLOUD_SUFFIXES,
     IMAGE_LABEL_SUFFIXES,
-    PICTURE_SUFFIXES,
+    IMAGE_SUFFIXES,
     POINT_LABEL_SUFFIXES,
     stem,
 )
@@ -31,7 +31,7 @@ SUFFIXES = {
     "--points": CLOUD_SUFFIXES,
     "--point-labels": POINT_LABEL_SUFFIXES,
     "--image-labels": IMAGE_LABEL_SUFFIXES,
-    "--images": PICTURE_SUFFIXES,
+    "--images": IMAGE_SUFFIXES,
 }
 """Suffixes of the files that are read, by the option of their pattern."""
 
@@ -99,7 +99,7 @@ def read(folder: Folder) -> Recording:
     if not point_labels.of_cloud:
         (first,) = read_point_clouds([(whole[0], None)], folder.max_points)
         has_labels = first.labels is not None
-    own_labels = (f"labels of points: the clouds' own, as in {whole[0].name}",) if has_labels else ()
+    own_labels = (f"point labels: the clouds' own, as in {whole[0].name}",) if has_labels else ()
     frames = [
         SourceFrame(
             name=stem(cloud),

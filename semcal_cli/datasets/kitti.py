@@ -40,8 +40,8 @@ LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25
 """Scan pattern of the Velodyne HDL-64E at 10 turns a second."""
 FORWARD_SPEED = 8
 """Column of the forward velocity in an oxts packet, metres a second (dataformat.txt)."""
-PICTURES = (".png", ".jpg")
-MISSING = "{}: found no frame with a sweep in velodyne and a picture in {}"
+IMAGES = (".png", ".jpg")
+MISSING = "{}: found no frame with a sweep in velodyne and an image in {}"
 
 
 def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
@@ -60,7 +60,7 @@ def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
     frames = joined(
         numbered_files(folder / "velodyne", ".bin"),
         point_labels=files_by_stem(folder / "labels", ".label") if has_labels else {},
-        image=files_by_stem(folder / camera, *PICTURES),
+        image=files_by_stem(folder / camera, *IMAGES),
         points_stamp=stamps,
         image_stamp=stamps,
         speed_mps=dict(enumerate(read_speeds(request.root / f"poses/{folder.name}.txt"))),
@@ -92,7 +92,7 @@ def read_object(request: Request) -> Recording:
     """
     folder = request.root / "training" if is_folder(request.root / "training") else request.root
     camera = _camera(folder, request)
-    clouds, images = numbered_files(folder / "velodyne", ".bin"), files_by_stem(folder / camera, *PICTURES)
+    clouds, images = numbered_files(folder / "velodyne", ".bin"), files_by_stem(folder / camera, *IMAGES)
     frames = {
         frame.name: frame for frame in joined(clouds, image=images, missing=MISSING.format(folder, camera))
     }
@@ -144,11 +144,11 @@ def read_raw(request: Request) -> Recording:
     packets = files_by_stem(folder / "oxts/data", ".txt", is_needed=False)
     frames = joined(
         clouds,
-        image=files_by_stem(folder / camera / "data", *PICTURES),
+        image=files_by_stem(folder / camera / "data", *IMAGES),
         points_stamp=read_stamps(folder / "velodyne_points/timestamps.txt"),
         image_stamp=read_stamps(folder / camera / "timestamps.txt"),
         speed_mps={name: _speed(path) for name, path in packets.items() if name in clouds},
-        missing=f"{folder}: found no frame with a sweep and a picture in {camera}",
+        missing=f"{folder}: found no frame with a sweep and an image in {camera}",
     )
     velo, keyed = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("velo", "cam"))
     number = camera.removeprefix("image_")

@@ -61,7 +61,7 @@ def read(request: Request) -> Recording:
     folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
     raw_pair = camera in PERSPECTIVE and not rectified
     place = f"{camera}/data_rgb" if raw_pair else camera
-    missing = f"{root}: found no frame of {sequence} with points, a pose and a picture of {place}"
+    missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {place}"
     wanted: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **pictures}
     if folder is None:
         sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
@@ -80,9 +80,7 @@ def read(request: Request) -> Recording:
         frames = joined(cuts, speed_mps=_speeds(poses), **wanted)
         remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
     if raw_pair:
-        remarks.append(
-            "data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels"
-        )
+        remarks.append("data_2d_semantics labels rectified images: raw ones take theirs from --image-labels")
     ontology = read_ontology("kitti-360")
     return Recording(
         camera=block,
@@ -109,7 +107,7 @@ def _is_rectified(camera: str, asked: bool | None) -> bool:
         return asked is not False
     if asked:
         raise InputError(
-            f"--rectified: found camera {camera}, whose pictures are all raw, needed {' or '.join(PERSPECTIVE)}"
+            f"--rectified: found camera {camera}, whose images are all raw, needed {' or '.join(PERSPECTIVE)}"
         )
     return False
 

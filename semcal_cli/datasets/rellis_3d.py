@@ -52,7 +52,7 @@ def read(request: Request) -> Recording:
         image_stamp={number: stamp for number, (_, stamp) in (label_images | images).items()},
         # The poses have a line for each sweep.
         speed_mps=dict(zip(clouds, read_speeds(folder / "poses.txt"), strict=False)),
-        missing=f"{folder}: found no frame with a sweep and a picture or its labels",
+        missing=f"{folder}: found no frame with a sweep and an image or its labels",
     )
     info, transforms = folder / "camera_info.txt", folder / "transforms.yaml"
     K = intrinsic_matrix(*parse_numbers(info, "intrinsics", read_text(info), 4).tolist())

@@ -143,7 +143,7 @@ def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
     distance_m = max(float(np.linalg.norm(camera_center(T) - camera_center(mean))) for T in poses)
     angle_deg = max(rotation_error_deg(T, mean) for T in poses)
     return [
-        "the rig moves between sweep and picture: T_camera_lidar is the mean over the frames, "
+        "the rig moves between sweep and image: T_camera_lidar is the mean over the frames, "
         f"from which they differ by up to {distance_m:.2f} m and {angle_deg:.2f} deg"
     ]
 

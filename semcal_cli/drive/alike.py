@@ -20,7 +20,7 @@ MIN_ALIKE = 0.7
 have 0.88 to 0.97, and frames of six synthetic drives at most 0.24. A car that rolls to a halt goes through all values:
 on a drive of KITTI in a traffic jam, neighbouring frames have 0.48 to 0.84."""
 MIN_COPIED = 0.999
-"""Least share of equal pixels in copies of a label image. A network labels two pictures of one scene less alike."""
+"""Least share of equal pixels in copies of a label image. A network labels two images of one scene less alike."""
 
 
 def ranges_of(clouds: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:

@@ -31,7 +31,7 @@ Intrinsics: TypeAlias = Annotated[tuple[Annotated[tuple[Pixels, ...], length(3, 
 Coefficient = Annotated[float, Field(ge=-1e12, le=1e12)]
 """Distortion coefficient. The limits are beyond the sixth power of any telephoto lens, and nothing overflows."""
 Readout = Annotated[float, Field(ge=0.0, le=1.0)]
-"""Time in seconds from the first line of a picture to the last. No shutter rolls for longer than a frame takes."""
+"""Time in seconds from the first line of an image to the last. No shutter rolls for longer than a frame takes."""
 
 DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX = 0.001, 1.0
 """Standard deviations of the focal lengths, as a share of them, and of the principal point where a drive states none.
@@ -127,7 +127,7 @@ class Camera(StrictModel):
     """Standard deviations of the intrinsics, which become part of the intervals of the pose. Absent, they are taken for
     0.1 % and one pixel (`semcal_cli.drive.camera.sigma_of`); zeros say that the intrinsics are exact."""
     readout_s: Readout = 0.0
-    """Time from the first line of a picture to the last, of a rolling shutter, in seconds; 0 is a global shutter.
+    """Time from the first line of an image to the last, of a rolling shutter, in seconds; 0 is a global shutter.
     `image_stamp` is when the first line is read. It is compensated where the drive gives a motion."""
     direction: ReadoutDirection = "down"
     """Way in which a rolling shutter reads the lines; down begins with the uppermost row."""
@@ -292,7 +292,7 @@ def variable(camera: Camera, name: str) -> str:
 def sigma_of(camera: Camera) -> IntrinsicsSigma:
     """Give the standard deviations of the intrinsics: those that the drive states, or else what a good lens has.
 
-    The K of an equirectangular picture is its size, and exact.
+    The K of an equirectangular image is its size, and exact.
     """
     if camera.intrinsics_sigma is not None:
         return camera.intrinsics_sigma

@@ -56,7 +56,7 @@ DEFAULT_CLOCK_SIGMA_S = 0.02
 """Standard deviation of the clock of a camera that nothing triggers, in seconds."""
 MAX_OFFSET_S = 1.0
 TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
-"""Offset of two clocks, in seconds. Sweeps and pictures that are farther apart are no pairs."""
+"""Offset of two clocks, in seconds. Sweeps and images that are farther apart are no pairs."""
 
 
 class Lidar(StrictModel):
@@ -148,7 +148,7 @@ class MotionSigma(StrictModel):
 
 
 class Motion(StrictModel):
-    """Motion of the LiDAR, which moves points from their times, or from `points_stamp`, to the picture's moment."""
+    """Motion of the LiDAR, which moves points from their times, or from `points_stamp`, to the image's moment."""
 
     twist: Twist | None = None
     """Constant motion in all frames."""
@@ -192,9 +192,9 @@ class Drive(StrictModel):
     palette: Annotated[dict[str, Color], Field(min_length=1, max_length=255)] | None = None
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
-    """Motion of the LiDAR, by which points are moved to the moment of the picture."""
+    """Motion of the LiDAR, by which points are moved to the moment of the image."""
     time_offset_s: TimeOffset = 0.0
-    """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It counts only
+    """Time by which images are later than image_stamp says, in seconds; negative if they are earlier. It counts only
     with a motion."""
     time_offset_sigma_s: Annotated[float, Field(ge=0.0, le=MAX_OFFSET_S)] = DEFAULT_CLOCK_SIGMA_S
     """Standard deviation of `time_offset_s`, in seconds, by what is known before; 0 where the camera is triggered.

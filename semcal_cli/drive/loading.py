@@ -52,7 +52,7 @@ class LoadedDrive:
         )
 
     def with_camera(self, camera: Camera) -> LoadedDrive:
-        """Take another camera, of the same lens and picture."""
+        """Take another camera, of the same lens and image."""
         if camera == self.drive.camera:
             return self
         drive = self.drive.model_copy(update={"camera": camera})

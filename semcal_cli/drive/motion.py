@@ -268,7 +268,7 @@ def unrolled(observations: Observations, T_camera_lidar: Pose) -> Observations:
     while a pose is optimised. Points that were moved before go on from there, see `LabelledCloud.exposed_s`.
 
     Args:
-        observations: Points and pictures; they stay as they are with a global shutter, or without a motion.
+        observations: Points and images; they stay as they are with a global shutter, or without a motion.
         T_camera_lidar: (4, 4), metres.
     """
     twists, camera = twists_per_s(observations), observations.camera
@@ -292,7 +292,7 @@ def exposed_as(observations: Observations, others: Observations) -> Observations
     """Move each point to the moment at which it is seen in other observations of the same clouds.
 
     Args:
-        observations: Points and pictures, with a twist in each frame.
+        observations: Points and images, with a twist in each frame.
         others: The same ones with times of lines, as another camera or another offset of the clock tells them.
     """
     clouds = []
@@ -338,7 +338,7 @@ def delayed(observations: Observations, delay_s: float) -> Observations:
 
     Args:
         observations: Observations with a twist in each frame.
-        delay_s: Time by which pictures are later, seconds.
+        delay_s: Time by which images are later, seconds.
     """
     pairs = zip(observations.clouds, _at_twists(observations), strict=True)
     return observations.with_clouds(

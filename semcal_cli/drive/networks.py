@@ -35,7 +35,7 @@ class LabelNetworks(StrictModel):
     image: LabelNetwork | None = None
     """The network of the label images."""
     points: LabelNetwork | None = None
-    """The network of the labels of points."""
+    """The network of the point labels."""
     second: SecondLabels | None = None
     """Label images of a second network beside those of the first."""
 

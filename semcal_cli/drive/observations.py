@@ -1,6 +1,6 @@
 """The labelled points and label images of all frames, with dense classes.
 
-A frame is a sweep and the picture taken with it. Each cue observes it in its own classes, in a `FrameObservation`. The
+A frame is a sweep and the image taken with it. Each cue observes it in its own classes, in a `FrameObservation`. The
 Rust core knows these alone, and calls each of them a frame.
 
 The arrays of a frame are copied to the Rust core once, at their first use. Observations of some of the frames, or with
@@ -42,7 +42,7 @@ class LabelledCloud:
     vectors: npt.NDArray[np.float16] | None = None
     """(N, C) features, whose codes are the classes; None without features."""
     exposed_s: npt.NDArray[np.float64] | None = None
-    """(N,) moment at which each point is seen, in seconds after the exposure of the picture's middle line; None if all
+    """(N,) moment at which each point is seen, in seconds after the exposure of the image's middle line; None if all
     are seen at that moment. See `semcal_cli.drive.motion`."""
 
     @property

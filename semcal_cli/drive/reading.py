@@ -125,14 +125,14 @@ def make_observations(
     images: Sequence[LabelledImage],
     names: tuple[Sequence[str], Sequence[str]],
 ) -> Observations:
-    """Put the sweeps and pictures of a drive together.
+    """Put the sweeps and images of a drive together.
 
     Args:
         drive: The drive.
         clouds: The sweep of each frame as it was read.
         moved: The sweep of each frame without the rig's motion.
         labelled: The points of each frame with their classes.
-        images: The picture of each frame with its classes.
+        images: The image of each frame with its classes.
         names: Names of the classes of points, and of pixels.
     """
     frames = tuple(
@@ -178,7 +178,7 @@ def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]
     """Read the label images of all frames, and the names of their classes.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says, or the pictures carry no class.
+        InputError: a file is missing or is not what its name or the drive says, or the images carry no class.
         CalibrationError: they carry a single class.
     """
     label_images = read_label_images(drive)
@@ -249,7 +249,7 @@ def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None
 
 def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
     """Read the image of a frame as `read_frame_image` does; a frame without one is an `InputError`, too."""
-    name = drive.name_of(frame, "image", "a picture")
+    name = drive.name_of(frame, "image", "an image")
     if drive.arrays is not None:
         return image_of(drive.arrays.by_name[name])
     return read_image(drive.resolve(name), drive.camera.size)

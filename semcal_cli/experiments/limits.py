@@ -48,7 +48,7 @@ RULE = (
 def _of_another_drive(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     """Pair each cloud with the image of another drive of the same rig."""
     return raw.with_frames(
-        own.with_picture_of(other) for own, other in zip(raw.frames, raw.unused, strict=True)
+        own.with_image_of(other) for own, other in zip(raw.frames, raw.unused, strict=True)
     )
 
 
@@ -66,20 +66,20 @@ def _one_class(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     )
 
 
-def _labelled_from_pictures(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+def _labelled_from_images(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     """Label points by the pixels that they land on, as tools do that project label images into clouds."""
     return spoiling.projected_labels(raw, raw.frames[0].T_camera_lidar)
 
 
 GOOD, FEW, MOVING = "good", "good, few pairs", "good, moving"
-ANOTHER_DRIVE = "pictures of another drive"
-ANOTHER_MOMENT = "one picture of another moment"
+ANOTHER_DRIVE = "images of another drive"
+ANOTHER_MOMENT = "one image of another moment"
 TURNED = "each cloud turned by its own 0.7 to 1 degrees"
 ONE_CLASS = "one class everywhere"
-LABELLED_FROM_PICTURES = "labels of points made from the pictures"
-POINTS_SHIFTED, PIXELS_SHIFTED = "point labels shifted by 3", "picture labels shifted by 3 to 4 px"
+LABELLED_FROM_IMAGES = "point labels made from the images"
+POINTS_SHIFTED, PIXELS_SHIFTED = "point labels shifted by 3", "image labels shifted by 3 to 4 px"
 WRONG_K, WRONG_FX = "K wrong by 10 %", "fx alone wrong by 3 %"
-LATE = f"pictures {DELAY_MS:g} ms late"
+LATE = f"images {DELAY_MS:g} ms late"
 WRONG_POSE = "a wrong pose"
 """Not a kind of drive: a good drive whose calibration ended elsewhere."""
 KINDS: dict[str, Spoil] = {
@@ -89,7 +89,7 @@ KINDS: dict[str, Spoil] = {
     WRONG_K: partial(spoiling.zoom_wrong, share=0.1),
     **{name: SPOILED[name].spoil for name in (ANOTHER_MOMENT, TURNED)},
     ONE_CLASS: _one_class,
-    LABELLED_FROM_PICTURES: _labelled_from_pictures,
+    LABELLED_FROM_IMAGES: _labelled_from_images,
     **{name: SPOILED[name].spoil for name in (POINTS_SHIFTED, PIXELS_SHIFTED, WRONG_FX)},
 }
 """Ways to change a good drive, by name."""
@@ -107,7 +107,7 @@ BAD_OF = {
     "odd-frames": ANOTHER_MOMENT,
     "shifted-point-labels": POINTS_SHIFTED,
     "shifted-label-images": PIXELS_SHIFTED,
-    "leaked-labels": LABELLED_FROM_PICTURES,
+    "leaked-labels": LABELLED_FROM_IMAGES,
     "frames-disagree": TURNED,
     "focal-length": WRONG_K,
     "intrinsics": WRONG_FX,

@@ -84,8 +84,8 @@ def _by_both(name: str, kind: Kind) -> dict[str, Kind]:
 
 KNOCKED, SCALE, PRINCIPAL_POINT = "camera knocked", "clouds scaled", "principal point wrong"
 COPIES, SHIFTED, MERGED = "copies of a frame", "labels shifted", "classes merged"
-NOISY, LATE, SLIGHTLY_WRONG_K = "4 frames with noisy labels", "pictures late", "intrinsics slightly wrong"
-MISPLACED, LEAKED, SINGLE = "label pictures misplaced", "leaked labels", "single frames"
+NOISY, LATE, SLIGHTLY_WRONG_K = "4 frames with noisy labels", "images late", "intrinsics slightly wrong"
+MISPLACED, LEAKED, SINGLE = "label images misplaced", "leaked labels", "single frames"
 SEGMENTS = "good drives by segments"
 SUBTLE = (NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED, LEAKED, SINGLE, SEGMENTS)
 """Groups of the part `subtle`."""
@@ -119,7 +119,7 @@ KINDS: dict[str, Kind] = {
         f"point labels shifted by {n}": Kind(partial(spoiling.point_labels_shifted, entries=n), SHIFTED)
         for n in (1, 3, 5)
     },
-    "picture labels shifted by 3 to 4 px": Kind(spoiling.image_labels_shifted, SHIFTED),
+    "image labels shifted by 3 to 4 px": Kind(spoiling.image_labels_shifted, SHIFTED),
     "the same in every other frame": Kind(partial(spoiling.image_labels_shifted, step=2), SHIFTED),
     "cx wrong by 4 px": Kind(
         partial(spoiling.principal_point_wrong, cx_px=4.0),
@@ -151,9 +151,9 @@ KINDS: dict[str, Kind] = {
     "classes merged to 3, 9, 11 and the rest": Kind(
         partial(spoiling.classes_merged, first=(3, 9, 11)), MERGED
     ),
-    "half of the pictures mirrored": Kind(spoiling.pictures_mirrored, "pictures exchanged"),
-    "one picture of another moment": Kind(
-        spoiling.picture_of_another_moment, "pictures exchanged", num_pairs=(MOMENT_PAIRS,)
+    "half of the images mirrored": Kind(spoiling.images_mirrored, "images exchanged"),
+    "one image of another moment": Kind(
+        spoiling.image_of_another_moment, "images exchanged", num_pairs=(MOMENT_PAIRS,)
     ),
     **_by_segments(
         {
@@ -165,8 +165,8 @@ KINDS: dict[str, Kind] = {
         name: kind
         for how, speeds in SPEEDS_M_S.items()
         for name, kind in _by_both(
-            f"pictures {1000 * LATE_S:.0f} ms late {how}",
-            Kind(partial(spoiling.pictures_late, late_s=LATE_S, speeds_m_s=speeds), LATE),
+            f"images {1000 * LATE_S:.0f} ms late {how}",
+            Kind(partial(spoiling.images_late, late_s=LATE_S, speeds_m_s=speeds), LATE),
         ).items()
     },
     **_by_both(
@@ -184,21 +184,21 @@ KINDS: dict[str, Kind] = {
         ),
     ),
     **_by_both(
-        f"label pictures shifted by {MISPLACED_PX} px",
+        f"label images shifted by {MISPLACED_PX} px",
         OFF_ITS_PLACE(partial(spoiling.image_labels_shifted, distance_px=(MISPLACED_PX, MISPLACED_PX))),
     ),
     **_by_both(
-        f"label pictures cropped by {MISPLACED_PX} px",
+        f"label images cropped by {MISPLACED_PX} px",
         OFF_ITS_PLACE(partial(spoiling.image_labels_cropped, pixels=MISPLACED_PX)),
     ),
-    "points labelled from pictures through a wrong transform": Kind(
-        spoiling.point_labels_from_pictures, LEAKED, names_leak
+    "points labelled from images through a wrong transform": Kind(
+        spoiling.point_labels_from_images, LEAKED, names_leak
     ),
     "a single frame": Kind(spoiling.as_it_is, SINGLE, num_pairs=(1,)),
     "a single frame with labels as by a network": BY_A_NETWORK(SINGLE, num_pairs=(1,)),
     **_by_segments({"a good drive": Kind(spoiling.as_it_is, SEGMENTS)}),
-    "points labelled from a network's pictures through a wrong transform": Kind(
-        partial(spoiling.point_labels_from_pictures, is_by_a_network=True), LEAKED, names_leak, noises=(0.0,)
+    "points labelled from a network's images through a wrong transform": Kind(
+        partial(spoiling.point_labels_from_images, is_by_a_network=True), LEAKED, names_leak, noises=(0.0,)
     ),
 }
 """Ways to spoil a drive, by name."""

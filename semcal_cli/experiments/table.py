@@ -40,10 +40,10 @@ ORDER = (
     *("SOIC", "PMI as published", "PMI", "PMI, MINE and polish"),
     *("paper, own start", "paper", "semcal", "semcal, MINE and polish"),
 )
-PICTURES = ("reference", "SOIC", "PMI", "semcal")
+IMAGES = ("reference", "SOIC", "PMI", "semcal")
 """Poses that images (a) to (d) show, in the paper's order."""
-PICTURE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", PICTURES, strict=True))
-FILES = (RESULTS, SUMMARY, TABLE, *PICTURE_FILES)
+IMAGE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", IMAGES, strict=True))
+FILES = (RESULTS, SUMMARY, TABLE, *IMAGE_FILES)
 LEGEND = (
     "Rotation vector and translation are T_camera_lidar's. Roll, pitch and yaw: the camera's body frame (x forward, "
     "y left, z up) in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll). MI: of the labels. Distance: from points to "
@@ -235,7 +235,7 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
 def _write_images(found: Comparison, frame: int, folder: Path) -> None:
     """Draw the points of a frame at each pose, one image each, as in the paper's (a) to (d)."""
     pictures, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
-    for file, method in zip(PICTURE_FILES, PICTURES, strict=True):
+    for file, method in zip(IMAGE_FILES, IMAGES, strict=True):
         path = folder / file
         # An image of an earlier run would be mistaken for one of this run.
         path.unlink(missing_ok=True)

@@ -212,7 +212,7 @@ def _behind(
 
 BAD: dict[str, Degrade] = {
     "one class everywhere": _one_class,
-    "pictures of another drive": _other_images,
+    "images of another drive": _other_images,
     "sweeps behind the camera only": _behind,
     "labels shuffled": lambda seen, truth, other, rng: seen.with_clouds(
         cloud.with_classes(rng.permutation(cloud.classes)) for cloud in seen.clouds

@@ -75,9 +75,9 @@ def _part(kind: str) -> str:
     return "bad" if kind in trust.BAD else "verify" if kind == "verify" else "good"
 
 
-def run(pool: Pool, pool_with_pictures: Pool, case: Case) -> list[Outcome]:
+def run(pool: Pool, pool_with_images: Pool, case: Case) -> list[Outcome]:
     """Run a case; spoiled drives are made from drives with images."""
-    return spoiled.run(pool_with_pictures, case) if case.kind in KINDS else trust.run(pool, case)
+    return spoiled.run(pool_with_images, case) if case.kind in KINDS else trust.run(pool, case)
 
 
 def _is_told(outcome: Outcome) -> bool:
@@ -280,5 +280,5 @@ def report(outcomes: Sequence[Outcome]) -> Report:
 
 def experiment(out: Path, seeds: range, parts: Sequence[str]) -> Experiment[Case, Outcome]:
     """Declare the experiment for some parts; see `cases`."""
-    run_case = partial(run, Pool(out / "pool"), Pool(out / "pool_with_pictures", has_pictures=True))
+    run_case = partial(run, Pool(out / "pool"), Pool(out / "pool_with_images", has_pictures=True))
     return Experiment("trust", out / "trust", cases(seeds, parts), run_case, Outcome, report)

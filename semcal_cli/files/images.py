@@ -168,6 +168,6 @@ def _parse_header(head: BinaryIO, start: bytes) -> tuple[Size, str]:
         stream = PngImagePlugin.PngStream(head)
         stream.call(*stream.read())
         return stream.im_size, stream.im_mode or ""
-    open_picture = JpegImagePlugin.JpegImageFile if start.startswith(JPEG) else BmpImagePlugin.BmpImageFile
-    picture = open_picture(head)
+    open_image = JpegImagePlugin.JpegImageFile if start.startswith(JPEG) else BmpImagePlugin.BmpImageFile
+    picture = open_image(head)
     return picture.size, picture.mode

@@ -48,7 +48,7 @@ STYLES: dict[Kind, tuple[str, str, str]] = {
     "beyond": (BAD, "D", "drives clearly beyond the limits"),
 }
 """Colour, marker and meaning of each kind of drive."""
-SIZE, PICTURE_SIZE = (340.0, 220.0), (12.0, 8.0)
+SIZE, IMAGE_SIZE = (340.0, 220.0), (12.0, 8.0)
 """Size of a plot on the page in pixels, and of the image in inches."""
 TOP = 30.0
 """Room for two rows of names of changes above a plot on the page, pixels."""
@@ -197,7 +197,7 @@ def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
         once = dict(zip(labels, handles, strict=True))
         figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5)
 
-    return picture(draw, PICTURE_SIZE, format)
+    return picture(draw, IMAGE_SIZE, format)
 
 
 def _draw(course: Course, axis: int, axes: Axes) -> None:

@@ -13,9 +13,9 @@ from semcal_cli.initialization.search import Initialization, as_given
 
 NO_START = (
     "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
-    "--search-deg; `semcal view` makes one by hand), or labels of the images (--image-model cityscapes)"
+    "--search-deg; `semcal view` makes one by hand), or image labels (--image-model cityscapes)"
 )
-"""What is missing where a search is asked for by edges without labels of the pictures, and motion gives no start."""
+"""What is missing where a search is asked for by edges without image labels, and motion gives no start."""
 
 
 def start_by_motion(observations: Observations, drive: Drive, config: InitializationConfig) -> Initialization:

@@ -19,9 +19,9 @@ CARDS = Path(__file__).parent / "cards"
 """Folder of the ready cards."""
 
 MULTIPLE = 32
-"""Sides of a picture for a network that takes any size are a multiple of this, the stride of most encoders."""
+"""Sides of an image for a network that takes any size are a multiple of this, the stride of most encoders."""
 MAX_SIDE = 4096
-"""Largest side of a picture for a network that takes any size."""
+"""Largest side of an image for a network that takes any size."""
 
 Fit: TypeAlias = Literal["stretch", "letterbox", "tiles"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
@@ -53,7 +53,7 @@ ClassesOfCard: TypeAlias = Annotated[
 
 
 class Card(StrictModel):
-    """What cards of networks for pictures and for sweeps share."""
+    """What cards of networks for images and for sweeps share."""
 
     output: str | None = None
     """Name of the output, if the network has several."""
@@ -75,21 +75,21 @@ class Card(StrictModel):
         return classes
 
 
-class PictureCard(Card):
-    """Card of a network for pictures. What is absent is read from the model, or else guessed, and the guess is told."""
+class ImageCard(Card):
+    """Card of a network for images. What is absent is read from the model, or else guessed, and the guess is told."""
 
-    semcal_picture_model: Version
+    semcal_image_model: Version
     """Version of this format."""
     size: Annotated[tuple[ImageSide, ...], length(2, 2)] | None = None
-    """Columns and rows that the network wants, if it takes any; by default the picture's, up to a multiple of 32."""
+    """Columns and rows that the network wants, if it takes any; by default the image's, up to a multiple of 32."""
     fit: Fit = "stretch"
-    """How a picture comes to that size: stretched, scaled with a border around it, or cut into tiles that overlap."""
+    """How an image comes to that size: stretched, scaled with a border around it, or cut into tiles that overlap."""
     overlap: Annotated[float, Field(ge=0.0, le=0.9)] = 0.25
     """Least share of a tile that its neighbour shows, too."""
     resample: Resample | None = None
-    """How a picture is scaled, in Pillow's words; by default the mean where it shrinks, and linearly where it grows."""
+    """How an image is scaled, in Pillow's words; by default the mean where it shrinks, and linearly where it grows."""
     short_side: ImageSide | None = None
-    """Length to which the shorter side of a picture is scaled, without size or before it is cut into tiles."""
+    """Length to which the shorter side of an image is scaled, without size or before it is cut into tiles."""
     long_side: ImageSide | None = None
     """Largest length of the longer side after that."""
     color: Color | None = None
@@ -112,7 +112,7 @@ class PictureCard(Card):
     """Whether the centres of the outermost cells of a coarse output lie on those of the outermost pixels."""
 
     @model_validator(mode="after")
-    def _check_sides(self) -> PictureCard:
+    def _check_sides(self) -> ImageCard:
         if self.long_side is not None and self.short_side is None:
             raise ValueError(f"long_side: {mismatch('no short_side', 'both, or short_side alone')}")
         if self.short_side is not None and self.size is not None and self.fit != "tiles":
@@ -122,8 +122,8 @@ class PictureCard(Card):
         return self
 
 
-class CompletePictureCard(PictureCard):
-    """Card of a network for pictures in which no key about its input is left open, but a size for any picture."""
+class CompleteImageCard(ImageCard):
+    """Card of a network for images in which no key about its input is left open, but a size for any image."""
 
     color: Color
     scale: float
@@ -132,7 +132,7 @@ class CompletePictureCard(PictureCard):
     layout: Layout
 
     def size_for(self, width: int, height: int) -> tuple[int, int]:
-        """Columns and rows of the network's picture for one of `width` x `height` pixels."""
+        """Columns and rows of the network's image for one of `width` x `height` pixels."""
         if self.size is not None:
             return self.size[0], self.size[1]
         sides = self.scaled((width, height))
@@ -140,7 +140,7 @@ class CompletePictureCard(PictureCard):
         return columns, rows
 
     def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Columns and rows of a picture of a size whose shorter side is brought to `short_side`."""
+        """Columns and rows of an image of a size whose shorter side is brought to `short_side`."""
         if self.short_side is None:
             return size
         factor = min(self.short_side / min(size), (self.long_side or math.inf) / max(size))
@@ -149,7 +149,7 @@ class CompletePictureCard(PictureCard):
 
     def describe(self) -> list[tuple[str, str]]:
         """Describe the input, in pairs of a word and a sentence."""
-        size = "any, so that of the picture" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+        size = "any, so that of the image" if self.size is None else f"{self.size[0]} x {self.size[1]}"
         if self.short_side is not None:
             most = "" if self.long_side is None else f", the longer one to at most {self.long_side}"
             size += f", its shorter side scaled to {self.short_side}{most}"
@@ -309,7 +309,7 @@ def find_card(name: str | None, model: Path) -> Path | None:
     return Path(name)
 
 
-def read_card(path: Path) -> PictureCard | PointCard | CloudCard:
+def read_card(path: Path) -> ImageCard | PointCard | CloudCard:
     """Read a card.
 
     Raises:
@@ -320,7 +320,7 @@ def read_card(path: Path) -> PictureCard | PointCard | CloudCard:
         return validate(CloudCard, document, path)
     if "semcal_point_model" in document:
         return validate(PointCard, document, path)
-    return validate(PictureCard, document, path)
+    return validate(ImageCard, document, path)
 
 
 def read_classes(card: Card, path: Path) -> tuple[dict[str, tuple[int, ...]], tuple[int, ...]]:

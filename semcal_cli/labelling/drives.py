@@ -112,12 +112,12 @@ def label_drive(
 
 
 def label_beside(drive: Drive, side: Side, on_event: Listener = ignore) -> Path:
-    """Label the pictures of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
+    """Label the images of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
 
-    The cache is keyed by the model, the settings and the content of the pictures.
+    The cache is keyed by the model, the settings and the content of the images.
 
     Raises:
-        InputError: a picture cannot be labelled, or the cache cannot be written.
+        InputError: an image cannot be labelled, or the cache cannot be written.
     """
     of_labels = {"settings": side.settings, "classes": side.classes, "ignore": side.ignore}
     # Other frames or another camera are another drive, so that a result's drive stays what it was.
@@ -125,7 +125,7 @@ def label_beside(drive: Drive, side: Side, on_event: Listener = ignore) -> Path:
     path = drive.root / CACHE / _key(of_labels) / f"{drive.path.stem}_{_key(of_drive)}.yaml"
     found = label_drive(drive, [side], path, by_content=True, on_event=on_event)
     if found.failures:
-        raise InputError(f"{len(found.failures)} of {len(drive.frames)} pictures failed; {found.failures[0]}")
+        raise InputError(f"{len(found.failures)} of {len(drive.frames)} images failed; {found.failures[0]}")
     return found.path
 
 
@@ -167,7 +167,7 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
 def _names(drive: Drive, side: Side, by_content: bool) -> list[str]:
     """Name the labels of each frame by the file that is labelled, or by its content."""
     if by_content:
-        files = [drive.file_of(frame, side.source, "a picture") for frame in drive.frames]
+        files = [drive.file_of(frame, side.source, "an image") for frame in drive.frames]
         return [hash_file(file)[:KEY_LENGTH] for file in files]
     stems = [Path(getattr(frame, side.source) or "").name.split(".")[0] for frame in drive.frames]
     if len(set(stems)) == len(stems) and all(stems):

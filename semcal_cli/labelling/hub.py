@@ -20,7 +20,7 @@ SYNTAX = "hf:OWNER/NAME, hf:OWNER/NAME@REVISION or hf:OWNER/NAME@REVISION:FILE.o
 USUAL = ("onnx/model.onnx", "model.onnx")
 """Files of a model that are taken if none is named, the first of them that is there."""
 SIDECARS = ("config.json", "preprocessor_config.json", "processor_config.json")
-"""Files that say what transformers does with pictures and what the scores of a model mean."""
+"""Files that say what transformers does with images and what the scores of a model mean."""
 EXTERNAL = ("_data", ".data")
 """Ends of the names of files with the weights of a model, after the name of the model."""
 SNAPSHOT = re.compile(r"/models--([^/]+)/snapshots/([0-9a-f]{40})/(.+)$")

@@ -13,9 +13,9 @@ from semcal_cli.labelling.card import (
     Card,
     CloudCard,
     Color,
-    CompletePictureCard,
+    CompleteImageCard,
+    ImageCard,
     Kind,
-    PictureCard,
     PointCard,
     find_card,
     read_card,
@@ -32,7 +32,7 @@ BYTE = 1.0 / 255.0
 MAX_SCALED = 2.0
 """Largest mean or standard deviation of pixels that are scaled to 1, with some room for unusual ones."""
 MAX_NETWORK_PIXELS = 1 << 25
-"""Most pixels of a network's picture."""
+"""Most pixels of a network's image."""
 CHANNELS = (1, 3)
 AXES = {"channels_first": (1, 2, 3), "channels_last": (3, 1, 2)}
 """Axes of the channels, the rows and the columns in each layout of a batch."""
@@ -42,8 +42,8 @@ MASKS = ("class_queries_logits", "masks_queries_logits")
 """Names of the two outputs of Mask2Former and its like."""
 CELLS = ("coors", "voxel_coors", "inverse_map")
 """Inputs of FRNet beside its points: the cell of each point, the cells that have any, and the place of each point's."""
-AnyStated: TypeAlias = PictureCard | PointCard | CloudCard
-AnyCard = TypeVar("AnyCard", CompletePictureCard, PointCard, CloudCard)
+AnyStated: TypeAlias = ImageCard | PointCard | CloudCard
+AnyCard = TypeVar("AnyCard", CompleteImageCard, PointCard, CloudCard)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Model(Generic[AnyCard]):
     def describe(self) -> list[tuple[str, str]]:
         """Describe what was understood, in pairs of a word and a sentence."""
         read = " and ".join(self.outputs)
-        if isinstance(self.card, CompletePictureCard):
+        if isinstance(self.card, CompleteImageCard):
             read += f" as {self.card.kind or 'logits or probabilities'}"
         names = ", ".join(list(self.classes)[:SHOWN_NAMES])
         more = ", ..." if len(self.classes) > SHOWN_NAMES else ""
@@ -89,8 +89,8 @@ class Model(Generic[AnyCard]):
         ]
 
 
-def picture_model(network: Network, card: str | None) -> Model[CompletePictureCard]:
-    """Join a network for pictures with its card.
+def picture_model(network: Network, card: str | None) -> Model[CompleteImageCard]:
+    """Join a network for images with its card.
 
     Args:
         network: The network.
@@ -101,15 +101,15 @@ def picture_model(network: Network, card: str | None) -> Model[CompletePictureCa
     """
     stated, card_path = card_of(network, card)
     if isinstance(stated, PointCard | CloudCard):
-        raise network.unfit("the card of a network for sweeps", "one for pictures")
-    joining = _Joining(network, stated or PictureCard(semcal_picture_model=1), card_path)
+        raise network.unfit("the card of a network for sweeps", "one for images")
+    joining = _Joining(network, stated or ImageCard(semcal_image_model=1), card_path)
     found = joining.read_input()
     joining.check_constants()
     outputs, kind = joining.read_outputs()
     classes, ignore = read_classes(joining.card, card_path)
     if not classes:
         joining.guesses.append("classes have no names: ids are kept as they are; give classes in a card")
-    complete = CompletePictureCard(**{**dict(joining.card), **found, "kind": kind})
+    complete = CompleteImageCard(**{**dict(joining.card), **found, "kind": kind})
     return Model(network, complete, card_path, outputs, classes, ignore, tuple(joining.guesses))
 
 
@@ -178,9 +178,9 @@ def _named_output(network: Network, card: Card, card_path: Path) -> str | None:
 
 
 class _Joining:
-    """A network for pictures and its card, and what had to be guessed between the two."""
+    """A network for images and its card, and what had to be guessed between the two."""
 
-    def __init__(self, network: Network, card: PictureCard, card_path: Path) -> None:
+    def __init__(self, network: Network, card: ImageCard, card_path: Path) -> None:
         self.network, self.card, self.card_path = network, card, card_path
         self.guesses: list[str] = []
 
@@ -188,9 +188,9 @@ class _Joining:
         """Complete the card's keys about the input by its shape."""
         port = self.network.input
         if len(port.shape) != 4 or port.dtype not in ("float32", "float16", "float64", "uint8"):
-            raise self.network.unfit(f"input {port}", "four axes of float or uint8: a batch of pictures")
+            raise self.network.unfit(f"input {port}", "four axes of float or uint8: a batch of images")
         if port.shape[0] not in (1, None):
-            raise self.network.unfit(f"input {port}", "a batch of one picture")
+            raise self.network.unfit(f"input {port}", "a batch of one image")
         layout = self.card.layout or self._layout(port)
         channels, rows, columns = (port.shape[axis] for axis in AXES[layout])
         if channels not in (*CHANNELS, None):
@@ -208,7 +208,7 @@ class _Joining:
         """Check that the card gives each further input its numbers."""
         names = self.network.others()
         if open_ones := [name for name in names if name not in self.card.constants]:
-            needed = "a picture alone, or their whole numbers as constants in a card"
+            needed = "an image alone, or their whole numbers as constants in a card"
             raise self.network.unfit(f"further inputs {', '.join(open_ones)}", needed)
         if unknown := [name for name in self.card.constants if name not in names]:
             raise self._wrong("constants", unknown[0], f"one of: {', '.join(names) or 'none'}")
@@ -259,7 +259,7 @@ class _Joining:
         if columns is not None or rows is not None or self.card.fit == "tiles":
             raise self._wrong("size", "none", f"columns and rows for {self.network.input}")
         if self.card.short_side is None:
-            self.guesses.append(f"the size is the picture's, up to a multiple of {MULTIPLE}")
+            self.guesses.append(f"the size is the image's, up to a multiple of {MULTIPLE}")
         return None
 
     def _normalisation(

@@ -57,7 +57,7 @@ class Network:
 
     @property
     def input(self) -> Port:
-        """The first input that may be a picture or a range image, or else the first of all."""
+        """The first input that may be an image or a range image, or else the first of all."""
         return next((port for port in self.inputs if len(port.shape) == 4), self.inputs[0])
 
     @property
@@ -125,7 +125,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
         )
     options = onnxruntime.SessionOptions()
     options.log_severity_level = SILENT
-    # Threads that wait for the next picture leave the cores to what is done between pictures.
+    # Threads that wait for the next image leave the cores to what is done between images.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if num_threads is not None:
         options.intra_op_num_threads = num_threads
@@ -135,7 +135,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
         raise InputError(f"{path}: found no model that onnxruntime can open: {_reason(error)}") from None
     inputs, outputs = (tuple(map(_port, ports)) for ports in (session.get_inputs(), session.get_outputs()))
     if not inputs:
-        raise InputError(f"{path}: found no input, needed one: a picture, a range image or points")
+        raise InputError(f"{path}: found no input, needed one: an image, a range image or points")
     return Network(path, session, inputs, outputs)
 
 

@@ -16,12 +16,12 @@ from semcal_cli.datasets.ontologies import ontology_names, read_ontology
 from semcal_cli.errors import InputError, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import length, validate
-from semcal_cli.labelling.card import PictureCard
+from semcal_cli.labelling.card import ImageCard
 from semcal_cli.labelling.network import Network
 
 CONFIG, PREPROCESSOR, PROCESSOR = "config.json", "preprocessor_config.json", "processor_config.json"
 OF_IMAGES = "image_processor"
-"""Key of processor_config.json for what is done with pictures."""
+"""Key of processor_config.json for what is done with images."""
 TASK = "task_inputs"
 """Input of OneFormer for what it is to do."""
 SEMANTIC = (49406, 518, 10549, 533, 29119, 1550, 49407)
@@ -37,9 +37,9 @@ QUERIES = ("ForUniversalSegmentation", "MaskFormerForInstanceSegmentation")
 BY_EDGE = ("MaskFormer", "Mask2Former", "OneFormer", "MobileViT", "MobileNet")
 """Starts of the names of architectures for which a size that is one number is that of the shorter side."""
 RESAMPLES = ("nearest", "lanczos", "bilinear", "bicubic", "box", "hamming")
-"""Pillow's ways to scale a picture by their numbers in a preprocessor_config.json."""
+"""Pillow's ways to scale an image by their numbers in a preprocessor_config.json."""
 MASK_SIZE = (384, 384)
-"""Columns and rows to which transformers' post-processing of Mask2Former scales masks, whatever the picture."""
+"""Columns and rows to which transformers' post-processing of Mask2Former scales masks, whatever the image."""
 PLACEHOLDER = re.compile(r"LABEL_\d+")
 """A name that transformers gives where a model has none."""
 NOTHING = {
@@ -104,7 +104,7 @@ class Preprocessor(_Lenient):
     do_flip_channel_order: bool | None = None
 
 
-def read_sidecars(network: Network) -> tuple[PictureCard, Path] | None:
+def read_sidecars(network: Network) -> tuple[ImageCard, Path] | None:
     """Read the card of a network from the files of transformers beside it, or above its folder `onnx`.
 
     Returns:
@@ -136,11 +136,11 @@ def read_sidecars(network: Network) -> tuple[PictureCard, Path] | None:
             keys["resample"] = RESAMPLES[preprocessor.resample]
     elif not _has_size(network) and config.image_size is not None:
         keys |= _fit(config.image_size, Preprocessor(), architecture)
-    return validate(PictureCard, {"semcal_picture_model": 1, **keys}, path), path
+    return validate(ImageCard, {"semcal_image_model": 1, **keys}, path), path
 
 
 def _preprocessor(path: Path) -> Preprocessor | None:
-    """Read what transformers does with pictures from the files beside its config.json; None if none says."""
+    """Read what transformers does with images from the files beside its config.json; None if none says."""
     beside, newer = path.with_name(PREPROCESSOR), path.with_name(PROCESSOR)
     if beside.exists():
         return validate(Preprocessor, read_document(beside), beside)
@@ -226,7 +226,7 @@ def _has_size(network: Network) -> bool:
 
 
 def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str, Any]:
-    """State how a picture comes to the network's size, which is that of the network itself where it has one."""
+    """State how an image comes to the network's size, which is that of the network itself where it has one."""
     if found.do_resize is False:
         return {}
     keys = _fit(found.size or {}, found, architecture)
@@ -238,7 +238,7 @@ def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str,
 
 
 def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dict[str, Any]:
-    """Say in the keys of a card how transformers brings a picture to a size; it is never cropped."""
+    """Say in the keys of a card how transformers brings an image to a size; it is never cropped."""
     if "height" in size and "width" in size:
         return {"size": [size["width"], size["height"]], "fit": "stretch"}
     side, longest = size.get("one"), found.max_size

@@ -22,11 +22,11 @@ from semcal_cli.errors import InputError, about
 from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.images import read_image
 from semcal_cli.files.reading import hash_file
-from semcal_cli.labelling.card import PictureCard
+from semcal_cli.labelling.card import ImageCard
 from semcal_cli.labelling.clouds import CloudLabeller
 from semcal_cli.labelling.hub import hub_name
+from semcal_cli.labelling.images import ImageLabeller
 from semcal_cli.labelling.model import Model
-from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.labelling.sweeps import KIND_IDS, SweepLabeller, segment_labels
 
 NO_ID = int(_core.NO_ID)
@@ -41,7 +41,7 @@ Classes: TypeAlias = Mapping[str, tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """Labels of pictures or of points, as files of a drive."""
+    """Labels of images or of points, as files of a drive."""
 
     key: Literal["image_labels", "point_labels"]
     """Key of a frame's label file."""
@@ -67,7 +67,7 @@ class Side:
     """The network that labels; None where there is none."""
 
 
-def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) -> Side:
+def picture_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> Side:
     """Make the side of label images from a network, or of its probabilities.
 
     Raises:
@@ -88,7 +88,7 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
         **{
             key: getattr(card, key)
             for key in RARE
-            if getattr(card, key) != PictureCard.model_fields[key].default
+            if getattr(card, key) != ImageCard.model_fields[key].default
         },
         "rectified": labeller.camera.model_dump(mode="json") if labeller.is_rectified else None,
         "probabilities": has_probabilities,
@@ -97,7 +97,7 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
     ignored = dict.fromkeys((*model.ignore, NO_BYTE, NO_ID))
 
     def label(drive: Drive, frame: Frame) -> bytes:
-        path = drive.file_of(frame, "image", "a picture")
+        path = drive.file_of(frame, "image", "an image")
         picture = read_image(path, drive.camera.size)
         with about(path):
             if has_probabilities:
@@ -134,7 +134,7 @@ def picture_side(labeller: PictureLabeller, *, has_probabilities: bool = False) 
 
 
 def sweep_side(labeller: SweepLabeller | CloudLabeller) -> Side:
-    """Make the side of labels of points from a network.
+    """Make the side of point labels from a network.
 
     Raises:
         InputError: the model cannot be read.
@@ -150,7 +150,7 @@ def sweep_side(labeller: SweepLabeller | CloudLabeller) -> Side:
 
 
 def segment_side() -> Side:
-    """Make the side of geometric segments as labels of points."""
+    """Make the side of geometric segments as point labels."""
     classes = {name: (value,) for name, value in KIND_IDS.items()}
     return _point_side(
         classes, (0,), {"segments": 1}, lambda cloud: segment_labels(cloud.points), no_return=0
@@ -165,7 +165,7 @@ def _point_side(
     *,
     no_return: int,
 ) -> Side:
-    """Make a side of labels of points; `no_return` is the id of entries of a file that are no points.
+    """Make a side of point labels; `no_return` is the id of entries of a file that are no points.
 
     `label_points` gives labels (N,) in SemanticKITTI's layout for the points of a sweep.
     """

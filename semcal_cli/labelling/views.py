@@ -1,6 +1,6 @@
-"""The pictures that a network sees: a camera's picture, rectified or not, brought to the network's size.
+"""The images that a network sees: a camera's image, rectified or not, brought to the network's size.
 
-Each pixel of the camera's picture knows the view that shows it best, and its place there, so that what the network says
+Each pixel of the camera's image knows the view that shows it best, and its place there, so that what the network says
 of the views is carried back in one step.
 """
 
@@ -20,16 +20,16 @@ from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import InputError
 from semcal_cli.labelling.card import Fit, Resample
 
-Picture: TypeAlias = npt.NDArray[np.uint8]
+Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
-Draw: TypeAlias = Callable[[Picture], Picture]
+Draw: TypeAlias = Callable[[Image], Image]
 Places: TypeAlias = npt.NDArray[np.float64]
-"""(N, 2) column and row of each pixel of the camera's picture in another picture; an integer is a pixel centre."""
+"""(N, 2) column and row of each pixel of the camera's image in another image; an integer is a pixel centre."""
 
 MAX_VIEWS = 250
-"""Most views of a picture."""
+"""Most views of an image."""
 ONE_VIEW_DEG = 55.0
-"""Largest angle from the optical axis, in degrees, that a single rectified picture shows."""
+"""Largest angle from the optical axis, in degrees, that a single rectified image shows."""
 FACE_DEG = 50.0
 """Half of the field of view of a face of the cube that rectifies wider lenses: faces overlap by ten degrees."""
 FACES = tuple(
@@ -41,48 +41,48 @@ FACES = tuple(
 )
 """R_face_camera (3, 3) of the faces of a cube: front, right, back, left, below, above."""
 MAX_RECTIFIED = 2.0
-"""Largest size of a rectified picture, in widths and heights of the camera's."""
+"""Largest size of a rectified image, in widths and heights of the camera's."""
 
 
 class Shown(NamedTuple):
-    """A picture made of the camera's: as it is or rectified, or a part of that in the network's size."""
+    """An image made of the camera's: as it is or rectified, or a part of that in the network's size."""
 
     size: tuple[int, int]
     """Columns and rows."""
     draw: Draw
     places: Places
-    """Places of the camera's pixels; NaN where this picture does not show them."""
+    """Places of the camera's pixels; NaN where this image does not show them."""
     merit: npt.NDArray[np.float64]
-    """(N,) how well this picture shows each pixel of the camera's; minus infinity where it does not."""
+    """(N,) how well this image shows each pixel of the camera's; minus infinity where it does not."""
 
 
 @dataclass(frozen=True)
 class Fitting:
-    """How a picture comes to the network's size."""
+    """How an image comes to the network's size."""
 
     size: tuple[int, int]
     """Columns and rows of each view."""
     fit: Fit
     padding: Sequence[int]
-    """Blue, green and red of what is beyond a picture."""
+    """Blue, green and red of what is beyond an image."""
     overlap: float
     """Least share of a tile that its neighbour shows, too."""
     resample: Resample | None = None
-    """How a picture is scaled; None for the mean where it shrinks, and linearly where it grows."""
+    """How an image is scaled; None for the mean where it shrinks, and linearly where it grows."""
     scaled: Callable[[tuple[int, int]], tuple[int, int]] = lambda size: size
-    """Gives the columns and rows to which a picture is scaled before it is cut into tiles, of its own."""
+    """Gives the columns and rows to which an image is scaled before it is cut into tiles, of its own."""
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What a network sees of a camera's picture."""
+    """What a network sees of a camera's image."""
 
     draws: tuple[Draw, ...]
-    """Functions that make the views of the camera's picture."""
+    """Functions that make the views of the camera's image."""
     size: tuple[int, int]
     """Columns and rows of each view."""
     views: npt.NDArray[np.uint8]
-    """(N,) the view that shows each pixel of the camera's picture best, or `_core.NO_VIEW`."""
+    """(N,) the view that shows each pixel of the camera's image best, or `_core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
     """(N, 2) the pixel's place there."""
 
@@ -96,12 +96,12 @@ class Views:
 
 
 def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views:
-    """Plan the views of a camera's pictures.
+    """Plan the views of a camera's images.
 
     Args:
         camera: The camera, with its lens.
-        fitting: How a picture comes to the network's size.
-        is_rectified: Whether the network sees pictures without the lens's distortion.
+        fitting: How an image comes to the network's size.
+        is_rectified: Whether the network sees images without the lens's distortion.
 
     Raises:
         InputError: tiles would be too many.
@@ -110,7 +110,7 @@ def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views
         sources = list(_rectified(camera))
     else:
         pixels = _pixels(camera)
-        sources = [Shown(camera.size, lambda picture: picture, pixels, np.zeros(len(pixels)))]
+        sources = [Shown(camera.size, lambda image: image, pixels, np.zeros(len(pixels)))]
     best = np.argmax([source.merit for source in sources], axis=0)
     num_pixels = camera.width * camera.height
     views, places = np.full(num_pixels, _core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
@@ -142,11 +142,11 @@ def _pixels(camera: Camera) -> Places:
     return np.stack([columns.ravel(), rows.ravel()], axis=1)
 
 
-# Rectified pictures
+# Rectified images
 
 
 def _rectified(camera: Camera) -> Iterator[Shown]:
-    """Yield one rectified picture along the optical axis, or the faces of a cube for a lens that sees too much."""
+    """Yield one rectified image along the optical axis, or the faces of a cube for a lens that sees too much."""
     lens = core_camera(camera)
     rays = lens.unproject(_pixels(camera))
     inside = np.isfinite(rays).all(axis=1)
@@ -176,7 +176,7 @@ def _pinhole(
     center: npt.NDArray[np.float64],
     size: tuple[int, int],
 ) -> Shown:
-    """Make a picture without distortion; `rays_camera` (N, 3) are those of the camera's pixels."""
+    """Make an image without distortion; `rays_camera` (N, 3) are those of the camera's pixels."""
     columns, rows = size
     u, v = np.meshgrid((np.arange(columns) - center[0]) / focal, (np.arange(rows) - center[1]) / focal)
     taken = lens.project(np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera)
@@ -190,9 +190,9 @@ def _pinhole(
     shown = ((places >= -0.5) & (places < np.array(size) - 0.5)).all(axis=1)
     merit = np.where(shown & (forward > 0.0), forward, -np.inf)
 
-    def draw(picture: Picture) -> Picture:
-        # A picture all round goes on beyond its border, by less than a pixel.
-        drawn = cv2.remap(picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    def draw(image: Image) -> Image:
+        # An image all round goes on beyond its border, by less than a pixel.
+        drawn = cv2.remap(image, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(drawn, np.uint8)
 
     return Shown(size, draw, places, merit)
@@ -202,7 +202,7 @@ def _pinhole(
 
 
 def _parts(source: Shown, fitting: Fitting) -> Iterator[Shown]:
-    """Yield the network's pictures of a picture, or of its parts."""
+    """Yield the network's images of an image, or of its parts."""
     (width, height), (columns, rows) = source.size, fitting.size
     if fitting.fit == "tiles":
         tile = min(columns, width), min(rows, height)
@@ -234,22 +234,22 @@ def _part(
     corner: tuple[int, int],
     fitting: Fitting,
 ) -> Shown:
-    """Make the network's picture of the part of a picture that begins at `start`; columns stand first.
+    """Make the network's image of the part of an image that begins at `start`; columns stand first.
 
     The part is scaled from `extent` pixels to `scaled` ones, and begins at `corner` there.
     """
     (left, top), (width, height), size = start, extent, fitting.size
     places = source.places - np.array(start)
     inside = ((places >= -0.5) & (places < np.array(extent) - 0.5)).all(axis=1)
-    # The part whose border is farthest away shows a pixel best; the picture's own border is no part's.
+    # The part whose border is farthest away shows a pixel best; the image's own border is no part's.
     to_start = np.where(np.array(start) == 0, np.inf, places + 0.5)
     to_end = np.where(np.add(start, extent) >= source.size, np.inf, np.array(extent) - 0.5 - places)
     merit = np.where(inside, np.minimum(to_start, to_end).min(axis=1), -np.inf)
     moved = (places + 0.5) * (np.array(scaled) / np.array(extent)) - 0.5 + np.array(corner)
     borders = (corner[1], size[1] - corner[1] - scaled[1], corner[0], size[0] - corner[0] - scaled[0])
 
-    def draw(picture: Picture) -> Picture:
-        drawn: Any = source.draw(picture)[top : top + height, left : left + width]
+    def draw(image: Image) -> Image:
+        drawn: Any = source.draw(image)[top : top + height, left : left + width]
         if scaled != extent:
             drawn = resized(drawn, scaled, fitting.resample)
         if any(borders):
@@ -259,13 +259,13 @@ def _part(
     return Shown(size, draw, moved, merit)
 
 
-def resized(picture: Picture, size: tuple[int, int], resample: Resample | None) -> Picture:
-    """Scale a picture to columns and rows."""
+def resized(image: Image, size: tuple[int, int], resample: Resample | None) -> Image:
+    """Scale an image to columns and rows."""
     if resample is not None:
         import PIL.Image
 
         how = PIL.Image.Resampling[resample.upper()]
-        return np.asarray(PIL.Image.fromarray(picture).resize(size, how))
-    shrinks = size[0] < picture.shape[1] or size[1] < picture.shape[0]
+        return np.asarray(PIL.Image.fromarray(image).resize(size, how))
+    shrinks = size[0] < image.shape[1] or size[1] < image.shape[0]
     interpolation = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(picture, size, interpolation=interpolation), np.uint8)
+    return np.asarray(cv2.resize(image, size, interpolation=interpolation), np.uint8)

@@ -117,7 +117,7 @@ def initialize(
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for
-            by edges without labels of the pictures, and motion does not determine the mounting.
+            by edges without image labels, and motion does not determine the mounting.
     """
     if initial_pose is None and not data.tells_mountings:
         start = partial(start_by_motion, data.observations, data.recorded or data.drive, config)

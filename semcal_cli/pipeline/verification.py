@@ -83,7 +83,7 @@ class Verification:
     T_camera_lidar: Pose
     """(4, 4) estimate of the pose, metres."""
     time_offset_s: float
-    """Time by which pictures are later than image_stamp says, in seconds, where the estimate belongs to them."""
+    """Time by which images are later than image_stamp says, in seconds, where the estimate belongs to them."""
 
     @property
     def sentence(self) -> str:

@@ -4,11 +4,11 @@ function showCloud(canvas, data, choice) {
   // The drawing is kept, so that it can be printed.
   const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
   if (!gl) {
-    canvas.replaceWith("This browser shows no 3-D pictures: WebGL is not available.");
+    canvas.replaceWith("This browser shows no 3-D images: WebGL is not available.");
     choice.disabled = true;
     return;
   }
-  canvas.addEventListener("webglcontextlost", () => canvas.replaceWith("The 3-D picture was lost: reload the page."));
+  canvas.addEventListener("webglcontextlost", () => canvas.replaceWith("The 3-D image was lost: reload the page."));
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const centimetres = new Int16Array(bytes(data.positions_cm).buffer);
   const positions = Float32Array.from(centimetres, (x) => x / 100);

@@ -121,7 +121,7 @@ def frame_cloud(report: ReportInput) -> Cloud:
     }
     image = read_frame_image(report.drive, frames[number])
     if image is not None:
-        colored["picture"] = indices, at_pixels(image, pixels)[:, ::-1]
+        colored["image"] = indices, at_pixels(image, pixels)[:, ::-1]
     camera = CameraInView.placed("", WHITE, observations.camera, T)
     cloud = make_cloud(frames[number].points, points, is_seen, colored, [camera])
     cloud.legends.update({name: _legend(*found) for name, found in labels.items()})

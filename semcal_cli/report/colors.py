@@ -87,8 +87,8 @@ SATURATION = 0.65
 # Red, green, blue.
 GROUND_COLORS = ((150, 150, 150), (185, 185, 185), (220, 220, 220))
 NO_SEGMENT_COLOR = (70, 70, 70)
-EDGE_LEGEND: Legend = {"edge in the picture": (210, 210, 210)}
-"""What is drawn into the picture beneath edges of sweeps."""
+EDGE_LEGEND: Legend = {"edge in the image": (210, 210, 210)}
+"""What is drawn into the image beneath edges of sweeps."""
 # Red, green, blue, of Okabe and Ito's.
 AGREEMENT_COLORS = {
     "agree": (0, 158, 115),

@@ -56,7 +56,7 @@ class ReportInput:
     """Where these and those of the other transform differ from the drive's own: `camera` or `clock`, and what is used
     instead of what."""
     observations: Observations
-    """Points and pictures; with a rolling shutter, each point at the moment of its line at the transform."""
+    """Points and images; with a rolling shutter, each point at the moment of its line at the transform."""
     is_of_record: bool
     """Whether the calibration was computed from these frames and this camera."""
     notices: tuple[str, ...]
@@ -136,7 +136,7 @@ def make_report_input(
     notices += staying
     if before is not None:
         notices += [
-            f"In pictures of {before.caption}, the {label} is {line}." for label, line in before.changes
+            f"In images of {before.caption}, the {label} is {line}." for label, line in before.changes
         ]
         changes = (*before.changes, *changes)
     # Frames are read with the first cue by which the pose was refined, and no other: pixels of one cue share no
@@ -176,7 +176,7 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
     if all(changed & set(filter(None, each)) for each in named):
         notice = (
-            f"The calibration was computed from other frames, of {record.input.drive}; figures and pictures are of "
+            f"The calibration was computed from other frames, of {record.input.drive}; figures and images are of "
             f"{drive.path}."
         )
         return None, [notice]

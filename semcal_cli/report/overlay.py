@@ -51,7 +51,7 @@ BACKGROUND_GRAY = 0.6
 """Share of an image's colour that is taken out, so that only the dots have strong colours."""
 LABEL_STRENGTH = 0.5
 LABEL_SHARE = 0.55
-"""Share of the labels' colours in a picture under its labels."""
+"""Share of the labels' colours in an image under its labels."""
 COLUMNS_PER_DOT_RADIUS = 640
 TEXT_COLOR = (235, 235, 235)
 MARGIN_COLOR = (32, 32, 32)
@@ -60,13 +60,13 @@ FONT_HEIGHT = 22
 """Pixels of the font's capitals at scale 1."""
 
 GREY_STRENGTH = 0.25
-"""Strength of the picture beneath its edges, which is there to find one's way."""
+"""Strength of the image beneath its edges, which is there to find one's way."""
 BLUR_PX = 1.0
-"""Blur of the picture, pixels: an eye wants sharper edges than sparse rays do."""
+"""Blur of the image, pixels: an eye wants sharper edges than sparse rays do."""
 EDGE_STRENGTH = 170.0
 """Grey value that the strongest edges add: bright, but not so bright that dots on them are lost."""
 STRONGEST = 0.99
-"""Quantile of the gradients of a picture from which an edge is drawn at full strength."""
+"""Quantile of the gradients of an image from which an edge is drawn at full strength."""
 
 
 def overlay_paths(folder: Path, count: int) -> list[Path]:
@@ -85,15 +85,15 @@ def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Im
         return image, True
     if not observations.image_class_names:
         key = drive.frames[frame].key("image")
-        raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
+        raise InputError(f"{drive.path}: {key}: found nothing, needed an image, or labels to show instead")
     return painted(observations.images[frame].classes, palettes(observations)[1]), False
 
 
-def edge_picture(drive: Drive, frame: Frame) -> Image:
-    """Draw the edges of a frame's picture in white on the picture, which is dark and grey: (H, W, 3).
+def edge_image(drive: Drive, frame: Frame) -> Image:
+    """Draw the edges of a frame's image in white on the image, which is dark and grey: (H, W, 3).
 
     Raises:
-        InputError: the frame has no picture, or it is wrong.
+        InputError: the frame has no image, or it is wrong.
     """
     grey = grey_values(drive, frame)
     strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), BLUR_PX, EDGES)
@@ -119,7 +119,7 @@ class Overlays:
     by: Coloring = "class"
     """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's are
     found together more often than by chance at the last pose; the segment of the sweep that it is part of; or how far
-    range or intensity steps beside it, on the edges of the picture, by observations of the cue edges."""
+    range or intensity steps beside it, on the edges of the image, by observations of the cue edges."""
     others: Mapping[str, Observations] = field(default_factory=dict)
     """The same frames by the captions of poses that belong to another camera or clock: see `applied.seen_as`."""
 
@@ -187,7 +187,7 @@ class Overlays:
     def _background(self, frame: int) -> Image:
         """The image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
         if self.by == "edge":
-            return edge_picture(self.drive, self.drive.frames[frame])
+            return edge_image(self.drive, self.drive.frames[frame])
         image, is_photograph = picture_of(self.drive, self.observations, frame)
         if not is_photograph:
             return (LABEL_STRENGTH * image).astype(np.uint8)
@@ -264,15 +264,15 @@ def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) 
 
 
 def draw_labels(
-    picture: Image,
+    image: Image,
     ids: npt.NDArray[np.uint16],
     classes: Mapping[str, Sequence[int]],
     ignored: Sequence[int],
 ) -> Image:
-    """Draw a picture beside itself under the colours of its labels, with a legend of the classes that it shows.
+    """Draw an image beside itself under the colours of its labels, with a legend of the classes that it shows.
 
     Args:
-        picture: (H, W, 3) blue, green, red.
+        image: (H, W, 3) blue, green, red.
         ids: (H, W) ids of the pixels.
         classes: Ids of each name; empty without names.
         ignored: Ids that carry no information, which get no colour.
@@ -284,17 +284,17 @@ def draw_labels(
     num_pixels = dict(zip(found.tolist(), counts.tolist(), strict=True))
     names = {value: name for name, values in classes.items() for value in values}
     shown = [value for value in num_pixels if value not in ignored and (value in names or not names)]
-    # Colours of all classes, so that they do not depend on what a picture shows.
+    # Colours of all classes, so that they do not depend on what an image shows.
     every = list(classes) or [str(value) for value in shown]
     colors = dict(zip(every, class_colors(every), strict=True))
-    drawn = picture.copy()
+    drawn = image.copy()
     for value in shown:
         here = ids == value
-        mixed = (1.0 - LABEL_SHARE) * picture[here] + LABEL_SHARE * colors[names.get(value, str(value))]
+        mixed = (1.0 - LABEL_SHARE) * image[here] + LABEL_SHARE * colors[names.get(value, str(value))]
         drawn[here] = mixed.round().astype(np.uint8)
     named = [names.get(value, str(value)) for value in sorted(shown, key=lambda value: -num_pixels[value])]
-    is_wide = picture.shape[1] > WIDE * picture.shape[0]
-    both = before_after({"picture": picture, "labels": drawn}, stacked=is_wide)
+    is_wide = image.shape[1] > WIDE * image.shape[0]
+    both = before_after({"image": image, "labels": drawn}, stacked=is_wide)
     legend = {name: tuple(colors[name].tolist()) for name in named}
     return np.vstack([both, draw_legend(legend, both.shape[1])])
 

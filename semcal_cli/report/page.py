@@ -25,12 +25,12 @@ from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.figures import class_agreements, curve_plots, frames_plots, information_curves
+from semcal_cli.report.images import MAX_BYTES, MAX_FRAMES, data_uri, make_images
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import T_notation, files, notations
 from semcal_cli.report.overlay import Overlays
-from semcal_cli.report.pictures import MAX_BYTES, MAX_FRAMES, data_uri, make_pictures
 from semcal_cli.report.points import View
-from semcal_cli.report.registration import RegistrationPictures
+from semcal_cli.report.registration import RegistrationImages
 from semcal_cli.report.template import Verdict, linked, render_page
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.calibration import Calibration
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.pipeline.verification import Verification
 
-SCRIPTS = tuple(f"report/{name}.js" for name in ("picture", "pictures", "cloud"))
+SCRIPTS = tuple(f"report/{name}.js" for name in ("image", "images", "cloud"))
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
 RESULTS = (".yaml", ".yml", ".json")
 """Suffixes of calibrations."""
@@ -122,8 +122,8 @@ def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, An
     # What is mostly Python takes the time in which something else is in the core or in an encoder.
     with ThreadPoolExecutor(1) as pool:
         pool.submit(import_module, "matplotlib.figure")
-        progress("drawing points on pictures")
-        pictures = make_pictures(report.overlays(MAX_FRAMES))
+        progress("drawing points on images")
+        pictures = make_images(report.overlays(MAX_FRAMES))
         progress("following the mutual information along six axes")
         curves = information_curves(observations, T, record.believed_uncertainty if record else None)
         plots = pool.submit(curve_plots, curves)
@@ -148,7 +148,7 @@ def _registration(report: ReportInput) -> str | None:
     """Draw the registration of the first frame, as a data URI; None if the calibration had none."""
     if report.record is None or not report.is_of_record:
         return None
-    found = RegistrationPictures.of_record(report.seen_as(report.begun), report.record)
+    found = RegistrationImages.of_record(report.seen_as(report.begun), report.record)
     return None if found is None else data_uri(found.draw(0), MAX_BYTES)
 
 
@@ -181,7 +181,7 @@ def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialP
 
 
 def write_verification(found: Verification, data: LoadedDrive, initial_pose: InitialPose, path: Path) -> None:
-    """Write the page about a verification: the verdict axis by axis, and both transforms on the pictures.
+    """Write the page about a verification: the verdict axis by axis, and both transforms on the images.
 
     Args:
         found: Verdict, checks, and the pose that was found.
@@ -200,7 +200,7 @@ def write_verification(found: Verification, data: LoadedDrive, initial_pose: Ini
     farthest = max((abs(check.offset) + (check.half_width or 0.0)) / check.allowed for check in found.checks)
     page = render_page(
         "report/verification.html",
-        ("report/picture.js", "report/pictures.js"),
+        ("report/image.js", "report/images.js"),
         verdict=Verdict(
             found.verdict,
             TITLES[found.verdict],
@@ -214,7 +214,7 @@ def write_verification(found: Verification, data: LoadedDrive, initial_pose: Ini
         checks=found.checks,
         check_names=CHECK_NAMES,
         reach=min(BEYOND * max(1.0, farthest), FARTHEST),
-        pictures=make_pictures(both_overlays(found, data, initial_pose)),
+        pictures=make_images(both_overlays(found, data, initial_pose)),
         verified=T_notation(initial_pose.T_camera_lidar),
         found=T_notation(found.T_camera_lidar),
     )

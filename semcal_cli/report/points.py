@@ -1,4 +1,4 @@
-"""Points of a frame on its picture: where they land, which are hidden, and whether their classes agree."""
+"""Points of a frame on its image: where they land, which are hidden, and whether their classes agree."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from semcal_cli.report.colors import (
 )
 
 NOT_SEEN = 255
-"""Kind of a point outside the picture."""
+"""Kind of a point outside the image."""
 TOP = 65_535
-"""Largest number of the packed positions: that of the picture's longer side."""
+"""Largest number of the packed positions: that of the image's longer side."""
 
 
 class Seen(NamedTuple):
@@ -62,7 +62,7 @@ class View(NamedTuple):
     T_camera_lidar: Pose
 
     def seen_in_frame(self, frame: int) -> Seen:
-        """Find the points of a frame that its picture shows, each on the line that is exposed then."""
+        """Find the points of a frame that its image shows, each on the line that is exposed then."""
         points = points_at(self.observations, frame, self.T_camera_lidar)
         return points_in_image(points, self.T_camera_lidar, self.observations.camera)
 
@@ -112,7 +112,7 @@ class PosePoints(NamedTuple):
 
     @property
     def is_visible(self) -> npt.NDArray[np.bool_]:
-        """(N,) whether a point is in the picture and not hidden."""
+        """(N,) whether a point is in the image and not hidden."""
         return np.asarray((self.kinds != NOT_SEEN) & (self.kinds != HIDDEN))
 
     @property
@@ -127,7 +127,7 @@ class PosePoints(NamedTuple):
 
 
 class FramePoints(NamedTuple):
-    """Points of a frame that some pose puts into the picture, farthest first."""
+    """Points of a frame that some pose puts into the image, farthest first."""
 
     indices: npt.NDArray[np.intp]
     """(N,) index of each point in its cloud."""
@@ -152,7 +152,7 @@ class FramePoints(NamedTuple):
         return np.asarray(np.linalg.norm(last.positions[both] - first.positions[both], axis=1))
 
     def packed(self, width: int, height: int) -> dict[str, object]:
-        """Write the arrays as base64 for a page's script; positions as uint16 from the picture's corner."""
+        """Write the arrays as base64 for a page's script; positions as uint16 from the image's corner."""
         scale = TOP / max(width, height)
 
         def of_pose(pose: PosePoints) -> dict[str, str]:

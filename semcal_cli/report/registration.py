@@ -1,4 +1,4 @@
-"""Pictures of the registration (Alg. 2), after Fig. 1 of Jiang, Osteen and Saripalli (arXiv 2104.12023).
+"""Images of the registration (Alg. 2), after Fig. 1 of Jiang, Osteen and Saripalli (arXiv 2104.12023).
 
 From top to bottom: the spherical label image of a sweep, the zoomed label image of the camera at its best shift on the
 same grid, and the label image itself, joined by correspondences.
@@ -30,11 +30,11 @@ from semcal_cli.result.calibration import Calibration
 AROUND_DEG = 10.0
 """The shift is searched within this angle of the pose: the registration is good to a few degrees."""
 WIDTH = 1280
-"""Columns of a picture."""
+"""Columns of an image."""
 NUM_LINES = 60
 """Number of correspondences that are drawn."""
 MIN_STRIP_ROWS = 120
-"""Rows of a spherical image in a picture, at least; few channels would hardly be seen."""
+"""Rows of a spherical image in an image, at least; few channels would hardly be seen."""
 EMPTY_COLOR = (24, 24, 24)
 """Blue, green and red of pixels without a class."""
 LINE_COLOR = (235, 235, 235)
@@ -46,7 +46,7 @@ CAPTIONS = (
 
 
 @dataclass(frozen=True)
-class RegistrationPictures:
+class RegistrationImages:
     """The registration of the frames that the search looks at near a pose, to be drawn frame by frame."""
 
     observations: Observations
@@ -58,7 +58,7 @@ class RegistrationPictures:
     @classmethod
     def near(
         cls, observations: Observations, T_camera_lidar: Pose, config: InitializationConfig
-    ) -> RegistrationPictures:
+    ) -> RegistrationImages:
         """Register the label images of the search anew within `AROUND_DEG` of a pose (4, 4), as its rotation says.
 
         Raises:
@@ -72,7 +72,7 @@ class RegistrationPictures:
         return cls(observations, placed, config.zoom, math.atan2(T[2, 1], T[2, 0]))
 
     @classmethod
-    def of_record(cls, observations: Observations, record: Calibration) -> RegistrationPictures | None:
+    def of_record(cls, observations: Observations, record: Calibration) -> RegistrationImages | None:
         """Register anew near the first stage of a calibration; None if it began at a given pose or nothing overlaps."""
         if not any(each.num_pairs is not None for each in record.hypotheses):
             return None
@@ -123,7 +123,7 @@ class RegistrationPictures:
         return canvas
 
     def _strip(self, image: Image) -> Image:
-        """Turn a spherical image so that the optical axis is in its middle, and scale it to the picture's width."""
+        """Turn a spherical image so that the optical axis is in its middle, and scale it to the image's width."""
         columns = image.shape[1]
         turned = np.roll(image, round(self.middle / (2.0 * math.pi) * columns), axis=1)
         return _resized(turned, max(MIN_STRIP_ROWS, round(image.shape[0] * WIDTH / columns)))

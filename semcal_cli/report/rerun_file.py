@@ -1,6 +1,6 @@
-"""A drive and its poses as a file of the Rerun viewer: sweeps, pictures and cameras along time.
+"""A drive and its poses as a file of the Rerun viewer: sweeps, images and cameras along time.
 
-The world is the LiDAR's frame. Each pose is a camera of its own there, which can be switched on and off; the picture
+The world is the LiDAR's frame. Each pose is a camera of its own there, which can be switched on and off; the image
 and its labels hang on the last one. Lenses that are no pinhole are drawn as one with the same K.
 """
 
@@ -31,7 +31,7 @@ LIDAR, CAMERAS = "lidar", "lidar/cameras"
 FRAME, TIME = "frame", "time"
 """Timelines: the index of the frame, and the stamp of its sweep where there is one."""
 FRUSTUM_M = 1.0
-"""Distance of the picture's plane from the camera."""
+"""Distance of the image's plane from the camera."""
 MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 UNKNOWN_COLOR = (128, 128, 128)
 POINT_RADIUS_PX = 1.5
@@ -60,12 +60,12 @@ def cameras_of(extrinsic: Extrinsic, begun: Camera, used: Camera) -> dict[str, t
 def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: Path) -> None:
     """Write a `.rrd`, as a whole or not at all.
 
-    Points have the colour of their class if all frames have labels of points and of pictures, else of their height.
+    Points have the colour of their class if all frames have labels of points and of images, else of their height.
     With a rolling shutter, they stand where the line was exposed on which they lie at the last pose.
 
     Args:
         drive: The drive, whose frames are all written.
-        cameras: T_camera_lidar (4, 4), metres, and camera by name; the picture hangs on the last. May be empty.
+        cameras: T_camera_lidar (4, 4), metres, and camera by name; the image hangs on the last. May be empty.
         path: File to write; its suffix is .rrd.
 
     Raises:
@@ -84,7 +84,7 @@ def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: 
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
     for name, (T, camera) in cameras.items():
         _log_camera(stream, name, T, camera)
-    # Without a pose, pictures lie in no space.
+    # Without a pose, images lie in no space.
     entity = f"{CAMERAS}/{list(cameras)[-1]}" if cameras else "camera"
     point_colors, pixel_colors = palettes(observations)
     _log_classes(stream, f"{LIDAR}/points", observations.point_class_names, point_colors)
@@ -134,7 +134,7 @@ def _log_classes(stream: rr.RecordingStream, entity: str, names: Sequence[str], 
 
 
 def _picture(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
-    """The picture of a frame, in the bytes of its file where the viewer reads them."""
+    """The image of a frame, in the bytes of its file where the viewer reads them."""
     if frame.image is None:
         return rr.Clear(recursive=False)  # else the one before would stay
     file = drive.resolve(frame.image)

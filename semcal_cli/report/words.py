@@ -83,7 +83,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         moved_cm = 100.0 * math.hypot(*found.label_bleed.camera_center_m)
         turned_deg = math.hypot(*found.label_bleed.rotation_deg)
         sentences.append(
-            f"If labels of all pictures bled by one pixel, the camera would come out {figure(moved_cm)} cm and "
+            f"If labels of all images bled by one pixel, the camera would come out {figure(moved_cm)} cm and "
             f"{figure(turned_deg)} degrees elsewhere: more frames do not cure that, better labels do."
         )
     if found.intrinsics_cost is not None:

@@ -34,7 +34,7 @@ class Applied(NamedTuple):
 def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied:
     """Give a drive the camera and the clock that a result estimated together with its transform.
 
-    An estimated camera with another lens or picture size is of other pictures, so the drive keeps its own then, with
+    An estimated camera with another lens or image size is of other images, so the drive keeps its own then, with
     its clock. It also keeps both if the result estimated none, or did not keep them.
 
     Args:
@@ -69,7 +69,7 @@ def cues_applied(
 def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:
     """Say whose camera is used if that of the result's transform is another one than the drive's."""
     used, own = record.used_camera, drive.camera
-    if not _is_of_same_pictures(used, own):
+    if not _is_of_same_images(used, own):
         kind = f"{used.model} of {used.width} x {used.height} pixels"
         return f"that of {drive.path}: the one of {name} is {kind}"
     if record.has_found_camera:
@@ -101,7 +101,7 @@ def as_begun(record: Calibration | None, drive: Drive) -> Drive:
     if record is None or not _fits(record, drive):
         return drive
     changes: dict[str, object] = {}
-    if record.has_found_camera and _is_of_same_pictures(record.input.camera, drive.camera):
+    if record.has_found_camera and _is_of_same_images(record.input.camera, drive.camera):
         shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
         changes["camera"] = record.input.camera.model_copy(update=shutter)
     if record.has_found_clock and record.clock is not None and record.clock.given_s is not None:
@@ -110,10 +110,10 @@ def as_begun(record: Calibration | None, drive: Drive) -> Drive:
 
 
 def seen_as(observations: Observations, own: Drive, other: Drive) -> Observations:
-    """Give observations of a drive as another camera of the same pictures sees them, by another clock.
+    """Give observations of a drive as another camera of the same images sees them, by another clock.
 
     Args:
-        observations: Points and pictures as the drive's camera and clock see them.
+        observations: Points and images as the drive's camera and clock see them.
         own: The drive.
         other: The same drive with another camera and another offset of the clock.
     """
@@ -124,13 +124,13 @@ def seen_as(observations: Observations, own: Drive, other: Drive) -> Observation
 
 
 def _fits(record: Calibration, drive: Drive) -> bool:
-    """Whether the camera that a result estimated, if it kept one, is of the drive's pictures."""
-    return not record.has_found_camera or _is_of_same_pictures(record.used_camera, drive.camera)
+    """Whether the camera that a result estimated, if it kept one, is of the drive's images."""
+    return not record.has_found_camera or _is_of_same_images(record.used_camera, drive.camera)
 
 
 def _in_ms(time_offset_s: float) -> str:
     return f"{1000.0 * time_offset_s:.1f} ms"
 
 
-def _is_of_same_pictures(a: Camera, b: Camera) -> bool:
+def _is_of_same_images(a: Camera, b: Camera) -> bool:
     return (a.model, a.width, a.height) == (b.model, b.width, b.height)

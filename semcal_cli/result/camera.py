@@ -106,7 +106,7 @@ class Clock(StrictModel):
     """Offset of the camera's clock that was estimated together with the pose."""
 
     time_offset_s: Offset
-    """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It takes the
+    """Time by which images are later than image_stamp says, in seconds; negative if they are earlier. It takes the
     place of the drive's own offset, which it contains."""
     given_s: Offset | None = None
     """Offset that the drive had when the calibration began, in seconds. Absent in files that do not state it."""
@@ -117,7 +117,7 @@ class Clock(StrictModel):
     is_determined: bool
     """Whether the drive's motion tells the offset."""
     is_kept: bool
-    """Whether the transform belongs to pictures that are later by the offset. If not, it belongs to those of the
+    """Whether the transform belongs to images that are later by the offset. If not, it belongs to those of the
     drive."""
     meaning: Annotated[str, AfterValidator(_check_line)]
     """The offset in words, without its interval."""
@@ -195,7 +195,7 @@ def kept_sentence(camera: RefinedCamera) -> str:
 
 
 def clock_sentence(clock: Clock) -> str:
-    """Say how far the clock of the pictures is off, with the 95 % interval."""
+    """Say how far the clock of the images is off, with the 95 % interval."""
     if not clock.is_determined or clock.half_width_95_s is None:
         return clock.meaning
     interval = f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms"
@@ -203,11 +203,11 @@ def clock_sentence(clock: Clock) -> str:
 
 
 def offset_words(time_offset_s: float) -> str:
-    """Say by how much pictures are later or earlier than their stamps say."""
+    """Say by how much images are later or earlier than their stamps say."""
     if time_offset_s == 0.0:
-        return "stamps of pictures are right"
+        return "stamps of images are right"
     side = "later" if time_offset_s > 0.0 else "earlier"
-    return f"pictures are {1000.0 * abs(time_offset_s):.1f} ms {side} than their stamps say"
+    return f"images are {1000.0 * abs(time_offset_s):.1f} ms {side} than their stamps say"
 
 
 def camera_differences(found: Camera, other: Camera, whose: str) -> list[str]:

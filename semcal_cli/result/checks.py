@@ -199,7 +199,7 @@ OVERLAP = Check(
     advice="label more of the points, or check which ids the drive ignores",
     settings={"": Limit(at_least=MIN_OVERLAP, unit="%", source="a setting")},
 )
-CHANCE = Check(topic="chance", advice="check that the labels are those of these sweeps and pictures")
+CHANCE = Check(topic="chance", advice="check that the labels are those of these sweeps and images")
 # The search for the pose did not end well.
 REFINEMENT_NOT_SETTLED = Check(
     topic="refinement-not-settled",
@@ -213,7 +213,7 @@ POLISH_NOT_SETTLED = Check(
 )
 POLISH_REJECTED = Check(
     topic="polish-rejected",
-    advice="check with `semcal inspect` that sweeps, pictures and labels belong together, or add frames",
+    advice="check with `semcal inspect` that sweeps, images and labels belong together, or add frames",
     settings={
         "": Limit(at_most=PolishConfig.max_loss, unit="standard errors", source="a setting"),
         "several starts": Limit(
@@ -221,13 +221,13 @@ POLISH_REJECTED = Check(
         ),
     },
 )
-POLISH_NOT_TESTED = Check(topic="polish-not-tested", advice="add frames, or label more of the pictures")
+POLISH_NOT_TESTED = Check(topic="polish-not-tested", advice="add frames, or label more of the images")
 FUSION_NOT_SETTLED = Check(topic="fusion-not-settled", advice="add frames, or start nearer with --init")
 SEEDS = Check(topic="seeds", advice="add frames from other places")
 SOIC = Check(topic="soic", advice="start nearer with --init")
 # Files do not belong together.
 WRONG_PAIRING = Check(
-    topic="wrong-pairing", advice="check that sweeps and pictures belong together, by their times and names"
+    topic="wrong-pairing", advice="check that sweeps and images belong together, by their times and names"
 )
 ODD_FRAMES = Check(
     topic="odd-frames", advice="check the times and the names of their files, or take these frames out"
@@ -238,27 +238,27 @@ SHIFTED_POINT_LABELS = Check(
 )
 SHIFTED_LABEL_IMAGES = Check(
     topic="shifted-label-images",
-    advice="check that they were made from these pictures, in their size, and label them again",
+    advice="check that they were made from these images, in their size, and label them again",
 )
 LEAKED_LABELS = Check(
     topic="leaked-labels",
-    advice="label the points without the pictures, or calibrate with --cue segments,edges",
+    advice="label the points without the images, or calibrate with --cue segments,edges",
 )
 OWN_DRIVE = Check(topic="own-drive", advice="check it on another drive, for it agrees with its own")
 FRAMES_DISAGREE = Check(
     topic="frames-disagree",
-    advice="check the times of sweeps and pictures, the motion and the labels, or take these frames out",
+    advice="check the times of sweeps and images, the motion and the labels, or take these frames out",
 )
 MOVED_CAMERA = Check(
     topic="moved-camera", advice="calibrate each part with `semcal calibrate --split`, or record again"
 )
 # Camera, clocks and motion.
 WRONG_FOCAL_LENGTH = Check(
-    topic="focal-length", advice="check fx and fy of K, and that K is of pictures of this size"
+    topic="focal-length", advice="check fx and fy of K, and that K is of images of this size"
 )
 WRONG_INTRINSICS = Check(
     topic="intrinsics",
-    advice="check K and the distortion, and that K is of pictures of this size, or calibrate the lens again",
+    advice="check K and the distortion, and that K is of images of this size, or calibrate the lens again",
 )
 WRONG_CLOCKS = Check(topic="clocks", advice="check the clocks of camera and LiDAR, and correct image_stamp")
 MOTION = Check(

@@ -31,7 +31,7 @@ def drive_name(path: Path) -> Path:
 
 
 def after_import(drive: Drive) -> str:
-    """Write the command that follows the import of a drive: a network labels pictures that have no labels."""
+    """Write the command that follows the import of a drive: a network labels images that have no labels."""
     first, name = drive.frames[0], drive_name(drive.path)
     if first.image_labels is None and first.image is None:
         return shell("inspect", name)

@@ -58,7 +58,7 @@ class Input(StrictModel):
     """Frames that were used."""
     sha256: dict[str, Sha256]
     """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is
-    named by its relative path. Pictures that only the check of labels looked at are left out. Of arrays it is that of
+    named by its relative path. Images that only the check of labels looked at are left out. Of arrays it is that of
     the .npy file that `numpy.save` writes, by names such as points[3]."""
     networks: LabelNetworks | None = None
     """Networks that made the labels that were read, as the drive names them."""

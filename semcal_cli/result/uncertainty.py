@@ -41,7 +41,7 @@ CHECK_NAMES = dict(
         AXIS_NAMES,
         strict=True,
     )
-) | {"clock": "pictures later (clock)"}
+) | {"clock": "images later (clock)"}
 """The same by the names of checks."""
 
 AHEAD_M = 10.0

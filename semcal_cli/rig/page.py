@@ -16,9 +16,9 @@ from semcal_cli.errors import listed
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.cloud import MAX_SEEN, CameraInView, Cloud, Rgb, make_cloud
 from semcal_cli.report.colors import QUALITATIVE_COLORS, Legend, hex_color
+from semcal_cli.report.images import MAX_BYTES, MAX_IMAGE_BYTES, data_uri
 from semcal_cli.report.notations import Notation, T_notation, matrix_text
 from semcal_cli.report.overlay import Overlays
-from semcal_cli.report.pictures import MAX_BYTES, MAX_PICTURE_BYTES, data_uri
 from semcal_cli.report.points import at_pixels, points_in_image, thinned
 from semcal_cli.report.template import Reason, Verdict, linked, render_page
 from semcal_cli.report.words import NOT_BELIEVED
@@ -35,7 +35,7 @@ STATUSES = {
     "trusted": "trusted",
 }
 """Status of a camera in words, worst first."""
-BY_CAMERA, BY_PICTURE = "camera that sees them", "images"
+BY_CAMERA, BY_IMAGE = "camera that sees them", "images"
 """Meanings of the colours of points in the 3-D view."""
 
 
@@ -167,7 +167,7 @@ def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> lis
 
 def _pictures(views: list[_CameraView]) -> tuple[dict[str, str], dict[str, str]]:
     """Draw the points of each camera's frame, coloured by distance: data URIs, and the legend of distances."""
-    max_bytes = min(MAX_BYTES, MAX_PICTURE_BYTES // len(views))
+    max_bytes = min(MAX_BYTES, MAX_IMAGE_BYTES // len(views))
 
     def draw(view: _CameraView) -> tuple[str, Legend]:
         overlays = Overlays(view.drive, view.observations, {view.name: view.T_camera_lidar}, "depth")
@@ -185,7 +185,7 @@ def _rig_cloud(views: list[_CameraView]) -> Cloud:
     shown = next(view for view in views if view.is_of_sweep)
     points = shown.observations.clouds[0].points
     is_seen = np.zeros(len(points), np.bool_)
-    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {BY_CAMERA: [], BY_PICTURE: []}
+    found: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {BY_CAMERA: [], BY_IMAGE: []}
     # Where views overlap, points belong to the first camera: its colours are set last.
     for view in reversed(views):
         # Each camera sees the sweep at the moment of its own image.
@@ -197,7 +197,7 @@ def _rig_cloud(views: list[_CameraView]) -> Cloud:
         found[BY_CAMERA].append((indices, np.full((len(indices), 3), view.color, np.uint8)))
         image = read_frame_image(view.drive, view.drive.frames[0]) if view.is_of_sweep else None
         if image is not None:
-            found[BY_PICTURE].append((indices, at_pixels(image, seen.pixels[chosen])[:, ::-1]))
+            found[BY_IMAGE].append((indices, at_pixels(image, seen.pixels[chosen])[:, ::-1]))
     colored = {
         name: (np.concatenate([i for i, _ in parts]), np.concatenate([rgb for _, rgb in parts]))
         for name, parts in found.items()

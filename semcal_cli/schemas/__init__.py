@@ -18,7 +18,7 @@ from pydantic_core.core_schema import ModelSchema
 from semcal_cli.documentation import schema_address, schema_name
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.validation import NEWEST_VERSION, StrictModel
-from semcal_cli.labelling.card import CloudCard, PictureCard, PointCard
+from semcal_cli.labelling.card import CloudCard, ImageCard, PointCard
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.rig.document import Rig
 from semcal_cli.rig.result import RigResult
@@ -29,7 +29,7 @@ MODELS: dict[str, Any] = {
     "semcal_rig": Rig,
     "semcal_calibration": Calibration,
     "semcal_rig_calibration": RigResult,
-    "semcal_picture_model": PictureCard,
+    "semcal_image_model": ImageCard,
     "semcal_point_model": PointCard | CloudCard,
 }
 """Model of each document, by its first key."""

@@ -25,7 +25,7 @@ SKY = "sky"
 FIRST_DISJOINT_ID = 100
 """First id of label images with a disjoint ontology, above every id of the synthetic classes."""
 
-SWEEP_FOLDERS, PICTURE_FOLDERS = ("points", "point_labels"), ("image_labels", "images")
+SWEEP_FOLDERS, IMAGE_FOLDERS = ("points", "point_labels"), ("image_labels", "images")
 SUFFIXES = {"points": "bin", "point_labels": "label", "image_labels": "png", "images": "png"}
 TIMED_POINTS_SUFFIX = "pcd"
 """Suffix of point clouds with a time for each point, which a .bin cannot hold."""

@@ -46,7 +46,7 @@ class RawFrame:
         T = inverse(T_camera_lidar) @ self.T_camera_lidar
         return replace(self, points=transformed(T, self.points), T_camera_lidar=T_camera_lidar)
 
-    def with_picture_of(self, other: RawFrame) -> RawFrame:
+    def with_image_of(self, other: RawFrame) -> RawFrame:
         """Take the image and its labels from another frame."""
         return replace(self, image_labels=other.image_labels, image=other.image)
 

@@ -100,7 +100,7 @@ def clouds_turned(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     return raw.with_frames(turned(frame) for frame in raw.frames)
 
 
-def pictures_late(
+def images_late(
     raw: RawDrive, rng: np.random.Generator, late_s: float, speeds_m_s: tuple[float, float]
 ) -> RawDrive:
     """The rig drives along the LiDAR's x axis, and each image is taken later than its sweep.
@@ -120,7 +120,7 @@ def pictures_late(
     return raw.with_frames(map(ahead, raw.frames))
 
 
-def point_labels_from_pictures(
+def point_labels_from_images(
     raw: RawDrive, rng: np.random.Generator, *, is_by_a_network: bool = False
 ) -> RawDrive:
     """A tool labels each point by the pixel under it, through a wrong transform; points outside have no label.
@@ -267,7 +267,7 @@ def classes_merged(raw: RawDrive, rng: np.random.Generator, first: Sequence[int]
     return raw.with_document(classes=Classes.model_validate({"points": names, "image": names}))
 
 
-def pictures_mirrored(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+def images_mirrored(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     """Half of the images are mirrored with their labels, as by an augmentation that was left on."""
     mirrored = set(rng.permutation(raw.num_frames)[: raw.num_frames // 2].tolist())
     return raw.with_frames(
@@ -275,12 +275,12 @@ def pictures_mirrored(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     )
 
 
-def picture_of_another_moment(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+def image_of_another_moment(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     """One point cloud is paired with an image from another moment of the drive."""
     place = int(rng.integers(raw.num_frames))
     others = raw.unused or [*raw.frames[:place], *raw.frames[place + 1 :]]
     frames = list(raw.frames)
-    frames[place] = frames[place].with_picture_of(others[rng.integers(len(others))])
+    frames[place] = frames[place].with_image_of(others[rng.integers(len(others))])
     return raw.with_frames(frames)
 
 

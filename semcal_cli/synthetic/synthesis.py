@@ -21,7 +21,7 @@ from semcal_cli.files.documents import document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
 from semcal_cli.synthetic.frame_files import (
-    PICTURE_FOLDERS,
+    IMAGE_FOLDERS,
     SWEEP_FOLDERS,
     UNLABELED,
     frame_document,
@@ -88,7 +88,7 @@ def synthesize(
     renderer = make_renderer(config, T_camera_lidar)
     _check_empty(out, force)
     with written_below(out):
-        for folder in PICTURE_FOLDERS if sweeps else SWEEP_FOLDERS + PICTURE_FOLDERS:
+        for folder in IMAGE_FOLDERS if sweeps else SWEEP_FOLDERS + IMAGE_FOLDERS:
             (out / folder).mkdir(parents=True, exist_ok=True)
         (out / DRIVE_FILE).unlink(missing_ok=True)
     # Rust renders one frame at a time on all cores, while the other thread writes the previous frame.

@@ -90,7 +90,7 @@ def summary(groups: Iterable[Sequence[object]], columns: Sequence[Column]) -> It
 
 
 def street(folder: Path, seed: int, frames: int, width: int, **more: Any) -> tuple[Drive, Pose]:
-    """Make a synthetic drive with pictures of 16 to 9, and read it with its true T_camera_lidar (4, 4)."""
+    """Make a synthetic drive with images of 16 to 9, and read it with its true T_camera_lidar (4, 4)."""
     synthesize(SynthConfig(num_frames=frames, seed=seed, width=width, height=width * 9 // 16, **more), folder)
     return read_drive(folder), read_transform(folder)
 

@@ -1,4 +1,4 @@
-"""Stated standard errors beside those of a bootstrap: over frames, or for a single frame over parts of its picture.
+"""Stated standard errors beside those of a bootstrap: over frames, or for a single frame over parts of its image.
 
     python tests/benchmarks/bootstrap.py --pool DIR [--seeds 6] [--resamples 40]
 
@@ -26,7 +26,7 @@ CONFIG = PolishConfig()
 
 
 def resampled(observations: Observations, rng: np.random.Generator) -> Observations:
-    """Frames drawn with replacement; of one frame, half of the squares of its picture."""
+    """Frames drawn with replacement; of one frame, half of the squares of its image."""
     num_frames = observations.num_frames
     if num_frames > 1:
         return observations.of_frames(rng.integers(num_frames, size=num_frames).tolist())

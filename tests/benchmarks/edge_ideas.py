@@ -1,9 +1,9 @@
-"""Compare what edges of sweeps and of pictures may be, on real drives and a synthetic one, by where their tops lie.
+"""Compare what edges of sweeps and of images may be, on real drives and a synthetic one, by where their tops lie.
 
     python tests/benchmarks/edge_ideas.py ../shared/data -o docs/pictures/edge_ideas.png
 
 The table tells for each idea how far the top near the published pose lies from it, by how many standard errors the
-highest other top is behind, and how many of some single ascents come back. The picture shows the mutual information
+highest other top is behind, and how many of some single ascents come back. The image shows the mutual information
 along six axes through the published pose, over its range.
 """
 
@@ -47,7 +47,7 @@ QUARTER_TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 def with_points(
     seen: Observations, classes_of: Callable[[int, LabelledCloud], np.ndarray], names: list[str]
 ) -> Observations:
-    """The same pictures with other classes of points."""
+    """The same images with other classes of points."""
     clouds = [each.with_classes(classes_of(index, each)) for index, each in enumerate(seen.clouds)]
     return replace(seen.with_clouds(clouds), point_class_names=names)
 
@@ -88,7 +88,7 @@ def between_rings(drive: Drive) -> Observations:
 
 
 def distance_to_edge(drive: Drive) -> Observations:
-    """The cue beside distances to the next edge of the picture (Levinson and Thrun, 2013) instead of gradients."""
+    """The cue beside distances to the next edge of the image (Levinson and Thrun, 2013) instead of gradients."""
 
     def levels_of(grey: np.ndarray) -> np.ndarray:
         gradient = _gradient(grey, (0,))

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/import_bag.py -o DIR [--gigabytes 5] [--rounds 3] [--only mcap]
 
-Writes recordings of 84 MB a second into DIR: sweeps of 131,072 points ten times a second, and raw pictures of 1280 x
+Writes recordings of 84 MB a second into DIR: sweeps of 131,072 points ten times a second, and raw images of 1280 x
 720 pixels twenty times a second. Both ways start with an empty page cache, where the system allows that; "of reading"
 is the time to read all bytes divided by that of the import, whole process and all, in pairs one after another. Medians.
 Needs the extra `bag`, and `mcap`.
@@ -49,7 +49,7 @@ def write(folder: Path, kind: str, num_bytes: float, num_points: int, width: int
         while written < num_bytes or index < 4:
             stamp = START_NS + index * NS // 20
             bag.write("/camera/camera_info", bag.camera_info(camera, stamp), stamp)
-            # A block of its own brightness wanders through the noise, so that pictures differ.
+            # A block of its own brightness wanders through the noise, so that images differ.
             base[:, (index * 8) % width : (index * 8) % width + 8] = index % 256
             bag.write("/camera/image_raw", bag.image(base, "bgr8", stamp), stamp + NS // 100)
             written += base.nbytes

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/knocked_drive.py -o docs/pictures/knocked.png
 
-Prints what the calibration says of the knock, and the truth. It is the picture of `semcal report`, by matplotlib.
+Prints what the calibration says of the knock, and the truth. It is the image of `semcal report`, by matplotlib.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Makes the pictures of the README and of the docs: the terminal, and every page on a desk and on a telephone.
+"""Makes the images of the README and of the docs: the terminal, and every page on a desk and on a telephone.
 
     python tests/benchmarks/pictures.py -o docs/pictures
 
-Needs chromium and chromedriver. With --program it pictures another version of semcal; what that one cannot do is left
+Needs chromium and chromedriver. With --program it images another version of semcal; what that one cannot do is left
 out.
 """
 
@@ -30,19 +30,19 @@ from semcal_cli.geometry.twists import displaced
 DESK, PHONE, TERMINAL = (1400, 900), (390, 844), (820, 600)
 QUALITY = 70
 WIDEST = 1000
-"""Columns of a picture in the docs."""
+"""Columns of an image in the docs."""
 OFF_DEG, OFF_M = 0.6, 0.01
 
 
 class Pictures:
-    """Runs the commands in a folder, and pictures what they print and write."""
+    """Runs the commands in a folder, and images what they print and write."""
 
     def __init__(self, output: Path, work: Path, program: str, suffix: str, chrome: webdriver.Chrome) -> None:
         self.output, self.work, self.program, self.suffix = output, work, program, suffix
         self.chrome, self.made = chrome, list[str]()
 
     def make(self, frames: int, width: int) -> None:
-        """Make all pictures."""
+        """Make all images."""
         self.run("demo", "demo")
         self.keep("overlay", cv2.imread(str(self.work / "demo" / "overlay.png")))
         size = ["--frames", str(frames), "--width", str(width), "--height", str(width * 9 // 16)]
@@ -62,7 +62,7 @@ class Pictures:
         self.view("stored.yaml")
 
     def make_real(self, real: Path) -> None:
-        """Picture the calibration of a real drive."""
+        """Image the calibration of a real drive."""
         self.made.append(f"printed: {self.run('demo', 'kitti', '--real', str(real.resolve()))}")
         self.keep("kitti", cv2.imread(str(self.work / "kitti" / "overlay.png")))
         self.page("kitti_report", self.work / "kitti" / "report.html")
@@ -84,7 +84,7 @@ class Pictures:
         return done.stdout
 
     def view(self, start: str) -> None:
-        """Picture the page on which points are moved by hand."""
+        """Image the page on which points are moved by hand."""
         command = [self.program, "view", "drive", start]
         asked = {"cwd": self.work, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, text=True, **asked) as served:
@@ -95,13 +95,13 @@ class Pictures:
             served.kill()
 
     def page(self, name: str, path: Path) -> None:
-        """Picture a page, if there is one, on a desk and on a telephone."""
+        """Image a page, if there is one, on a desk and on a telephone."""
         if path.exists():
             self.shoot(name, path.resolve().as_uri(), DESK)
             self.shoot(f"{name}_phone", path.resolve().as_uri(), PHONE)
 
     def terminal(self, name: str, command: str, printed: str) -> None:
-        """Picture what a command prints."""
+        """Image what a command prints."""
         from rich.console import Console
         from rich.text import Text
 
@@ -112,17 +112,17 @@ class Pictures:
         self.shoot(name, path.resolve().as_uri(), TERMINAL)
 
     def shoot(self, name: str, address: str, size: tuple[int, int]) -> None:
-        """Picture an address as a window of this size shows it."""
+        """Image an address as a window of this size shows it."""
         width, height = size
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
         self.chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         self.chrome.get(address)
-        time.sleep(1.0)  # points are drawn when their picture is in sight
+        time.sleep(1.0)  # points are drawn when their image is in sight
         taken = np.frombuffer(self.chrome.get_screenshot_as_png(), np.uint8)
         self.keep(name, cv2.imdecode(taken, cv2.IMREAD_COLOR))
 
     def keep(self, name: str, image: np.ndarray) -> None:
-        """Write a picture, no wider than needed."""
+        """Write an image, no wider than needed."""
         if image.shape[1] > WIDEST:
             high = round(image.shape[0] * WIDEST / image.shape[1])
             image = cv2.resize(image, (WIDEST, high), interpolation=cv2.INTER_AREA)
@@ -151,14 +151,14 @@ def browser() -> Iterator[webdriver.Chrome]:
 def main(
     *,
     output: Path,
-    work: Path = Path("semcal_pictures"),
+    work: Path = Path("semcal_images"),
     program: str = "semcal",
     suffix: str = "",
     frames: int = 8,
     width: int = 1280,
     real: Path | None = None,
 ) -> Iterator[str]:
-    """Make the pictures, whose names get a suffix; what is pictured is kept in the folder `work`.
+    """Make the images, whose names get a suffix; what is pictured is kept in the folder `work`.
 
     With --real, a folder of KITTI object, only those of its drive are made.
     """

@@ -108,7 +108,7 @@ class Mine:
 
 
 class Scene:
-    """One-hot maps of all pictures, and the labelled points of all sweeps."""
+    """One-hot maps of all images, and the labelled points of all sweeps."""
 
     def __init__(self, observations: Observations) -> None:
         self.camera = observations.camera
@@ -135,7 +135,7 @@ class Scene:
         return pose
 
     def ascend(self, factor: int, pose: Tensor, estimator: Estimator, warm_up: int) -> Tensor:
-        """Ascend on the maps of blocks of `factor` pixels, with the points that are in the picture at the start."""
+        """Ascend on the maps of blocks of `factor` pixels, with the points that are in the image at the start."""
         level, schedule = functional.avg_pool2d(self.maps, factor), estimator.schedule
         p_camera = self.points @ pose[:3, :3].T + pose[:3, 3]
         pixels, holds = self.projection(p_camera)

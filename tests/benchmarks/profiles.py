@@ -1,4 +1,4 @@
-"""Profiles of scores along the camera's six axes through a pose, and their picture."""
+"""Profiles of scores along the camera's six axes through a pose, and their image."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def draw_profiles(
 
     Args:
         curves: Profiles along all axes, by drive and by the label of the curve.
-        path: File of the picture.
+        path: File of the image.
         head: Height of the legend in inches.
         linewidth: Width of the curves in points.
     """

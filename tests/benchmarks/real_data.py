@@ -50,7 +50,7 @@ def real_drives(data: Path, folder: Path) -> Iterator[RealDrive]:
 
 def _kitti_object(source: Path, folder: Path) -> Iterator[RealDrive]:
     images = sorted((source / "image_2").glob("*.png"))
-    # Pictures of the set differ by a few pixels in size; those of one drive have one size.
+    # Images of the set differ by a few pixels in size; those of one drive have one size.
     height, width = read_image(images[0]).shape[:2]
     camera, T = kitti.calibration(source / "calib.txt", 2, width, height)
     same = [path for path in images if read_image(path).shape[:2] == (height, width)]

@@ -1,4 +1,4 @@
-"""Where real drives without labels of points end, as a Markdown table: a row for each drive and cue.
+"""Where real drives without point labels end, as a Markdown table: a row for each drive and cue.
 
     python tests/benchmarks/real_drives.py ../shared/data
     python tests/benchmarks/real_drives.py ../shared/data --start nothing --cue segments,edges --only KITTI

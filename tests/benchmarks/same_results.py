@@ -42,7 +42,7 @@ LENSES: dict[str, dict[str, Any]] = {
     "fov": {"distortion": [0.01]},
     "thin_prism": {"distortion": [0.01, -0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.001, 0.0, 0.001, 0.0]},
 }
-"""Lenses that `semcal synth` has not; pictures without distortion are read as if they were taken through these."""
+"""Lenses that `semcal synth` has not; images without distortion are read as if they were taken through these."""
 SPEED_M_S = np.array([9.0, 0.5, -0.2])
 VOLATILE_KEYS = ("seconds", "mtime_ns", "size")
 """Times, and the sizes of files in the records of a batch."""

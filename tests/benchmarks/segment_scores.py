@@ -1,9 +1,9 @@
-"""Compare scores of segments and picture labels on real drives, along six axes through the published pose.
+"""Compare scores of segments and image labels on real drives, along six axes through the published pose.
 
     python tests/benchmarks/segment_scores.py ../shared/data -o docs/pictures/segment_scores.png
 
 Three scores: mutual information; the uncertainty coefficient, which is that over the entropy of the labels under the
-points; and the adjusted mutual information, which `--cue segments` maximises. The picture shows each less its value at
+points; and the adjusted mutual information, which `--cue segments` maximises. The image shows each less its value at
 the published pose, over its own range. The table says where each is largest.
 """
 

@@ -4,7 +4,7 @@ python tests/benchmarks/transformers_labels.py [--width 1024] [--only NAME]
 
 Needs transformers, torchvision, timm and onnxscript. Each network is tiny and has random weights, so that nothing is
 downloaded, and many borders between classes. It is exported by torch.onnx with transformers' own files beside it; one
-picture of a synthetic street is labelled by transformers (its processor, the network in PyTorch, its post-processing)
+image of a synthetic street is labelled by transformers (its processor, the network in PyTorch, its post-processing)
 and by semcal (the ONNX file and these files). Prints Markdown: the share of pixels with the same label, of all and of
 those beside no border, the classes that are seen, and why a network cannot be compared.
 """
@@ -29,9 +29,9 @@ from benchmark import script, street, table
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.reading import read_needed_image
+from semcal_cli.labelling.images import ImageLabeller
 from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import open_network
-from semcal_cli.labelling.pictures import PictureLabeller
 
 SEED = 7
 GAIN, SPREAD = 1.4, 4.0
@@ -67,7 +67,7 @@ OUTPUTS = ("class_queries_logits", "masks_queries_logits")
 """Outputs of networks of queries; the others have `logits`."""
 
 Network = tuple[Any, Any]
-"""A network of transformers, and its processor of pictures."""
+"""A network of transformers, and its processor of images."""
 
 
 def segformer() -> Network:
@@ -111,7 +111,7 @@ def mobilevit() -> Network:
         num_attention_heads=4,
         id2label=LABELS,
     )
-    # Its crop of the middle is left out: semcal labels whole pictures.
+    # Its crop of the middle is left out: semcal labels whole images.
     processor = transformers.MobileViTImageProcessorPil(size={"shortest_edge": 288}, do_center_crop=False)
     return transformers.MobileViTForSemanticSegmentation(config), processor
 
@@ -182,7 +182,7 @@ def eomt_dinov3() -> Network:
 
 
 def windows() -> Any:
-    """The processor of EoMT for semantic segmentation, which cuts a picture into squares."""
+    """The processor of EoMT for semantic segmentation, which cuts an image into squares."""
     size = {"shortest_edge": 288, "longest_edge": None}
     return transformers.EomtImageProcessorPil(size=size, do_split_image=True, do_pad=False)
 
@@ -289,7 +289,7 @@ def compared(name: str, make: Callable[[], Network], picture: np.ndarray, folder
 
 
 def theirs(outputs: Outputs, processor: Any, inputs: Any, size: tuple[int, int]) -> np.ndarray:
-    """Label a picture of rows and columns by transformers; gives classes (H, W)."""
+    """Label an image of rows and columns by transformers; gives classes (H, W)."""
     found = outputs(inputs["pixel_values"], TASK)
     fields = SimpleNamespace(**dict(zip(outputs.names, found, strict=True)))
     fields.patch_offsets = inputs.get("patch_offsets")
@@ -319,11 +319,11 @@ def export(outputs: Outputs, processor: Any, pixels: torch.Tensor, folder: Path)
 
 
 def ours(path: Path, picture: np.ndarray) -> np.ndarray:
-    """Label a picture by semcal."""
+    """Label an image by semcal."""
     height, width = picture.shape[:2]
     K = ((1.0 * width, 0.0, width / 2.0), (0.0, 1.0 * width, height / 2.0), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
-    return PictureLabeller(picture_model(open_network(path), None), camera).ids(picture)
+    return ImageLabeller(picture_model(open_network(path), None), camera).ids(picture)
 
 
 if __name__ == "__main__":

@@ -41,15 +41,15 @@ Figures = dict[str, float]
 HIDDEN_EXACTLY = "- of these hidden from the camera, by ray casting"
 ROWS = {
     "classes in view": ".0f",
-    "classes in the picture": ".0f",
-    f"classes with {MIN_POINTS} points in the picture": ".0f",
+    "classes in the image": ".0f",
+    f"classes with {MIN_POINTS} points in the image": ".0f",
     "objects in view": ".0f",
     "points": ",.0f",
-    "points in the picture": ",.0f",
+    "points in the image": ",.0f",
     HIDDEN_EXACTLY: ".1%",
     "- of these hidden from the camera, by the z-buffer": ".1%",
     "- of these of the commonest class": ".1%",
-    "share of the picture that points cover": ".1%",
+    "share of the image that points cover": ".1%",
     "MI, nats, less its bias": ".3f",
     "label agreement": ".1%",
 }
@@ -84,7 +84,7 @@ def real_frames(path: Path) -> Iterator[tuple[Figures, Figures]]:
 
 
 def describe_frame(frame: Observations, T_camera_lidar: Pose) -> tuple[Figures, Figures]:
-    """Give the figures of a frame, and each class's share of the points in the picture."""
+    """Give the figures of a frame, and each class's share of the points in the image."""
     agreement = _core.agreement(frame.core, T_camera_lidar)
     classes = frame.clouds[0].classes
     points = frame.clouds[0].points
@@ -95,13 +95,13 @@ def describe_frame(frame: Observations, T_camera_lidar: Pose) -> tuple[Figures, 
     in_view = in_picture | _names(frame.point_class_names, classes)
     figures = {
         "classes in view": len(in_view),
-        "classes in the picture": len(in_picture),
-        f"classes with {MIN_POINTS} points in the picture": np.count_nonzero(counts >= MIN_POINTS),
+        "classes in the image": len(in_picture),
+        f"classes with {MIN_POINTS} points in the image": np.count_nonzero(counts >= MIN_POINTS),
         "points": len(classes),
-        "points in the picture": agreement.num_inside,
+        "points in the image": agreement.num_inside,
         "- of these hidden from the camera, by the z-buffer": agreement.num_hidden / agreement.num_inside,
         "- of these of the commonest class": counts.max() / counts.sum(),
-        "share of the picture that points cover": agreement.overlap,
+        "share of the image that points cover": agreement.overlap,
         "MI, nats, less its bias": agreement.mutual_information - agreement.bias,
         "label agreement": agreement.label_agreement,
     }
@@ -139,7 +139,7 @@ def rows(columns: Sequence[Sequence[tuple[Figures, Figures]]]) -> Iterator[tuple
         listed = ([figures[row] for figures, _ in column if row in figures] for column in columns)
         yield row, *(_cell(values, style) for values in listed)
     commonest = (_commonest([shares for _, shares in column]) for column in columns)
-    yield "points in the picture, by class", *commonest
+    yield "points in the image, by class", *commonest
 
 
 def _cell(values: list[float], style: str) -> str:

@@ -89,9 +89,7 @@ class Bag:
             self.topics = self._topics()
             counted = [topic.span for topic in self.topics if topic.span.num_messages]
             if not counted:
-                raise InputError(
-                    f"{paths[0]}: found a recording without messages, needed sweeps and pictures"
-                )
+                raise InputError(f"{paths[0]}: found a recording without messages, needed sweeps and images")
             self._stack = stack.pop_all()
         for file, storage in self._storages.items():
             if storage.damage:

@@ -47,7 +47,7 @@ def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, 
     Args:
         info: What the topic states.
         topic: Its name, for messages.
-        rectified: Whether the pictures are rectified: P counts then, and neither K nor the coefficients.
+        rectified: Whether the images are rectified: P counts then, and neither K nor the coefficients.
 
     Raises:
         InputError: the camera is not calibrated, or its lens is not known, or a value cannot be right.

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.datasets.bags.bag import Bag
+from semcal_cli.datasets.bags.images import thumbnail
 from semcal_cli.datasets.bags.messages import NS, Message, MessageError
 from semcal_cli.datasets.bags.motion import Trajectory
 from semcal_cli.datasets.bags.pairs import AFTER_NS, Pair, Pairing
-from semcal_cli.datasets.bags.pictures import thumbnail
 from semcal_cli.datasets.bags.topics import MAX_FRAMES, Request, Topics
 from semcal_cli.datasets.bags.video import Packet, Video
 from semcal_cli.drive.frame_selection import evenly_spaced, farthest_points
@@ -24,7 +24,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced, farthest_points
 CANDIDATES = 2
 """Pairs that are looked at for each frame that is kept, when scenes are to differ."""
 LEAST_TRAVELLED_M = 5.0
-"""Way of the rig from which on frames are spread along it; below, by how much their pictures differ."""
+"""Way of the rig from which on frames are spread along it; below, by how much their images differ."""
 MAX_SPREAD = 500
 """Most frames that are chosen by how much they differ; more, which would take long, are spaced evenly."""
 Looks = npt.NDArray[np.float32]
@@ -37,23 +37,23 @@ class Candidate:
     pair: Pair
     """The pair, without the bytes of its messages."""
     places: tuple[slice, slice]
-    """Where the bytes of its sweep and its picture lie."""
+    """Where the bytes of its sweep and its image lie."""
     look: Looks
-    """Thumbnail of the picture."""
+    """Thumbnail of the image."""
 
 
 class Spool:
     """Messages on disk, until it is known which are needed."""
 
     def __init__(self, file: BinaryIO, video: Video | None = None) -> None:
-        """Keep messages in a file; pictures of a video are decoded."""
+        """Keep messages in a file; images of a video are decoded."""
         self._file, self._video = file, video
 
     def put(self, pair: Pair) -> Candidate:
         """Put a pair on disk.
 
         Raises:
-            MessageError: its picture cannot be read.
+            MessageError: its image cannot be read.
         """
         if self._video is not None and isinstance(pair.picture, Packet):
             pair = pair._replace(picture=self._video.still(pair.picture))
@@ -62,7 +62,7 @@ class Spool:
         return Candidate(light, (self._append(pair.sweep.raw), self._append(pair.picture.raw)), look)
 
     def get(self, candidate: Candidate) -> tuple[Message, Message]:
-        """Read the sweep and the picture of a pair; several threads may do so."""
+        """Read the sweep and the image of a pair; several threads may do so."""
         number = self._file.fileno()
         raw = [os.pread(number, place.stop - place.start, place.start) for place in candidate.places]
         return replace(candidate.pair.sweep, raw=raw[0]), replace(candidate.pair.picture, raw=raw[1])
@@ -103,7 +103,7 @@ def read_pairs(
         bag: The recording.
         wanted_ns: The times.
         pairing: What finds the pairs.
-        watched: Function that yields the sweeps and pictures from a start to before a stop.
+        watched: Function that yields the sweeps and images from a start to before a stop.
         trajectory: What has to be read around a sweep for the poses of its points; None for nothing.
         on_place: Called with the number of times that were read, and of all.
     """
@@ -122,13 +122,13 @@ def read_pairs(
 
 
 def spooled(pairs: Iterable[Pair], spool: Spool, left_out: Counter[str]) -> list[Candidate]:
-    """Put pairs on disk; those whose picture cannot be read are counted and left out."""
+    """Put pairs on disk; those whose image cannot be read are counted and left out."""
     found = []
     for pair in pairs:
         try:
             found.append(spool.put(pair))
         except MessageError as error:
-            left_out[f"pairs: picture: {error}"] += 1
+            left_out[f"pairs: image: {error}"] += 1
     return found
 
 
@@ -149,9 +149,7 @@ def choose(
         left_out["pairs: more than --max-frames"] += len(kept) - count
         return kept[:count]
     way = None if trajectory is None else _way_m([trajectory.position(each.pair.sweep_ns) for each in kept])
-    why = (
-        "their pictures are like those of others" if way is None else "others are spread better along the way"
-    )
+    why = "their images are like those of others" if way is None else "others are spread better along the way"
     left_out[f"pairs: {why}"] += len(kept) - count
     return [kept[index] for index in _most_different([each.look for each in kept], count, way)]
 
@@ -183,12 +181,12 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
 
 
 def _most_different(looks: Sequence[Looks], count: int, way: npt.NDArray[np.float64] | None) -> list[int]:
-    """Choose `count` pairs that are far apart along the way or whose pictures differ, in ascending order.
+    """Choose `count` pairs that are far apart along the way or whose images differ, in ascending order.
 
     Args:
-        looks: Thumbnails of the pictures.
+        looks: Thumbnails of the images.
         count: How many to choose.
-        way: (N,) way to each, metres; None if it is not known. Where it is, pictures count as much as a metre at most.
+        way: (N,) way to each, metres; None if it is not known. Where it is, images count as much as a metre at most.
     """
     if count > MAX_SPREAD:
         return evenly_spaced(range(len(looks)), count)

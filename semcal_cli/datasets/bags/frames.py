@@ -1,4 +1,4 @@
-"""The files of a drive's frames: sweeps, pictures, and the poses of the LiDAR.
+"""The files of a drive's frames: sweeps, images, and the poses of the LiDAR.
 
 They are named by the topic and the stamp that they come from, and written as a whole or not at all.
 """
@@ -15,9 +15,9 @@ from urllib.parse import quote
 
 from semcal_cli.datasets.bags.candidates import Candidate, Spool
 from semcal_cli.datasets.bags.clouds import PointTimes, read_sweep
+from semcal_cli.datasets.bags.images import read_picture
 from semcal_cli.datasets.bags.messages import NS, MessageError
 from semcal_cli.datasets.bags.motion import Trajectory
-from semcal_cli.datasets.bags.pictures import read_picture
 from semcal_cli.datasets.bags.topics import Topics
 from semcal_cli.datasets.odometry import SIGMA, seconds_text
 from semcal_cli.datasets.recording import SourceFrame
@@ -40,7 +40,7 @@ class WrittenFrame(NamedTuple):
 
     @property
     def moments_ns(self) -> list[int]:
-        """The times at which poses are needed: of the picture, and of the first and the last point."""
+        """The times at which poses are needed: of the image, and of the first and the last point."""
         points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp or 0.0
         return [round(each * NS) for each in (image_s, *(points_s + end_s for end_s in self.times.ends_s))]
 
@@ -125,19 +125,19 @@ def _write_frame(
     candidate: Candidate, spool: Spool, camera: dict[str, Any], topics: Topics, folder: Path
 ) -> WrittenFrame:
     pair = candidate.pair
-    sweep_message, picture_message = spool.get(candidate)
+    sweep_message, image_message = spool.get(candidate)
     sweep = read_sweep(sweep_message, pair.sweep_ns)
-    picture = read_picture(picture_message)
+    picture = read_picture(image_message)
     needed = camera["width"], camera["height"]
     if picture.size != needed:
         found, states = ("{} x {}".format(*size) for size in (picture.size, needed))
-        raise MessageError(f"found a picture of {found} pixels, needed {states}, as its camera states")
+        raise MessageError(f"found an image of {found} pixels, needed {states}, as its camera states")
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
-    image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.picture_ns)}{picture.suffix}"
+    image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.image_ns)}{picture.suffix}"
     for path, content in ((points, sweep.pcd()), (image, picture.content)):
         make_folder(path.parent)
         write_bytes(content, path)
-    stamps = pair.sweep_ns / NS, pair.picture_ns / NS
+    stamps = pair.sweep_ns / NS, pair.image_ns / NS
     frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
     return WrittenFrame(frame, sweep.times)
 

@@ -43,7 +43,7 @@ FAR_CLOCKS_S = 1.0
 MAX_TOLD = 3
 """Most remarks about damage in an error."""
 MAX_LATCHED = 100
-"""Messages of a camera that is stated now and then; those of one that comes with each picture are more."""
+"""Messages of a camera that is stated now and then; those of one that comes with each image are more."""
 
 
 class ImportedDrive(NamedTuple):
@@ -154,7 +154,7 @@ class _Import:
             raise InputError(f"{self.path}: found a file that this import reads, needed another name")
 
     def _no_pair(self, reason: str) -> InputError:
-        return self._refusal(f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}")
+        return self._refusal(f"{self.bag.paths[0]}: found no usable pair of a sweep and an image: {reason}")
 
     def _refusal(self, found: str) -> InputError:
         """Make the error of a recording that gives no drive, with what is damaged in it."""
@@ -181,9 +181,7 @@ class _Import:
             for message in self.bag.messages([topic]):
                 self._check_same(message)
         if self.topics.is_rectified:
-            self.remarks.append(
-                f"{image.name} holds rectified pictures: P of {topic.name} counts, not K and D"
-            )
+            self.remarks.append(f"{image.name} holds rectified images: P of {topic.name} counts, not K and D")
         return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
 
     def _first_frame(self, topic: Topic) -> str:
@@ -230,7 +228,7 @@ class _Import:
             wanted,
             round(self.request.max_gap_s * NS),
             by_receipt=self.request.by_receipt,
-            picture_topic=self.topics.image,
+            image_topic=self.topics.image,
             period_ns=round(NS / rate_hz) if rate_hz else 0,
         )
         began = perf_counter()
@@ -244,7 +242,7 @@ class _Import:
         found = spooled(pairs, spool, self.left_out)
         self.left_out += pairing.left_out
         self._check_clocks(pairing, len(found))
-        looked_at = len(found) + sum(n for why, n in self.left_out.items() if not why.startswith("pictures"))
+        looked_at = len(found) + sum(n for why, n in self.left_out.items() if not why.startswith("images"))
         not_read = self.topics.points.span.num_messages - looked_at
         if not_read > 0:
             self.left_out["sweeps: lie between the times that were looked at"] += not_read
@@ -257,7 +255,7 @@ class _Import:
         return None if source is None else source.topic
 
     def _watched(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
-        """Yield sweeps and pictures; poses and cameras are looked at here."""
+        """Yield sweeps and images; poses and cameras are looked at here."""
         info = None if self.info is None else self.topics.camera_info
         poses = self._poses_topic
         topics = [topic for topic in (*self.frame_ids, info, poses) if topic is not None]
@@ -272,7 +270,7 @@ class _Import:
             elif self.trajectory is not None and message.topic == poses:
                 self.trajectory.take(message, self.request.by_receipt)
             elif (frame := _frame_of(message)) is not None and frame != needed:
-                what = "sweeps" if message.topic == self.topics.points else "pictures"
+                what = "sweeps" if message.topic == self.topics.points else "images"
                 self.left_out[f"{what}: found frame {frame!r}, needed {needed!r}"] += 1
             else:
                 yield message
@@ -290,13 +288,13 @@ class _Import:
 
     def _check_clocks(self, pairing: Pairing, count: int) -> None:
         """Notice clocks of the LiDAR and of the camera that differ, by how late messages were received."""
-        sweeps, pictures = (pairing.delays_s[is_picture] for is_picture in (False, True))
+        sweeps, pictures = (pairing.delays_s[is_image] for is_image in (False, True))
         difference_s = float(np.median(sweeps) - np.median(pictures)) if sweeps and pictures else 0.0
         names = f"{self.topics.points.name} and {self.topics.image.name}"
         apart = f"the clocks of {names} differ by {difference_s:.3f} s"
         are_apart = abs(difference_s) > FAR_CLOCKS_S
         if not count:
-            common = self.left_out.most_common(1) or [("no sweeps and pictures at the same times", 0)]
+            common = self.left_out.most_common(1) or [("no sweeps and images at the same times", 0)]
             raise self._no_pair(f"{apart}; try --stamps receive" if are_apart else common[0][0])
         if are_apart:
             self.remarks.append(f"{apart}, judged by when their messages were received")

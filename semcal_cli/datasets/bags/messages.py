@@ -20,7 +20,7 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
 VIDEOS = (VIDEO, FFMPEG)
-CLOUDS, PICTURES = (CLOUD, *LIVOX, VELODYNE), (PICTURE, COMPRESSED, *VIDEOS)
+CLOUDS, IMAGES = (CLOUD, *LIVOX, VELODYNE), (PICTURE, COMPRESSED, *VIDEOS)
 DEFINITIONS = {
     VIDEO: "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format",
     FFMPEG: "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"

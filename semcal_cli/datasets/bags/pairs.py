@@ -1,4 +1,4 @@
-"""Sweeps with the pictures nearest in time, while the recording streams by."""
+"""Sweeps with the images nearest in time, while the recording streams by."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from semcal_cli.datasets.bags.messages import NS, Message, MessageError, Topic
 from semcal_cli.datasets.bags.motion import Trajectory
 
 MAX_KEPT_BYTES = {True: 1 << 27, False: 1 << 26}
-"""Most bytes of pictures (True) and of sweeps that are kept for what may be nearest to them."""
+"""Most bytes of images (True) and of sweeps that are kept for what may be nearest to them."""
 PATIENCE_NS = NS
 """How far apart the messages of one moment may be received: drivers are slow by different times."""
 BEFORE_NS, AFTER_NS = NS // 2, 2 * NS
-"""What is read before and after a wanted time: pictures before the first sweep, and sweeps until one has a picture."""
+"""What is read before and after a wanted time: images before the first sweep, and sweeps until one has an image."""
 MARGIN_NS = NS // 20
-"""What is read before the pictures that were as late as any so far."""
+"""What is read before the images that were as late as any so far."""
 CLOSE = 0.4
-"""Gap, as a share of the time from sweep to sweep, below which no other sweep can be nearer to a picture."""
+"""Gap, as a share of the time from sweep to sweep, below which no other sweep can be nearer to an image."""
 LEARNED = 5
-"""Number of pairs from which on it is known how late pictures are."""
+"""Number of pairs from which on it is known how late images are."""
 
 
 class Pair(NamedTuple):
-    """A sweep and the picture nearest in time."""
+    """A sweep and the image nearest in time."""
 
     sweep: Message
     picture: Message
     sweep_ns: int
     """Stamp of the sweep."""
-    picture_ns: int
-    """Stamp of the picture."""
+    image_ns: int
+    """Stamp of the image."""
 
 
 class _Stamped(NamedTuple):
@@ -66,10 +66,10 @@ class _Recent:
 
 
 class Pairing:
-    """Finds a pair soon after each wanted time: a sweep and a picture, each the nearest to the other.
+    """Finds a pair soon after each wanted time: a sweep and an image, each the nearest to the other.
 
-    The first sweep that was received at or after a wanted time is taken, or another one that is nearer to its picture;
-    if that has no picture within the largest gap, the next one, until `PATIENCE_NS` later.
+    The first sweep that was received at or after a wanted time is taken, or another one that is nearer to its image;
+    if that has no image within the largest gap, the next one, until `PATIENCE_NS` later.
     """
 
     def __init__(
@@ -78,13 +78,13 @@ class Pairing:
         max_gap_ns: int,
         *,
         by_receipt: bool,
-        picture_topic: Topic,
+        image_topic: Topic,
         period_ns: int = 0,
     ) -> None:
         self._wanted = deque(wanted_ns)
         self._max_gap_ns = max_gap_ns
         self._by_receipt = by_receipt
-        self._picture_topic = picture_topic
+        self._image_topic = image_topic
         self._period_ns = period_ns
         self._sweeps, self._pictures = _Recent(MAX_KEPT_BYTES[False]), _Recent(MAX_KEPT_BYTES[True])
         self._waiting: deque[_Stamped] = deque()
@@ -97,13 +97,13 @@ class Pairing:
         self.delay_ns = 0
         """Longest time between the stamp and the receipt of a sweep so far, of those within `PATIENCE_NS`."""
         self.left_out: Counter[str] = Counter()
-        """Number of sweeps and pictures that were looked at and left out, by the reason."""
+        """Number of sweeps and images that were looked at and left out, by the reason."""
         self.delays_s: dict[bool, list[float]] = {False: [], True: []}
-        """Times between stamp and receipt, of sweeps and of pictures (True)."""
+        """Times between stamp and receipt, of sweeps and of images (True)."""
 
     @property
     def before_ns(self) -> int:
-        """What has to be read before a wanted time, so that the pictures of its sweep are there."""
+        """What has to be read before a wanted time, so that the images of its sweep are there."""
         return BEFORE_NS if self._num_leads < LEARNED else self._lead_ns + MARGIN_NS
 
     def is_wanted(self, time_ns: int) -> bool:
@@ -119,25 +119,25 @@ class Pairing:
         """Yield the pairs of a stretch of the recording, in order.
 
         Args:
-            messages: The sweeps and pictures of the stretch, which follows those before.
+            messages: The sweeps and images of the stretch, which follows those before.
             goal_ns: The wanted time for which the stretch is read, until there is a pair; None reads all.
             trajectory: What tells how long to read on for poses after its sweep; None if none are wanted.
         """
         for message in messages:
-            is_picture = message.topic == self._picture_topic
+            is_image = message.topic == self._image_topic
             self.read_ns = message.received_ns + 1
             try:
                 stamp_ns = self.stamp_ns(message)
             except MessageError as error:
-                self.left_out[f"{'pictures' if is_picture else 'sweeps'}: {error}"] += 1
+                self.left_out[f"{'images' if is_image else 'sweeps'}: {error}"] += 1
                 continue
             delay_ns = message.received_ns - stamp_ns
-            self.delays_s[is_picture].append(delay_ns / NS)
-            if not is_picture and delay_ns <= PATIENCE_NS:
+            self.delays_s[is_image].append(delay_ns / NS)
+            if not is_image and delay_ns <= PATIENCE_NS:
                 self.delay_ns = max(self.delay_ns, delay_ns)
             new = _Stamped(stamp_ns, message)
-            (self._pictures if is_picture else self._sweeps).add(new)
-            if not is_picture and self._takes(message.received_ns):
+            (self._pictures if is_image else self._sweeps).add(new)
+            if not is_image and self._takes(message.received_ns):
                 self._waiting.append(new)
                 self._last_ns = message.received_ns
             yield from self._settled(message)
@@ -181,7 +181,7 @@ class Pairing:
             if not is_late and not self._pictures.reaches(first.stamp_ns + min(gap_ns, self._max_gap_ns)):
                 return
             if picture is None or gap_ns > self._max_gap_ns:
-                self.left_out[f"sweeps: no picture within {self._max_gap_ns / NS:g} s"] += 1
+                self.left_out[f"sweeps: no image within {self._max_gap_ns / NS:g} s"] += 1
                 self._retry_until_ns = first.message.received_ns + PATIENCE_NS
                 self._waiting.popleft()
                 continue
@@ -194,7 +194,7 @@ class Pairing:
                     continue
             self._waiting.popleft()
             if picture.stamp_ns in self._used:
-                self.left_out["sweeps: their nearest picture is nearer to another sweep"] += 1
+                self.left_out["sweeps: their nearest image is nearer to another sweep"] += 1
                 continue
             self._used.add(picture.stamp_ns)
             self._num_leads += 1

@@ -10,9 +10,9 @@ from semcal_cli.datasets.bags.bag import Bag
 from semcal_cli.datasets.bags.messages import (
     CAMERA_INFO,
     CLOUDS,
+    IMAGES,
     ODOMETRY,
     OUSTER,
-    PICTURES,
     POSE,
     TRANSFORMS,
     VELODYNE,
@@ -23,11 +23,11 @@ from semcal_cli.datasets.bags.transforms import TF_STATIC
 from semcal_cli.errors import InputError, check_installed, listed
 
 RECTIFIED = "image_rect"
-"""Start of the name of a topic with rectified pictures (image_proc)."""
+"""Start of the name of a topic with rectified images (image_proc)."""
 MAX_FRAMES = 70
 """Frames that are kept if nothing else is asked for."""
 MAX_GAP_S = 0.05
-"""Largest time between a sweep and its picture if nothing else is asked for."""
+"""Largest time between a sweep and its image if nothing else is asked for."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Request:
     points: str | None = None
     """Topic of the sweeps; None for the only one."""
     image: str | None = None
-    """Topic of the pictures; None for the only one."""
+    """Topic of the images; None for the only one."""
     camera_info: str | None = None
-    """Topic of the intrinsics; None for the one beside the pictures, or the only one."""
+    """Topic of the intrinsics; None for the one beside the images, or the only one."""
     intrinsics: Path | None = None
     """File of the intrinsics, instead of a topic."""
     max_frames: int | None = None
@@ -51,7 +51,7 @@ class Request:
     by_receipt: bool = False
     """Whether times are those at which messages were received, and not those of their headers."""
     max_gap_s: float = MAX_GAP_S
-    """Largest time between a sweep and its picture, seconds."""
+    """Largest time between a sweep and its image, seconds."""
     motion: str | None = None
     """Topic of the motion; `none` for none, None for the only one."""
     motion_frame: str | None = None
@@ -67,17 +67,17 @@ class Topics:
     points: Topic
     """The sweeps."""
     image: Topic
-    """The pictures."""
+    """The images."""
     camera_info: Topic | None
     """The intrinsics; None if a file holds them."""
     is_beside: bool = True
-    """Whether the intrinsics are those that lie beside the pictures, or that the user names."""
+    """Whether the intrinsics are those that lie beside the images, or that the user names."""
     again: tuple[Topic, ...] = ()
-    """Topics that nobody named, and that hold the same sweeps or pictures in another encoding; see `_others_of`."""
+    """Topics that nobody named, and that hold the same sweeps or images in another encoding; see `_others_of`."""
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the pictures are rectified, by the name of their topic."""
+        """Whether the images are rectified, by the name of their topic."""
         parts = self.image.name.split("/")
         return self.camera_info is not None and any(part.startswith(RECTIFIED) for part in parts)
 
@@ -100,7 +100,7 @@ REPLAY_OUSTER = (
 )
 USES = {
     "sweeps": CLOUDS,
-    "pictures": PICTURES,
+    "images": IMAGES,
     "intrinsics": (CAMERA_INFO,),
     "motion": (ODOMETRY, POSE, *TRANSFORMS),
 }
@@ -118,12 +118,12 @@ def choose_topics(bag: Bag, request: Request) -> Topics:
     )
     if points.is_a([VELODYNE]):
         check_installed(points.name, "velodyne_decoder", "velodyne")
-    image = _choose(bag, PICTURES, request.image, "--image", "pictures (Image, CompressedImage, video)")
+    image = _choose(bag, IMAGES, request.image, "--image", "images (Image, CompressedImage, video)")
     if image.is_a(VIDEOS):
         check_installed(image.name, "av", "bag")
     again = (
         *(_others_of(bag.of_types(CLOUDS), points) if request.points is None else ()),
-        *(_others_of(bag.of_types(PICTURES), image) if request.image is None else ()),
+        *(_others_of(bag.of_types(IMAGES), image) if request.image is None else ()),
     )
     if request.intrinsics is not None:
         return Topics(points, image, None, again=again)
@@ -166,7 +166,7 @@ def _others_of(known: Sequence[Topic], topic: Topic) -> list[Topic]:
 
 
 def _info_beside(bag: Bag, image: Topic) -> Topic | None:
-    """Find the camera_info beside image_raw, whose compressed pictures are a level deeper (image_transport)."""
+    """Find the camera_info beside image_raw, whose compressed images are a level deeper (image_transport)."""
     folder = Path(image.name).parent
     names = [f"{str(each).rstrip('/')}/camera_info" for each in (folder, folder.parent)]
     known = {topic.name: topic for topic in bag.of_types([CAMERA_INFO])}

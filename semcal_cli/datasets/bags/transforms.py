@@ -73,8 +73,8 @@ def reference(
     Args:
         tree: The fixed transforms.
         lidar: Frame of the sweeps.
-        optical: Frame of the pictures.
-        rectification: R (9) and P (12), by rows, of the camera whose pictures are rectified; None if they are raw.
+        optical: Frame of the images.
+        rectification: R (9) and P (12), by rows, of the camera whose images are rectified; None if they are raw.
 
     Returns:
         The transform, if there is one, and sentences about it.
@@ -88,7 +88,7 @@ def reference(
         told.append(f"{TF_STATIC} states several transforms of {edges}: the last counts")
     T = tree.reached(optical).get(lidar)
     if lidar == optical:
-        why_not = f": sweeps and pictures both say that they are in frame {lidar!r}"
+        why_not = f": sweeps and images both say that they are in frame {lidar!r}"
     elif T is not None and tree.contradictory:
         why_not = f": fixed transforms contradict one another at {listed(sorted(tree.contradictory))}"
     elif T is None or not lidar:

@@ -1,4 +1,4 @@
-"""Pictures of a video stream, decoded by PyAV from the key frame before them."""
+"""Images of a video stream, decoded by PyAV from the key frame before them."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.datasets.bags.bag import Bag
+from semcal_cli.datasets.bags.images import PNG_SPEED
 from semcal_cli.datasets.bags.messages import COMPRESSED, FFMPEG, NS, Message, MessageError, Topic
-from semcal_cli.datasets.bags.pictures import PNG_SPEED
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -88,7 +88,7 @@ class Still(Message):
 
     @property
     def content(self) -> Any:
-        """The picture with the fields of a CompressedImage."""
+        """The image with the fields of a CompressedImage."""
         return SimpleNamespace(format="png", data=np.frombuffer(self.raw, np.uint8))
 
 

@@ -1,6 +1,6 @@
-"""The edges cue: steps along the scans of sweeps against gradients of the pictures. No labels are needed.
+"""The edges cue: steps along the scans of sweeps against gradients of the images. No labels are needed.
 
-A LiDAR scans along its turn. Where the range steps, the nearer surface ends there, and the picture changes from left to
+A LiDAR scans along its turn. Where the range steps, the nearer surface ends there, and the image changes from left to
 right; where the intensity steps, the material changes. Levinson and Thrun, *Automatic Online Calibration of Cameras and
 Lasers* (RSS 2013), multiply the two; here levels of steps and levels of gradients are classes, whose mutual information
 weighs them by what the data say. Edges between rings are left out: they are half a ring off, which is 0.2 degrees.
@@ -42,7 +42,7 @@ LEAST_GRADIENT = 2.0
 
 @dataclass(frozen=True)
 class EdgesConfig:
-    """How steps along the scans of sweeps, and gradients of pictures, become classes."""
+    """How steps along the scans of sweeps, and gradients of images, become classes."""
 
     range_steps_m: tuple[float, ...] = (0.3, 1.0, 3.0)
     """Least steps in range of the levels, metres."""
@@ -55,9 +55,9 @@ class EdgesConfig:
     plain_per_edge: float = 3.0
     """Number of points without an edge that are compared for each one with an edge; more cost time and tell little."""
     num_levels: int = 8
-    """Number of equally frequent levels of the gradient of a picture."""
+    """Number of equally frequent levels of the gradient of an image."""
     blur_rays: float = 0.5
-    """Standard deviation of the blur of a picture before and after its gradient is taken, in angles between
+    """Standard deviation of the blur of an image before and after its gradient is taken, in angles between
     neighbouring rays: a step lies anywhere between two."""
     least_blur_px: float = 0.7
     """Smallest such deviation, pixels."""
@@ -77,7 +77,7 @@ def observe_edges(
 
     Raises:
         InputError: a file is missing or wrong, or a frame has no image.
-        CalibrationError: no sweep or no picture has edges.
+        CalibrationError: no sweep or no image has edges.
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
@@ -183,7 +183,7 @@ def _levels(
     strength, is_inside = gradients(camera, grey, seen, blur_px, config)
     if not is_inside.any():
         raise CalibrationError(
-            "the lens reaches no pixel far enough from its border, needed gradients of pictures"
+            "the lens reaches no pixel far enough from its border, needed gradients of images"
         )
     limits = np.quantile(strength[is_inside], np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1])
     levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(grey.shape)
@@ -193,7 +193,7 @@ def _levels(
 def gradients(
     camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
 ) -> tuple[Values, Mask]:
-    """Compute the gradients of a picture from left to right, over their mean in the surroundings.
+    """Compute the gradients of an image from left to right, over their mean in the surroundings.
 
     Args:
         camera: The camera, whose lens says how large an angle is in pixels.
@@ -207,7 +207,7 @@ def gradients(
     """
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
-    # The border of the picture is no border of the lens.
+    # The border of the image is no border of the lens.
     padded = np.pad(seen.astype(np.uint8), 1, mode="edge")
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
     strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside

@@ -1,6 +1,6 @@
-"""The segments cue: parts of sweeps, found by their geometry alone, against the labels of the pictures.
+"""The segments cue: parts of sweeps, found by their geometry alone, against the image labels.
 
-Networks that label pictures travel well between cameras; those that label sweeps are trained for one LiDAR. Mutual
+Networks that label images travel well between cameras; those that label sweeps are trained for one LiDAR. Mutual
 information asks for no names: each cell of the ground and each object of each sweep is a class of its own. What it
 tells is counted above null partitions, see `rust/observation.rs`. The initial calibration needs classes that frames
 share, and takes the two kinds of segments: ground and objects.
@@ -47,7 +47,7 @@ class SegmentationConfig:
 
 @dataclass(frozen=True)
 class SegmentsConfig:
-    """How the segments of sweeps are compared with the labels of pictures."""
+    """How the segments of sweeps are compared with the image labels."""
 
     num_turns: int = 4
     """Null partitions: the segments as if the sweep had been turned by this many equal parts of what it covers."""
@@ -65,7 +65,7 @@ SEGMENTS = SegmentsConfig()
 def observe_segments(
     drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: SegmentsConfig = SEGMENTS
 ) -> Observations:
-    """Load every frame of a drive, with segments of its sweep instead of labels of points.
+    """Load every frame of a drive, with segments of its sweep instead of point labels.
 
     Each frame needs a label image, whose isolated pixels stay as they are in raw ones.
 
@@ -74,7 +74,7 @@ def observe_segments(
 
     Raises:
         InputError: a file is missing or wrong.
-        CalibrationError: the pictures carry a single class, or the sweeps show no segments.
+        CalibrationError: the images carry a single class, or the sweeps show no segments.
     """
     images, image_class_names = read_image_classes(drive)
     clouds = read_clouds(drive, sweeps)

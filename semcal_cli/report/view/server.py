@@ -90,7 +90,7 @@ class Handler(BaseHTTPRequestHandler):
         """Print nothing."""
 
     def do_GET(self) -> None:
-        """Give the page, or a picture."""
+        """Give the page, or an image."""
         name, session = self._asked_name(), self.server.session
         if name == "":
             self._answer("text/html; charset=utf-8", lambda: page_html(session).encode())
@@ -177,7 +177,7 @@ def page_html(session: Session) -> str:
     """Make the page of a session."""
     return render_page(
         "report/view/view.html",
-        ("report/picture.js", "report/view/view.js"),
+        ("report/image.js", "report/view/view.js"),
         "report/view/view.css",
         session=session,
         axes=AXIS_NAMES,

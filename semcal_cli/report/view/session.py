@@ -29,14 +29,14 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.report.colors import coloring_of, page_colors
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import edge_picture, picture_of
+from semcal_cli.report.overlay import edge_image, picture_of
 from semcal_cli.report.points import View, frame_points, goes_together, packed
 from semcal_cli.report.words import verdict_of
 
 MAX_POINTS = 40_000
-"""Largest number of points of a picture."""
+"""Largest number of points of an image."""
 MAX_COLUMNS, QUALITY = 1920, 85
-"""Columns of a picture, and its quality as JPEG."""
+"""Columns of an image, and its quality as JPEG."""
 MAX_OFFSET = 1e4
 """Largest offset in metres or degrees."""
 MAX_TRANSLATION_M = 1e4
@@ -147,14 +147,14 @@ class Session:
         }
 
     def picture(self, frame: int, *, by_edge: bool = False) -> bytes:
-        """Encode the picture of a frame, or a drawing of its edges, as JPEG.
+        """Encode the image of a frame, or a drawing of its edges, as JPEG.
 
         Raises:
-            InputError: there is no such frame, or its picture is wrong.
+            InputError: there is no such frame, or its image is wrong.
         """
         self._check_frame(frame)
         if by_edge:
-            image = edge_picture(self.data.drive, self.data.drive.frames[frame])
+            image = edge_image(self.data.drive, self.data.drive.frames[frame])
         else:
             image, _ = picture_of(self.data.drive, self.observations, frame)
         if image.shape[1] > MAX_COLUMNS:

@@ -126,7 +126,7 @@
   }));
   for (const input of document.querySelectorAll("input[name=reach]")) input.addEventListener("change", reach);
 
-  // The mouse on the picture: what is under it follows.
+  // The mouse on the image: what is under it follows.
   let last = null;
   picture.addEventListener("pointerdown", (event) => {
     picture.setPointerCapture(event.pointerId);
@@ -163,7 +163,7 @@
     place(2, offsets[2] - 0.02 * event.deltaY);
   }, { passive: false });
 
-  // Edges of the sweep are drawn on those of the picture.
+  // Edges of the sweep are drawn on those of the image.
   function showBackground() {
     const byEdge = chosen("colors") === "edge", source = `${byEdge ? "edges" : "picture"}/${frame}`;
     if (background.getAttribute("src") !== source) background.src = source;

@@ -1,4 +1,4 @@
-"""Pictures of frames for a page, whose script draws the points on them."""
+"""Images of frames for a page, whose script draws the points on them."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ import PIL.Image
 import PIL.WebPImagePlugin
 
 from semcal_cli.report.colors import DISAGREES, Coloring, PageColors, coloring_of, first_coloring, page_colors
-from semcal_cli.report.overlay import Image, Overlays, edge_picture, picture_of
+from semcal_cli.report.overlay import Image, Overlays, edge_image, picture_of
 from semcal_cli.report.points import FramePoints, frame_points
 from semcal_cli.threads import thread_pool
 
 MAX_FRAMES = 20
-MAX_PICTURE_BYTES, MAX_POINT_BYTES = 1_600_000, 1_400_000
-"""Largest size of all pictures, and of all points, together; as base64 text they are a third longer."""
+MAX_IMAGE_BYTES, MAX_POINT_BYTES = 1_600_000, 1_400_000
+"""Largest size of all images, and of all points, together; as base64 text they are a third longer."""
 MAX_BYTES = 250_000
-"""Largest size of one picture."""
+"""Largest size of one image."""
 MAX_POINTS = 24_000
-"""Largest number of points of a picture."""
+"""Largest number of points of an image."""
 BEST_SHARES = 3
-"""Shares of the bytes that the best picture gets, which stands first and large."""
+"""Shares of the bytes that the best image gets, which stands first and large."""
 MAX_COLUMNS, MIN_COLUMNS = 1280, 64
 QUALITY, EFFORT = 60, 2
 """Settings of WebP's encoder."""
@@ -37,14 +37,14 @@ SHRINK = 0.95
 SEEN_PX = 2.0
 """Displacement below which nothing can be seen to move."""
 CELLS, WINDOW = 30, (3, 5)
-"""Cells across a picture in which disagreeing points are counted, and rows and columns of the magnified part."""
+"""Cells across an image in which disagreeing points are counted, and rows and columns of the magnified part."""
 MIN_DISAGREEING = 8
 """Least number of disagreeing points in a part that is magnified."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """The picture of one frame, with its points for the page's script."""
+    """The image of one frame, with its points for the page's script."""
 
     name: str
     """Name of the frame."""
@@ -53,7 +53,7 @@ class Picture:
     width: int
     height: int
     ground: Literal["photograph", "labels", "edges"]
-    """What it shows: the label image where a drive has no picture, and the picture's edges with those of sweeps."""
+    """What it shows: the label image where a drive has no image, and the image's edges with those of sweeps."""
     uri: str
     agreements: tuple[float | None, ...]
     """Share of the visible points that agree, by drawn pose."""
@@ -63,29 +63,29 @@ class Picture:
 
 @dataclass(frozen=True)
 class Crop:
-    """The part of a picture in which most points disagree."""
+    """The part of an image in which most points disagree."""
 
     picture: Picture
     window: tuple[float, float, float, float]
-    """Left and upper end, width and height, as shares of the picture."""
+    """Left and upper end, width and height, as shares of the image."""
     num_disagreeing: int
     num_judged: int
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Pictures of evenly spaced frames, at the poses under their captions."""
+    """Images of evenly spaced frames, at the poses under their captions."""
 
     captions: tuple[str, ...]
     """What the poses are called. If points cannot be seen to move between them, only the last one is drawn."""
     best: Picture
-    """The picture on which most points agree."""
+    """The image on which most points agree."""
     by: Coloring
     """What colours say at first."""
     others: tuple[Picture, ...]
     """All others, in the order of the drive."""
     worst: Crop | None
-    """The part of all pictures in which most points disagree; None of edges, of which many have no partner anywhere."""
+    """The part of all images in which most points disagree; None of edges, of which many have no partner anywhere."""
     moved_px: tuple[float, float] | None
     """Median and 95 % quantile of the pixels by which points move between the poses; None for one pose."""
     colors: PageColors
@@ -97,12 +97,12 @@ class Pictures:
 
     @property
     def num_frames(self) -> int:
-        """Number of pictures."""
+        """Number of images."""
         return 1 + len(self.others)
 
 
-def make_pictures(overlays: Overlays) -> Pictures:
-    """Project the points of all frames, choose the best picture, and pack all, in parallel.
+def make_images(overlays: Overlays) -> Pictures:
+    """Project the points of all frames, choose the best image, and pack all, in parallel.
 
     Args:
         overlays: Frames, at most `MAX_FRAMES`, and poses.
@@ -144,11 +144,11 @@ def _best(found: Sequence[FramePoints]) -> int:
 
 
 def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) -> Picture:
-    """Make the picture of a frame, which may take a share of the bytes of all."""
+    """Make the image of a frame, which may take a share of the bytes of all."""
     drive, observations = overlays.drive, overlays.observations
     ground: Literal["photograph", "labels", "edges"] = "edges"
     if coloring_of(observations) == "edge":
-        image = edge_picture(drive, drive.frames[frame])
+        image = edge_image(drive, drive.frames[frame])
     else:
         image, is_photograph = picture_of(drive, observations, frame)
         ground = "photograph" if is_photograph else "labels"
@@ -161,7 +161,7 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
         width=width,
         height=height,
         ground=ground,
-        uri=data_uri(image, min(MAX_BYTES, int(share * MAX_PICTURE_BYTES))),
+        uri=data_uri(image, min(MAX_BYTES, int(share * MAX_IMAGE_BYTES))),
         agreements=tuple(None if observations.has_segments else pose.agreement for pose in points.poses),
         points=points.thinned(most).packed(width, height),
     )
@@ -174,7 +174,7 @@ def _worst(found: Sequence[FramePoints], made: Sequence[Picture]) -> Crop | None
 
 
 def _crop(points: FramePoints, picture: Picture) -> Crop:
-    """Find the part of a picture in which most points disagree."""
+    """Find the part of an image in which most points disagree."""
     pose = points.poses[-1]
     size_px = picture.width / CELLS
     rows = max(WINDOW[0], math.ceil(picture.height / size_px))

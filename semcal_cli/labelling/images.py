@@ -1,4 +1,4 @@
-"""Labels of a camera's pictures from a network."""
+"""Labels of a camera's images from a network."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, about
-from semcal_cli.labelling.card import CloudCard, CompletePictureCard, PointCard
+from semcal_cli.labelling.card import CloudCard, CompleteImageCard, PointCard
 from semcal_cli.labelling.model import (
     MASKS,
     Model,
@@ -23,10 +23,10 @@ from semcal_cli.labelling.model import (
     wrong_key,
 )
 from semcal_cli.labelling.network import Network
-from semcal_cli.labelling.views import Fitting, Picture, make_views
+from semcal_cli.labelling.views import Fitting, Image, make_views
 
 SHOWN = (640, 480)
-"""Columns and rows of the picture on which a network is tried that takes any size."""
+"""Columns and rows of the image on which a network is tried that takes any size."""
 MIDDLE_GRAY = 128
 
 MAX_SHARES = 255
@@ -42,16 +42,16 @@ Scores: TypeAlias = list[npt.NDArray[np.float32]]
 """Scores of the classes in the cells of each view, (C, h, w) or (h, w, C)."""
 
 
-class PictureLabeller:
-    """Labels pictures of one camera; several threads may use it at a time."""
+class ImageLabeller:
+    """Labels images of one camera; several threads may use it at a time."""
 
     def __init__(
-        self, model: Model[CompletePictureCard], camera: Camera, *, is_rectified: bool = False
+        self, model: Model[CompleteImageCard], camera: Camera, *, is_rectified: bool = False
     ) -> None:
-        """Plan the views of the camera's pictures.
+        """Plan the views of the camera's images.
 
         Raises:
-            InputError: the pictures cannot be brought to the network's size.
+            InputError: the images cannot be brought to the network's size.
         """
         self.model, self.camera, self.is_rectified = model, camera, is_rectified
         card = model.card
@@ -67,11 +67,11 @@ class PictureLabeller:
         self._constants = {name: np.array([values]) for name, values in card.constants.items()}
         self._places_on = cache(partial(self.views.places_on, align_corners=card.align_corners))
 
-    def ids(self, picture: Picture) -> npt.NDArray[np.uint16]:
-        """Label a picture.
+    def ids(self, image: Image) -> npt.NDArray[np.uint16]:
+        """Label an image.
 
         Args:
-            picture: (H, W, 3) of the camera.
+            image: (H, W, 3) of the camera.
 
         Returns:
             (H, W) ids; `_core.NO_ID` where the network does not see.
@@ -79,7 +79,7 @@ class PictureLabeller:
         Raises:
             InputError: the network fails, or its output cannot be labels.
         """
-        outputs = self._run(picture)
+        outputs = self._run(image)
         if self.model.card.kind == "ids":
             found = self._ids_of_pixels(outputs)
         else:
@@ -88,8 +88,8 @@ class PictureLabeller:
                 found = _core.classes_of_scores(scores, self.views.views, places, are_first)
         return np.asarray(found, np.uint16).reshape(self.camera.height, self.camera.width)
 
-    def shares(self, picture: Picture) -> npt.NDArray[np.uint8]:
-        """Label a picture with the share of each class, in 1/255, as a calibration reads them.
+    def shares(self, image: Image) -> npt.NDArray[np.uint8]:
+        """Label an image with the share of each class, in 1/255, as a calibration reads them.
 
         Returns:
             (H, W, C); zeros where the network does not see.
@@ -100,7 +100,7 @@ class PictureLabeller:
         path, kind = self.model.network.path, self.model.card.kind
         if kind == "ids":
             raise InputError(f"--probabilities: found ids from {path}, needed logits or probabilities")
-        scores, places, are_first = self._scores(self._run(picture))
+        scores, places, are_first = self._scores(self._run(image))
         num_classes = scores[0].shape[0 if are_first else 2]
         if num_classes > MAX_SHARES:
             raise InputError(
@@ -120,7 +120,7 @@ class PictureLabeller:
             found = _core.shares_of_scores(scores, self.views.views, places, are_first, are_logits)
         return np.asarray(found, np.uint8).reshape(self.camera.height, self.camera.width, num_classes)
 
-    def tensor(self, view: Picture) -> npt.NDArray[Any]:
+    def tensor(self, view: Image) -> npt.NDArray[Any]:
         """Bring a view (h, w, 3) to the network's input, a batch of one."""
         card = self.model.card
         if card.color == "gray":
@@ -131,11 +131,11 @@ class PictureLabeller:
         axis = 2 if card.layout == "channels_last" else 0
         return np.stack([table[plane] for table, plane in zip(self._table, planes, strict=True)], axis)[None]
 
-    def _run(self, picture: Picture) -> list[npt.NDArray[Any]]:
-        """Run the network on each view of a picture."""
+    def _run(self, image: Image) -> list[npt.NDArray[Any]]:
+        """Run the network on each view of an image."""
         network, names = self.model.network, self.model.outputs
         outputs = [
-            network.run({network.input.name: self.tensor(draw(picture)), **self._constants}, names)
+            network.run({network.input.name: self.tensor(draw(image)), **self._constants}, names)
             for draw in self.views.draws
         ]
         if self.model.card.kind != "masks":
@@ -224,7 +224,7 @@ def joined_masks(
 
 
 def describe_model(network: Network, card: str | None) -> list[tuple[str, str]]:
-    """Describe what is understood of a network, in pairs of a word and a sentence, and try it if it is for pictures.
+    """Describe what is understood of a network, in pairs of a word and a sentence, and try it if it is for images.
 
     Arguments and errors are those of `picture_model`.
     """
@@ -237,6 +237,6 @@ def describe_model(network: Network, card: str | None) -> list[tuple[str, str]]:
     width, height = SHOWN if model.card.size is None else model.card.size
     K = ((float(width), 0.0, width / 2.0), (0.0, float(width), height / 2.0), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
-    ids = PictureLabeller(model, camera).ids(np.full((height, width, 3), MIDDLE_GRAY, np.uint8))
+    ids = ImageLabeller(model, camera).ids(np.full((height, width, 3), MIDDLE_GRAY, np.uint8))
     found = ", ".join(map(str, np.unique(ids)[:8]))
-    return [*model.describe(), ("tried", f"labels of a grey picture of {width} x {height}: ids {found}")]
+    return [*model.describe(), ("tried", f"labels of a grey image of {width} x {height}: ids {found}")]

@@ -1,8 +1,8 @@
-"""Draw a real frame before and after `--cue edges`: steps along the scan on the gradients of the picture.
+"""Draw a real frame before and after `--cue edges`: steps along the scan on the gradients of the image.
 
-    python tests/benchmarks/edges_picture.py ../shared/data -o docs/pictures/edges.webp
+    python tests/benchmarks/edges_image.py ../shared/data -o docs/pictures/edges.webp
 
-The frame is one of KITTI's jam, of which no picture is shown: only how much it changes from left to right.
+The frame is one of KITTI's jam, of which no image is shown: only how much it changes from left to right.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def draw(data: LoadedDrive, frame: int, T_camera_lidar: Pose, title: str) -> np.
 
 
 def main(data: Path, *, output: Path, frame: int = 6, seed: int = 3, max_frames: int = 70) -> Iterator[str]:
-    """Draw both panels, of one frame, into one picture."""
+    """Draw both panels, of one frame, into one image."""
     with TemporaryDirectory() as folder:
         jam = next(each for each in real_drives(data.resolve(), Path(folder)) if "jam" in each.name)
         config = CalibrationConfig(cues=("edges",), max_frames=max_frames)

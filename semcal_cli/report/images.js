@@ -1,4 +1,4 @@
-// The pictures of a page: they are drawn when they come into sight, and again when the meaning of colours changes.
+// The images of a page: they are drawn when they come into sight, and again when the meaning of colours changes.
 (() => {
   const data = JSON.parse(document.getElementById("pictures-data").textContent);
   const colors = Points.tables(data.palette);
@@ -12,13 +12,13 @@
     return unpacked.get(number);
   };
 
-  // What a picture shows: the frame, and the part of it in pixels.
+  // What an image shows: the frame, and the part of it in pixels.
   const windowOf = (picture) => {
     const { width, height, window } = picture.dataset;
     const [left, top, wide, high] = window ? window.split(" ").map(Number) : [0, 0, 1, 1];
     return [left * width, top * height, wide * width, high * height];
   };
-  // A magnified part shows the picture of its frame again.
+  // A magnified part shows the image of its frame again.
   const magnify = async (canvas, picture, [left, top, wide, high]) => {
     const image = document.querySelector(`#frame-${picture.dataset.frame} img`);
     await image.decode();

@@ -1,4 +1,4 @@
-// Points on pictures: each frame's points are packed once, and drawn by class or edge, by depth or by agreement.
+// Points on images: each frame's points are packed once, and drawn by class or edge, by depth or by agreement.
 const Points = (() => {
   const NOT_SEEN = 255, NO_PAIR = 3, HIDDEN = 2, DISAGREES = 1;
   const COLUMNS_PER_RADIUS = 640;
@@ -32,7 +32,7 @@ const Points = (() => {
     return colors[choice][points.classes[i]] || 0;  // by class or edge
   };
 
-  // Draws onto a canvas the part of the picture that `window` names: left, upper end, width and height in pixels.
+  // Draws onto a canvas the part of the image that `window` names: left, upper end, width and height in pixels.
   function draw(canvas, points, number, choice, colors, window) {
     const ratio = Math.min(devicePixelRatio || 1, 2);
     canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));

@@ -1,4 +1,4 @@
-"""Pictures of recordings as files: PNG of what is stored as pixels, and the bytes of JPEG and PNG as they are."""
+"""Images of recordings as files: PNG of what is stored as pixels, and the bytes of JPEG and PNG as they are."""
 
 from __future__ import annotations
 
@@ -60,15 +60,15 @@ ENCODINGS = {
 }
 """Encodings that are read."""
 THUMBNAIL = 32, 18
-"""Columns and rows of the thumbnails by which pictures are compared."""
+"""Columns and rows of the thumbnails by which images are compared."""
 SAMPLED_ROWS = 180
-"""Rows and columns at least that a thumbnail is made of, where a picture has more."""
+"""Rows and columns at least that a thumbnail is made of, where an image has more."""
 PNG_SPEED = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 """Little compression: files are a fifth larger, and written four times as fast."""
 
 
 class Picture(NamedTuple):
-    """A picture as a file."""
+    """An image as a file."""
 
     content: bytes
     """Bytes of the file."""
@@ -79,7 +79,7 @@ class Picture(NamedTuple):
 
 
 def read_picture(message: Message) -> Picture:
-    """Make the file of a picture: PNG of an Image, and the bytes of a CompressedImage as they are.
+    """Make the file of an image: PNG of an Image, and the bytes of a CompressedImage as they are.
 
     Raises:
         MessageError: the message is damaged, or has an encoding that is not read.
@@ -92,10 +92,10 @@ def read_picture(message: Message) -> Picture:
 
 
 def thumbnail(message: Message) -> npt.NDArray[np.float32]:
-    """Make a small grey picture (h * w,), from 0 to 1, to compare scenes by.
+    """Make a small grey image (h * w,), from 0 to 1, to compare scenes by.
 
     Raises:
-        MessageError: as `read_picture`, or the picture cannot be decoded.
+        MessageError: as `read_picture`, or the image cannot be decoded.
     """
     if message.is_a(COMPRESSED):
         _compressed(message)
@@ -120,7 +120,7 @@ def _compressed(message: Message) -> Picture:
     if suffix is None or kind == "compressedDepth":
         raise MessageError(f"found {len(content):,} bytes of format {kind!r}, needed a JPEG or a PNG")
     try:
-        size = stated_size(Path("picture"), BytesIO(content))
+        size = stated_size(Path("image"), BytesIO(content))
     except InputError:
         raise MessageError(f"found {len(content):,} bytes of a damaged {suffix[1:].upper()}") from None
     _check_size(*size)
@@ -158,7 +158,7 @@ def _pixels(message: Message) -> Pixels:
 
 def _check_size(width: int, height: int) -> None:
     if width * height == 0:
-        raise MessageError(f"found a picture of {width} x {height} pixels")
+        raise MessageError(f"found an image of {width} x {height} pixels")
     if width * height > MAX_PIXELS:
         raise MessageError(f"found {width:,} x {height:,} pixels, needed at most {MAX_PIXELS:,}")
 
@@ -169,5 +169,5 @@ def _decoded(decode: Callable[[], Any]) -> Any:
     except cv2.error:
         found = None
     if found is None:
-        raise MessageError("found a damaged picture")
+        raise MessageError("found a damaged image")
     return found

@@ -1,10 +1,10 @@
-"""From pictures and sweeps alone: trains a small network, labels drives that it has not seen, and calibrates them.
+"""From images and sweeps alone: trains a small network, labels drives that it has not seen, and calibrates them.
 
-python tests/benchmarks/labels_from_pictures.py -o DIR [--seconds 120] [--drives 4] [--frames 20] [--width 1280]
+python tests/benchmarks/labels_from_images.py -o DIR [--seconds 120] [--drives 4] [--frames 20] [--width 1280]
 
 The network learns from synthetic streets of other seeds, is written as an ONNX file with its card, and `semcal label`
-labels the pictures of each drive. Prints Markdown: how many pixels have the right label, how far each calibration ends
-from the truth, by segments and by labels of points, from nothing, and how long all that is done before and after a
+labels the images of each drive. Prints Markdown: how many pixels have the right label, how far each calibration ends
+from the truth, by segments and by point labels, from nothing, and how long all that is done before and after a
 network takes beside its own time.
 """
 
@@ -34,9 +34,9 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses, pose_from_mounting
+from semcal_cli.labelling.images import ImageLabeller
 from semcal_cli.labelling.model import picture_model
 from semcal_cli.labelling.network import open_network
-from semcal_cli.labelling.pictures import PictureLabeller
 from semcal_cli.pipeline import calibrate
 
 TRAINING_SEED, DRIVE_SEED = 95_000, 96_000
@@ -51,7 +51,7 @@ ROUNDS = 5
 
 
 class Network(nn.Module):
-    """An encoder of four strides and a decoder back to the second, with scores at a quarter of the picture's size."""
+    """An encoder of four strides and a decoder back to the second, with scores at a quarter of the image's size."""
 
     def __init__(self, num_classes: int, widths: tuple[int, ...] = WIDTHS) -> None:
         super().__init__()
@@ -84,10 +84,10 @@ def block(before: int, after: int, stride: int = 1, dilation: int = 1) -> nn.Seq
 def training_frames(
     count: int, picture_size: tuple[int, int], size: tuple[int, int], class_ids: np.ndarray
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pictures (N, 3, h, w) at the network's size, and dense classes (N, H, W) at the picture's.
+    """Images (N, 3, h, w) at the network's size, and dense classes (N, H, W) at the image's.
 
     Each street is seen by a camera of its own, which looks anywhere, nearly level.
-    The pictures are shrunk as `semcal label` shrinks them.
+    The images are shrunk as `semcal label` shrinks them.
     """
     width, height = picture_size
     lookup = np.zeros(256, np.uint8)
@@ -133,7 +133,7 @@ def train(
         optimizer.step()
         steps += 1
     print(
-        f"trained {steps} steps of {BATCH} of {count} pictures in {elapsed:.0f} s, last loss {loss.item():.2f}",
+        f"trained {steps} steps of {BATCH} of {count} images in {elapsed:.0f} s, last loss {loss.item():.2f}",
         file=sys.stderr,
     )
     return network.eval()
@@ -155,7 +155,7 @@ def export(network: Network, path: Path, size: tuple[int, int], names: list[str]
     )
     torch.onnx.export(network, (picture,), str(path), **ends, opset_version=OPSET, dynamo=False)
     card = {
-        "semcal_picture_model": 1,
+        "semcal_image_model": 1,
         "color": "rgb",
         "scale": 1 / 255,
         "mean": [MEAN],
@@ -187,10 +187,10 @@ def calibrated(labelled: Path, truth: Path, cue: str) -> tuple[str, tuple[float,
 
 
 def times(name: str, model: Path, drive: Path) -> tuple[str, ...]:
-    """Row of the network's own time, and of all that is done before and after it, for a picture: medians."""
+    """Row of the network's own time, and of all that is done before and after it, for an image: medians."""
     document = read_drive(drive)
     opened = picture_model(open_network(model), None)
-    labeller = PictureLabeller(opened, document.camera)
+    labeller = ImageLabeller(opened, document.camera)
     own, whole = [], []
     picture = read_image(document.resolve(str(document.frames[0].image)))
     for _ in range(ROUNDS + 1):
@@ -240,7 +240,7 @@ def main(
             yield str(number), f"{right:.1%}", *cells
         yield "worst", "", *(f"{deg:.3f} deg, {cm:.2f} cm" for deg, cm in np.max(errors, axis=0))
 
-    yield from table("drive | right pixels | by segments | by labels of points", rows())
+    yield from table("drive | right pixels | by segments | by point labels", rows())
     yield ""
     timed = {"the one above": model, f"{LARGER} times as wide": large}
     found = (times(name, path, output / "drive_0") for name, path in timed.items())
