@@ -22,7 +22,7 @@ impl Opened {
         let check = |metadata: io::Result<std::fs::Metadata>| {
             let metadata = metadata.map_err(|e| complaint(path, e))?;
             if !metadata.is_file() {
-                let found = if metadata.is_dir() { "a folder" } else { "no regular file" };
+                let found = if metadata.is_dir() { "a folder" } else { "a special file" };
                 return Err(Error::file(path, format!("is {found}, needs a file")));
             }
             Ok(metadata.len())

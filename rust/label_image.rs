@@ -146,7 +146,7 @@ fn decode_png(
     size: (usize, usize),
     transformations: Transformations,
 ) -> Result<(png::OutputInfo, Vec<u8>)> {
-    let invalid = |e: png::DecodingError| Error::file(path, format!("is no readable PNG: {e}"));
+    let invalid = |e: png::DecodingError| Error::file(path, format!("is not a readable PNG: {e}"));
     open(path, size)?.parse(|stream| {
         let mut decoder = png::Decoder::new(stream);
         decoder.set_transformations(transformations);

@@ -53,7 +53,7 @@ pub fn read_array(file: &mut impl Read, limit: u64) -> std::result::Result<Vec<u
     let promised = data_bytes(&header).unwrap_or(u64::MAX);
     check_bytes(promised.saturating_add(start as u64), limit, "")?;
     bytes.reserve_exact(promised as usize + 1);
-    let unreadable = |e: std::io::Error| format!("is no readable array: {}", e.to_string().escape_debug());
+    let unreadable = |e: std::io::Error| format!("is not a readable array: {}", e.to_string().escape_debug());
     file.take(promised + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     check_data(&header, (bytes.len() - start) as u64)?;
     Ok(bytes)

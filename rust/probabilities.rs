@@ -31,7 +31,7 @@ pub fn read_all(paths: &[PathBuf], shape: &[usize]) -> Result<Vec<ClassShares>> 
 ///
 /// An array is read line by line, so that what a file inflates to is never held as a whole.
 pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
-    let invalid = |e: zip::result::ZipError| Error::file(path, format!("is no readable .npz: {e}"));
+    let invalid = |e: zip::result::ZipError| Error::file(path, format!("is not a readable .npz: {e}"));
     let num_items: u64 = shape.iter().map(|&n| n as u64).product();
     let limit = num_items.saturating_mul(MAX_ITEM_BYTES).saturating_add(MORE_BYTES);
     let file = Opened::open(path)?.at_most(limit, &format!(" for {num_items} items"))?;

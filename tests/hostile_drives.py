@@ -70,7 +70,7 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
     ),
     "a pipe for a file": (
         lambda d, p: d["frames"][0].update(points="points/a.bin") or os.mkfifo(p / "points/a.bin"),
-        "points/a.bin: is no regular file, needs a file",
+        "points/a.bin: is a special file, needs a file",
     ),
     "a line break in a name": (
         lambda d, p: d["frames"][0].update(points="points/a\nb.bin"),

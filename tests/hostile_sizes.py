@@ -39,7 +39,7 @@ INTENSITY = (*CALIBRATE, "--cue", "intensity")
 FEATURES = (*CALIBRATE, "--cue", "features", "--estimator", "mine")
 TOO_LARGE = "found 3,221,225,472 bytes, needed at most"
 OF_SWEEP = f"{TOO_LARGE} 640,000,000, 64 a point: see --max-points"
-NO_FILE = "is no regular file, needs a file"
+NO_FILE = "is a special file, needs a file"
 
 OF_PIXELS = "1,970,176 for 320 x 180 pixels"
 
@@ -112,17 +112,17 @@ DOCUMENTS = {
 OF_FRAMES = {
     f"a pipe for {key} {name}": Hostile(pipe_of_frame(key, name), command, error(f"drive/{name}: {line}"))
     for key, name, command, line in (
-        ("points", "a.las", CALIBRATE, "found no regular file, needed a file"),
+        ("points", "a.las", CALIBRATE, "found a special file, needed a file"),
         ("points", "a.pcd", CALIBRATE, NO_FILE),
         ("image_labels", "a.png", CALIBRATE, NO_FILE),
-        ("image", "a.png", INTENSITY, "found no regular file, needed a file"),
+        ("image", "a.png", INTENSITY, "found a special file, needed a file"),
     )
 }
 PIPES = {
     "a pipe for a drive": Hostile(
         instead("drive/drive.yaml"),
         ("inspect", "drive"),
-        error("drive/drive.yaml: found no regular file, needed a file"),
+        error("drive/drive.yaml: found a special file, needed a file"),
     ),
     **OF_FRAMES,
 }

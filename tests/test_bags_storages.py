@@ -226,7 +226,7 @@ def test_metadata_that_cannot_be_read(tmp_path: Path) -> None:
     assert "metadata.yaml: found 16,777,217 bytes, needed at most" in refused(path, tmp_path / "drive")
     metadata.unlink()
     os.mkfifo(metadata)
-    assert "metadata.yaml: found no regular file" in refused(path, tmp_path / "drive")
+    assert "metadata.yaml: found a special file" in refused(path, tmp_path / "drive")
     metadata.unlink()
     metadata.write_text("rosbag2_bagfile_information: {relative_file_paths: [gone.db3]}")
     assert "found no file 'gone.db3'" in remarks(path, tmp_path / "drive")

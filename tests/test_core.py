@@ -132,8 +132,8 @@ def png(channels: int = 1, size: tuple[int, int] = (4, 3)) -> bytes:
 HOSTILE_IMAGES = {
     "a.png: has 3 channels, needs one of class ids, or a palette: of colours in the drive": png(3),
     "a.png: is 5 x 3, the camera is 4 x 3": png(size=(5, 3)),
-    "a.png: is no readable PNG": b"GIF89a",
-    "a.png: is no readable PNG: unexpected end": png()[:40],
+    "a.png: is not a readable PNG": b"GIF89a",
+    "a.png: is not a readable PNG: unexpected end": png()[:40],
 }
 
 

@@ -20,7 +20,7 @@ def a_file(path: Path) -> None:
 NO_FOLDER, NO_FILE, NO_REGULAR = (
     "found a file, needed a folder",
     "found a folder, needed a file",
-    "found no regular file, needed a file",
+    "found a special file, needed a file",
 )
 WINDOW = f"data_3d_semantics/train/{KITTI_360_DRIVE}/static/0000000002_0000000385.ply"
 

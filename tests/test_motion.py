@@ -145,7 +145,7 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
         ({"poses": "far.txt"}, "motion: found one that moves points of .* beyond all bounds"),
         (
             {"poses": "late.txt"},
-            r"late\.txt: nothing is known of the motion at 16\d+(\.\d+)? s, needed poses",
+            r"late\.txt: the motion at 16\d+(\.\d+)? s is unknown, needed poses",
         ),
         ({"poses": "few.txt"}, r"few\.txt: found 1 poses, needed at least 2"),
         ({"poses": "twice.txt"}, r"twice\.txt: found time 1 after 1, needed times that ascend"),

@@ -152,7 +152,7 @@ impl Places<'_> {
         let num_classes = scores.first().map_or(0, |first| first.num_classes);
         let is_known = |view: &u8| *view == NO_VIEW || usize::from(*view) < scores.len();
         if scores.iter().any(|each| each.num_classes != num_classes) || !self.views.par_iter().all(is_known) {
-            return Err(Error::Input("views of an image: found other scores than views".into()));
+            return Err(Error::Input("views of an image: the scores do not match the views".into()));
         }
         Ok(num_classes.max(1))
     }

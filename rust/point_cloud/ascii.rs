@@ -128,7 +128,7 @@ impl Line<'_> {
     fn end(&mut self) -> Parsed<()> {
         match self.skip_blanks() {
             Err(_) => Ok(()),
-            Ok(()) => Err(format!("found a value too many, '{}'", shown(&self.0[..self.value_length()]))),
+            Ok(()) => Err(format!("found one value too many, '{}'", shown(&self.0[..self.value_length()]))),
         }
     }
 }
@@ -162,7 +162,7 @@ mod tests {
         assert_eq!(numbers("1 2 3", 1, &endless), Err("point 0: found too few values".into()));
         let complaints = [
             ("1\n2 3 4", "point 0: found too few values"),
-            ("1 2\n3 4 5", "point 1: found a value too many, '5'"),
+            ("1 2\n3 4 5", "point 1: found one value too many, '5'"),
             ("1 2\n\n", "holds 1 points, its header promises 2"),
             ("1 2a\n1 2", "point 0: found '2a', needs a number"),
         ];

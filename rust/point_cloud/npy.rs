@@ -35,7 +35,7 @@ fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8])
     let bytes_of = |fields: &[npyz::Field]| fields.iter().filter_map(|f| f.dtype.num_bytes()).sum();
     let columns = found.try_map(|index| {
         let DType::Plain(dtype) = &fields[index].dtype else {
-            return Err(format!("field {} is no single number", shown(names[index].as_bytes())));
+            return Err(format!("field {} is not a single number", shown(names[index].as_bytes())));
         };
         column(dtype, bytes_of(&fields[..index]), bytes_of(fields))
     })?;
@@ -184,5 +184,5 @@ impl<R: Read + Seek> Arrays<R> {
 }
 
 fn invalid(error: &dyn std::fmt::Display) -> String {
-    format!("is no readable .npz: {}", shown(error.to_string().as_bytes()))
+    format!("is not a readable .npz: {}", shown(error.to_string().as_bytes()))
 }

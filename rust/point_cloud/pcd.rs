@@ -167,7 +167,7 @@ fn parse_header(bytes: &[u8]) -> Parsed<(Header, &[u8])> {
             return Ok((lines.header(encoding)?, rest));
         }
     }
-    Err("is no PCD file: its header has no DATA line".into())
+    Err("is not a PCD file: its header has no DATA line".into())
 }
 
 impl Lines {

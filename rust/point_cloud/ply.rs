@@ -189,7 +189,7 @@ fn parse_header(bytes: &[u8]) -> Parsed<(Encoding, Vec<Element>, &[u8])> {
             _ => return Err(unknown()),
         }
     }
-    Err("is no PLY file: it has no header from 'ply' to 'end_header'".into())
+    Err("is not a PLY file: it has no header from 'ply' to 'end_header'".into())
 }
 
 fn parse_encoding(name: &[u8]) -> Option<Encoding> {

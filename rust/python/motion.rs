@@ -43,7 +43,7 @@ impl PyTrajectory {
             return Err(value_error(format!("{} points need as many times", points.len())));
         }
         let moved = detached(|| self.0.compensate(&points, times, moment))
-            .map_err(|time| value_error(format!("nothing is known of the motion at {time} s")))?;
+            .map_err(|time| value_error(format!("the motion at {time} s is unknown")))?;
         to_array2(py, &moved)
     }
 }

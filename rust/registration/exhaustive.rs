@@ -59,7 +59,7 @@ pub(super) fn search(
     let largest = candidates.iter().map(|c| c.num_cells).fold(0.0, f64::max);
     if largest == 0.0 {
         return Err(Error::Calibration(
-            "no overlap: in no direction that was searched do labelled points fall on labelled pixels".into(),
+            "no overlap: labelled points meet labelled pixels in none of the searched directions".into(),
         ));
     }
     let enough = |c: &Candidate| c.num_cells >= config.min_cells_of_most * largest;

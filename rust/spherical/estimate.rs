@@ -39,7 +39,7 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     };
     if top - bottom < MIN_ESTIMATED_CELL {
         return Err(Error::Calibration(format!(
-            "the points span {:.3} degrees of elevation, needed is a sensor that scans in two directions",
+            "the points span {:.3} degrees of elevation, needed a sensor that scans in two directions",
             (top - bottom).to_degrees()
         )));
     }

@@ -48,7 +48,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
     afterwards, because another file may have taken its name.
 
     Raises:
-        InputError: the file is missing, cannot be read, or is not a regular file.
+        InputError: the file is missing, cannot be read, or is a special file.
     """
     try:
         _check_regular(path, path.stat())
@@ -57,7 +57,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
             yield file
     except OSError as error:
         if error.errno == errno.ENXIO:
-            raise _no_file(path, "no regular file") from None
+            raise _no_file(path, "a special file") from None
         raise InputError(f"{path}: {read_reason(error)}") from None
 
 
@@ -139,7 +139,7 @@ def read_reason(error: OSError) -> str:
 
 def _check_regular(path: Path, found: os.stat_result) -> None:
     if not stat.S_ISREG(found.st_mode):
-        raise _no_file(path, "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file")
+        raise _no_file(path, "a folder" if stat.S_ISDIR(found.st_mode) else "a special file")
 
 
 def _no_file(path: Path, found: str) -> InputError:

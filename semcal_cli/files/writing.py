@@ -203,7 +203,7 @@ def locked(file: Path, run: str) -> Iterator[int]:
         Descriptor of the file, for appending to it.
 
     Raises:
-        InputError: another process holds the lock, or the file is not a regular file or cannot be written to.
+        InputError: another process holds the lock, or the file is a special file or cannot be written to.
     """
     make_folder(file.parent)
     with open_own(file) as opened:
