@@ -176,9 +176,7 @@ def test_images_without_labels_overlap_nothing(street_observations: Observations
     blank = street_observations.with_images(
         image.with_classes(np.full_like(image.classes, 255)) for image in street_observations.images
     )
-    with pytest.raises(
-        CalibrationError, match="no overlap: labelled points meet labelled pixels in none of"
-    ):
+    with pytest.raises(CalibrationError, match="no overlap: labelled points meet labelled pixels in none of"):
         from_nothing(blank)
 
 
