@@ -157,7 +157,10 @@ fn headers_that_are_none() {
         (pcd("# made", "\u{7}bell"), "header line '\\u{7}bell' is not known"),
         (pcd("HEIGHT 1", "HEIGHT 1 1"), "header line 'HEIGHT 1 1' needs one number"),
         ((Format::Pcd, vec![b'#'; 1 << 20]), "is not a PCD file: its header has no DATA line"),
-        ((Format::Ply, vec![b'p'; 1 << 20]), "is not a PLY file: it has no header from 'ply' to 'end_header'"),
+        (
+            (Format::Ply, vec![b'p'; 1 << 20]),
+            "is not a PLY file: it has no header from 'ply' to 'end_header'",
+        ),
         ((Format::Ply, b"ply\nend_header\n".to_vec()), "its header has no format"),
         ((Format::Ply, b"ply\nformat ascii 1.0\nend_header\n".to_vec()), "has no element 'vertex'"),
         ((Format::Ply, b"ply\nelement vertex -1\n".to_vec()), "header line 'element vertex -1' is not known"),
