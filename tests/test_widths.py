@@ -22,6 +22,7 @@ LINES = (
     "inspect d --frames",
     "import kitti-object tree -o k",
     "label d --points segments -o s",
+    "label --list-models",
     "convert c.yaml --to opencalib -o T.txt",
     "convert --formats",
     "export rerun d c.yaml -o c.rrd",

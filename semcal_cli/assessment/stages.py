@@ -96,7 +96,7 @@ class Stages:
             initial,
             refined,
             of_data=(*check_motion(data.observations.motion_error_px), *of_shutter),
-            notes_on_data=notes,
+            notes_on_data=(*data.notes_on_networks, *notes),
             of_comparison=of_comparison,
             max_baseline_m=max_baseline_m,
         )

@@ -175,13 +175,9 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
                     from semcal_cli.refinement.mine import check_device
 
                 check_device("cuda")
-        files = {"--init": found.init, "--image-model": _network(settings, found)}
-        if found.image_model is not None and found.image_card is not None and Path(found.image_card).exists():
-            files["--image-card"] = Path(found.image_card)
-        for name, path in files.items():
-            if path is not None:
-                named.append(path)
-                rest = [*rest, name, str(path.absolute())]  # the last value of a repeated option counts
+        for name, values in _files(settings, found).items():
+            named += [value for value in values if isinstance(value, Path)]
+            rest = [*_without(rest, name), *(word for value in values for word in (name, str(value)))]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
     return partial(
@@ -195,15 +191,38 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
     )
 
 
-def _network(settings: BatchSettings, found: CalibrateSettings) -> Path | None:
-    """Find the network, fetched once for all drives; Dask's workers, with caches of their own, fetch it themselves."""
+def _files(settings: BatchSettings, found: CalibrateSettings) -> dict[str, list[Path | str]]:
+    """List the files of each option, by absolute paths.
+
+    Networks of the hub are fetched once for all drives; Dask's workers fetch them by name, into their own caches.
+    """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.labelling.hub import find_model, is_hub_name
 
-    if found.image_model is None or (settings.dask is not None and is_hub_name(found.image_model)):
-        return None
+    files: dict[str, list[Path | str]] = {"--image-model": []}
     with Terminal(quiet=settings.quiet) as terminal:
-        return find_model(found.image_model, found.max_download_mb, terminal.on_event)
+        for name in found.image_model:
+            if settings.dask is not None and is_hub_name(name):
+                files["--image-model"].append(name)
+            else:
+                path = find_model(name, found.max_download_mb, terminal.on_event)
+                files["--image-model"].append(path.absolute())
+    if found.init is not None:
+        files["--init"] = [found.init.absolute()]
+    if found.image_model and found.image_card is not None and Path(found.image_card).exists():
+        files["--image-card"] = [Path(found.image_card).absolute()]
+    return files
+
+
+def _without(words: Sequence[str], name: str) -> list[str]:
+    """Leave out an option and its values."""
+    kept, left = [], iter(words)
+    for word in left:
+        if word == name:
+            next(left, None)
+        elif not word.startswith(f"{name}="):
+            kept.append(word)
+    return kept
 
 
 def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:

@@ -209,7 +209,7 @@ def calibrate(settings: CalibrateSettings) -> None:
         from semcal_cli.cli.rig import calibrate_rig
 
         sys.exit(calibrate_rig(rig, settings))
-    if settings.image_model is not None:
+    if settings.image_model:
         with Terminal(quiet=settings.quiet, verbose=settings.verbose) as terminal:
             drive = label_on_the_way(
                 settings.drive, settings, settings.max_frames, settings.max_points, terminal

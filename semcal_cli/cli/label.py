@@ -21,98 +21,21 @@ if TYPE_CHECKING:
     from semcal_cli.labelling.images import ImageLabeller
     from semcal_cli.labelling.sides import Side
 
-
 MOST_NETWORKS = 2
-"""Most networks that label the same images."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NetworkSettings:
-    """Options about networks that label images."""
-
-    section = "Image labels"
-    rules = [given("--image-card", "--rectify").requires("--image-model", "--show")]
-    image_card: str | None = option(
-        "What the network wants and gives: a ready card, as segformer-cityscapes, or a file; FILE.yaml beside "
-        "FILE.onnx if not given.",
-        metavar="NAME|FILE",
-    )
-    max_download_mb: int = option(
-        "Fetch at most this from the hub, in megabytes.", default=500, least=1, metavar="MB"
-    )
-    rectify: bool = option(
-        "Let the network see images without the lens's distortion, several of a fisheye's, and carry its labels "
-        "back.",
-        default=False,
-    )
-
-    def image_labeller(
-        self,
-        drive: Drive,
-        name: str,
-        terminal: Terminal,
-        device: Device = "cpu",
-        num_threads: int | None = None,
-        *,
-        card: str | None = None,
-    ) -> ImageLabeller:
-        """Open the network, and tell what had to be guessed of it.
-
-        Raises:
-            InputError: the model or the card is wrong.
-        """
-        from semcal_cli.labelling.hub import find_model
-        from semcal_cli.labelling.images import ImageLabeller
-        from semcal_cli.labelling.model import picture_model
-        from semcal_cli.labelling.network import open_network
-
-        path = find_model(name, self.max_download_mb, terminal.on_event)
-        model = picture_model(open_network(path, device, num_threads), card)
-        terminal.print(*(f"guessed: {guess}" for guess in model.guesses))
-        if model.licence is not None:
-            terminal.print(f"licence of {path.name}: {model.licence}")
-        return ImageLabeller(model, drive.camera, is_rectified=self.rectify)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImageSettings(NetworkSettings):
-    """Options about the network that labels images."""
-
-    image_model: str | None = option(
-        "Network that labels the images: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
-        "a short name, as cityscapes.",
-        metavar="FILE|NAME",
-    )
-
-
-def label_on_the_way(
-    drive: Path, images: ImageSettings, max_frames: int, max_points: int, terminal: Terminal
-) -> Path:
-    """Label evenly spaced images of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
-
-    Raises:
-        InputError: the model or the card is wrong, or an image cannot be labelled.
-    """
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.frame_selection import evenly_spaced
-    from semcal_cli.labelling.drives import label_beside
-    from semcal_cli.labelling.sides import picture_side
-
-    start, whole = perf_counter(), read_drive(drive, max_points)
-    chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
-    assert images.image_model is not None  # where it is asked for
-    labeller = images.image_labeller(chosen, images.image_model, terminal, card=images.image_card)
-    path = label_beside(chosen, picture_side(labeller), terminal.on_event)
-    did = f"{len(chosen.frames)} images by {Path(images.image_model).name}, in {path}"
-    terminal.print(f"labels   {perf_counter() - start:6.2f} s   {did}")
-    return path
+"""Largest number of networks that label the same images."""
+NAME_WIDTH = 12
+"""Columns of the short names in the table of networks."""
 
 
 def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> bool:
     if is_asked and not ctx.resilient_parsing:
-        from semcal_cli.labelling.hub import recommended_lines
+        from semcal_cli.cli.tables import wrapped
+        from semcal_cli.labelling.hub import PREFIX, RECOMMENDED
 
-        click.echo("\n".join(recommended_lines()))
+        for name, it in RECOMMENDED.items():
+            texts = (f"{it.megabytes} MB, {it.classes}", f"{PREFIX}{it.repository}", it.licence)
+            for label, text in zip((name, "", ""), texts, strict=True):
+                click.echo("\n".join(wrapped(label, text, NAME_WIDTH)))
         ctx.exit()
     return is_asked
 
@@ -130,23 +53,89 @@ def _check_png(ctx: click.Context, param: click.Parameter, path: Path | None) ->
 
 
 @dataclass(frozen=True, kw_only=True)
-class PairSettings(NetworkSettings):
-    """Options about one network or two that label images."""
+class ImageSettings:
+    """Options for the networks that label images."""
 
     section = "Image labels"
+    rules = [given("--image-card", "--rectify").requires("--image-model", "--show")]
     image_model: tuple[str, ...] = option(
-        "Network that labels the images: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] of the Hugging Face hub, or "
-        "a short name, as cityscapes. A second one, in drive_2.yaml, tells how far to believe the first.",
+        "Network that labels the images: an .onnx file, hf:OWNER/NAME[@REVISION][:FILE] on the Hugging Face hub, or "
+        "a short name such as cityscapes. Give the option twice to compare a second network with the first, whose "
+        "labels are used.",
         metavar="FILE|NAME",
         multiple=True,
         callback=_check_pair,
         default=(),
     )
+    image_card: str | None = option(
+        "Model card, which describes the input and output of the (first) network: the name of a ready card, such as "
+        "segformer-cityscapes, or a file. Without it, FILE.yaml beside FILE.onnx.",
+        metavar="NAME|FILE",
+    )
+    max_download_mb: int = option(
+        "Largest download from the hub, in megabytes.", default=500, least=1, metavar="MB"
+    )
+    rectify: bool = option(
+        "Show the network images without lens distortion (several for a fisheye), and map its labels back.",
+        default=False,
+    )
+
+    def image_labellers(
+        self, drive: Drive, terminal: Terminal, device: Device = "cpu", num_threads: int | None = None
+    ) -> list[ImageLabeller]:
+        """Open the networks, and print what was guessed about them.
+
+        Raises:
+            InputError: a model or the card is wrong.
+        """
+        from semcal_cli.labelling.hub import find_model
+        from semcal_cli.labelling.images import ImageLabeller
+        from semcal_cli.labelling.model import picture_model
+        from semcal_cli.labelling.network import open_network
+
+        labellers: list[ImageLabeller] = []
+        for name in self.image_model:
+            path = find_model(name, self.max_download_mb, terminal.on_event)
+            card = None if labellers else self.image_card
+            model = picture_model(open_network(path, device, num_threads), card)
+            terminal.print(*(f"guessed: {guess}" for guess in model.guesses))
+            if model.licence is not None:
+                terminal.print(f"licence of {path.name}: {model.licence}")
+            labellers.append(ImageLabeller(model, drive.camera, is_rectified=self.rectify))
+        return labellers
+
+
+def label_on_the_way(
+    drive: Path, images: ImageSettings, max_frames: int, max_points: int, terminal: Terminal
+) -> Path:
+    """Label evenly spaced images of a drive into a cache beside it.
+
+    Returns:
+        The drive.yaml with the labels of the first network.
+
+    Raises:
+        InputError: a model or the card is wrong, or an image cannot be labelled.
+    """
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.labelling.drives import label_beside
+    from semcal_cli.labelling.sides import picture_side
+
+    start, whole = perf_counter(), read_drive(drive, max_points)
+    chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
+    sides = [picture_side(labeller) for labeller in images.image_labellers(chosen, terminal)]
+    path, second = label_beside(chosen, sides, terminal.on_event)
+    names = " and ".join(Path(name).name for name in images.image_model)
+    did = f"{len(chosen.frames)} images by {names}, in {path}"
+    terminal.print(f"labels   {perf_counter() - start:6.2f} s   {did}")
+    if second is not None:
+        terminal.print(second.sentence)
+    return path
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabelSettings(PairSettings, ThreadSettings):
-    """What the options of `label` say."""
+class LabelSettings(ImageSettings, ThreadSettings):
+    """Settings of `label`."""
 
     rules = [
         one_of("--image-model", "--point-model", "--points", "--show"),
@@ -158,29 +147,31 @@ class LabelSettings(PairSettings, ThreadSettings):
         one_of("-o", "--preview", "--show"),
     ]
     drive: Path | None = argument()
-    probabilities: bool = option("Write probabilities of classes, .npz, instead of ids, .png.", default=False)
+    probabilities: bool = option("Write class probabilities (.npz) instead of ids (.png).", default=False)
     point_model: Path | None = option(
-        "Network that labels sweeps by their range images or points, .onnx.", metavar="FILE"
+        "Network that labels sweeps, as range images or as points, .onnx.", metavar="FILE"
     )
     point_card: str | None = option(
-        "What it wants and gives; FILE.yaml beside FILE.onnx if not given.", metavar="NAME|FILE"
+        "Its model card. Without it, FILE.yaml beside FILE.onnx.", metavar="NAME|FILE"
     )
     points: Literal["segments"] | None = option(
-        "Label the points by their geometry instead: ground and objects, each with the number of its segment."
+        "Label the points by geometry instead: ground or object, and the number of the segment."
     )
     output: Path | None = option(
-        "Folder of the labelled drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE"
+        "Folder for the labelled drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE"
     )
-    preview: Path | None = option("Draw the labels of one image, .png.", callback=_check_png, metavar="FILE")
+    preview: Path | None = option(
+        "Draw the middle image and its labels, .png.", callback=_check_png, metavar="FILE"
+    )
     show: str | None = option(
-        "Tell what was understood of a model, and try it; no drive.", metavar="FILE|NAME"
+        "Print how a network is understood, and try it. Needs no drive.", metavar="FILE|NAME"
     )
     list_models: bool = option(
-        "List the short names of networks, and exit.", default=False, is_eager=True, callback=_list_models
+        "List the networks with short names, and exit.", default=False, is_eager=True, callback=_list_models
     )
-    max_frames: int | None = option("Label at most N evenly spaced frames; all if not given.", least=1)
-    device: Device = option("Device of the networks.", default="cpu")
-    force: bool = option("Make labels again that are there.", default=False)
+    max_frames: int | None = option("Label at most N evenly spaced frames. Without it, all.", least=1)
+    device: Device = option("Device that runs the networks.", default="cpu")
+    force: bool = option("Replace existing labels.", default=False)
     max_points: int = max_points()
 
 
@@ -188,9 +179,14 @@ class LabelSettings(PairSettings, ThreadSettings):
 def label(settings: LabelSettings) -> None:
     """Label the images or the sweeps of DRIVE with networks, and write a drive with the labels.
 
-    A network is an ONNX file, or the name of one on the Hugging Face hub. What it wants is read from it, and from its
-    card or the files of transformers beside it; what these do not say is guessed, and told.
-    A stopped run goes on where it was. A frame that cannot be labelled is named and left out; the exit code is then 1.
+    A network is an ONNX file or the name of one on the Hugging Face hub. Its input and output are read from the file
+    and from its model card, or from the transformers files beside it. What none of them states is guessed, and each
+    guess is printed.
+
+    A second --image-model is written to drive_2.yaml, and the share of pixels on which the two differ is printed.
+
+    A run that was stopped continues where it left off. Frames that cannot be labelled are reported and left out; the
+    exit code is then 1.
     """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.labelling.hub import find_model
@@ -212,10 +208,9 @@ def label(settings: LabelSettings) -> None:
 
 
 def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> None:
-    """Label a drive, draw the preview, and say what was done."""
+    """Label a drive, draw the preview, and report what was done."""
     from semcal_cli.drive.document import output_drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
-    from semcal_cli.drive.networks import LabelNetworks
     from semcal_cli.errors import InputError
     from semcal_cli.labelling.drives import label_drive
     from semcal_cli.labelling.pairs import note_second, second_file
@@ -227,17 +222,18 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
     if settings.output is None:
         return
     start, path = perf_counter(), output_drive_file(settings.output)
-    run = partial(label_drive, drive, indices=indices, force=settings.force, on_event=terminal.on_event)
-    done = run([*of_images[:1], *of_points], path)
+    run = partial(label_drive, drive, indices=indices, on_event=terminal.on_event)
+    first = [*of_images[:1], *of_points]
+    done = run(first, path, again=first if settings.force else ())
     failures = dict.fromkeys(done.failures)
     for side in of_images[1:]:
-        second = run([side, *of_points], second_file(path))
+        # The sweeps have their labels already.
+        second = run([side, *of_points], second_file(path), again=[side] if settings.force else ())
         failures |= dict.fromkeys(second.failures)
-        noted = note_second(path, second.path)
-        terminal.print(*(line for line in LabelNetworks(second=noted).describe()))
-    before = f", {done.num_before:,} label files were there" if done.num_before else ""
+        terminal.print(note_second(path, second.path).sentence)
+    reused = f", {done.num_before:,} label files reused" if done.num_before else ""
     terminal.print(
-        f"wrote {done.path}: {done.num_frames:,} frames in {perf_counter() - start:.1f} s{before}",
+        f"wrote {done.path}: {done.num_frames:,} frames in {perf_counter() - start:.1f} s{reused}",
         *(f"failed: {failure}" for failure in failures),
     )
     if failures:
@@ -245,20 +241,14 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
 
 
 def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> list[Side]:
-    """Open the networks of images; the card that is named is that of the first. A preview is of the first, too."""
+    """Open the image networks, and draw the preview of the first."""
     from semcal_cli.labelling.sides import picture_side
 
-    sides: list[Side] = []
-    for name in settings.image_model:
-        card = None if sides else settings.image_card
-        labeller = settings.image_labeller(
-            drive, name, terminal, settings.device, settings.threads, card=card
-        )
-        if settings.preview is not None and not sides:
-            _preview(drive, labeller, settings.preview, terminal)
-        side = picture_side(labeller, has_probabilities=settings.probabilities)
-        sides.append(replace(side, folder=f"{side.key}_2") if sides else side)
-    return sides
+    labellers = settings.image_labellers(drive, terminal, settings.device, settings.threads)
+    if settings.preview is not None and labellers:
+        _preview(drive, labellers[0], settings.preview, terminal)
+    sides = [picture_side(each, has_probabilities=settings.probabilities) for each in labellers]
+    return [*sides[:1], *(replace(side, folder=f"{side.key}_2") for side in sides[1:])]
 
 
 def _point_sides(settings: LabelSettings) -> list[Side]:

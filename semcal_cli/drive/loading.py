@@ -10,7 +10,7 @@ from time import perf_counter
 from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, CueName, check_config
 from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.camera import Camera, stating
-from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised
+from semcal_cli.drive.cues.table import choose_frames, chosen, files_of, load_cues, maximised
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.motion import unrolled
@@ -77,6 +77,14 @@ class LoadedDrive:
                 "points_stamp"
             )
         return tuple(notes)
+
+    @property
+    def notes_on_networks(self) -> tuple[str, ...]:
+        """Sentence about how far a second network differs from the one whose image labels are used; empty without."""
+        second = None if self.drive.networks is None else self.drive.networks.second
+        if second is None or "image_labels" not in files_of(self.cues):
+            return ()
+        return (second.sentence,)
 
     @property
     def first_cue(self) -> Observations:

@@ -28,6 +28,13 @@ class SecondLabels(StrictModel):
     disagreement: Share | None = None
     """Share of pixels to which the two give different classes; absent if no pixel has a class of both."""
 
+    @property
+    def sentence(self) -> str:
+        """Sentence about how far the two networks differ."""
+        if self.disagreement is None:
+            return f"the second network ({self.drive}) labels no pixel that the first labels"
+        return f"the second network ({self.drive}) differs in {self.disagreement:.1%} of the pixels"
+
 
 class LabelNetworks(StrictModel):
     """Networks that made the labels of each side; a side without one was labelled otherwise."""
@@ -47,7 +54,5 @@ class LabelNetworks(StrictModel):
             if network is not None
         ]
         if self.second is not None:
-            share = self.second.disagreement
-            differ = "has no pixel in common" if share is None else f"differs in {share:.1%} of the pixels"
-            lines.append(f"a second network, in {self.second.drive}, {differ}")
+            lines.append(self.second.sentence)
         return lines

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +14,13 @@ from typing import Any
 
 from semcal_cli.drive.document import FILES, Drive, output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
+from semcal_cli.drive.networks import SecondLabels
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.reading import hash_file, is_same_file
 from semcal_cli.files.validation import validate
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
+from semcal_cli.labelling.pairs import note_second
 from semcal_cli.labelling.sides import Side
 
 RECORD = "semcal_label.json"
@@ -53,7 +55,7 @@ def label_drive(
     out: Path,
     *,
     indices: Sequence[int] | None = None,
-    force: bool = False,
+    again: Collection[Side] = (),
     by_content: bool = False,
     on_event: Listener = ignore,
 ) -> LabelledDrive:
@@ -67,7 +69,7 @@ def label_drive(
         sides: What is labelled.
         out: Folder of the new drive, or its drive.yaml.
         indices: Frames that are labelled and kept; None for all. Label files are named among all.
-        force: Whether labels that are there are made again.
+        again: Sides whose existing labels are replaced.
         by_content: Whether label files are named by what they are labels of, and not by the name of its file.
         on_event: Called with each event.
 
@@ -78,7 +80,7 @@ def label_drive(
     if is_same_file(path, drive.path):
         raise InputError(f"{path}: found the drive that is read, needed another name")
     files: dict[str, list[Path]] = {
-        side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides
+        side.key: _prepared(drive, side, path.parent, side in again, by_content) for side in sides
     }
     chosen = range(len(drive.frames)) if indices is None else indices
     jobs = [(side, index) for index in chosen for side in sides]
@@ -111,22 +113,33 @@ def label_drive(
     return LabelledDrive(path, len(kept), len(jobs) - len(waiting), tuple(failed.values()))
 
 
-def label_beside(drive: Drive, side: Side, on_event: Listener = ignore) -> Path:
-    """Label the images of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
+def label_beside(
+    drive: Drive, sides: Sequence[Side], on_event: Listener = ignore
+) -> tuple[Path, SecondLabels | None]:
+    """Label the images of a drive with one network or two, into a cache beside the drive.
 
-    The cache is keyed by the model, the settings and the content of the images.
+    The cache is keyed by the models, their settings and the content of the images.
+
+    Returns:
+        The drive.yaml with the labels of the first network, and how far the second differs; None without a second.
 
     Raises:
         InputError: an image cannot be labelled, or the cache cannot be written.
     """
-    of_labels = {"settings": side.settings, "classes": side.classes, "ignore": side.ignore}
-    # Other frames or another camera are another drive, so that a result's drive stays what it was.
-    of_drive = drive.model_dump(mode="json")
-    path = drive.root / CACHE / _key(of_labels) / f"{drive.path.stem}_{_key(of_drive)}.yaml"
-    found = label_drive(drive, [side], path, by_content=True, on_event=on_event)
-    if found.failures:
-        raise InputError(f"{len(found.failures)} of {len(drive.frames)} images failed; {found.failures[0]}")
-    return found.path
+    folders = [
+        _key({"settings": side.settings, "classes": side.classes, "ignore": side.ignore}) for side in sides
+    ]
+    # Other frames, another camera or another second network make another drive, so that a result's drive stays
+    # what it was.
+    name = f"{drive.path.stem}_{_key([drive.model_dump(mode='json'), *folders[1:]])}.yaml"
+    paths = [drive.root / CACHE / folder / name for folder in folders]
+    for side, path in zip(sides, paths, strict=True):
+        found = label_drive(drive, [side], path, by_content=True, on_event=on_event)
+        if found.failures:
+            raise InputError(
+                f"{len(found.failures)} of {len(drive.frames)} images failed; {found.failures[0]}"
+            )
+    return paths[0], note_second(*paths) if len(paths) > 1 else None
 
 
 def _key(content: object) -> str:

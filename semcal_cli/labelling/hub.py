@@ -46,13 +46,13 @@ RECOMMENDED = {
     "cityscapes": Recommended(
         "Xenova/segformer-b0-finetuned-cityscapes-1024-1024",
         15,
-        "19 of Cityscapes",
+        "19 classes of Cityscapes",
         "NVIDIA Source Code License for SegFormer: not commercial",
     ),
     "ade20k": Recommended(
         "Xenova/segformer-b0-finetuned-ade-512-512",
         15,
-        "150 of ADE20K",
+        "150 classes of ADE20K",
         "NVIDIA Source Code License for SegFormer: not commercial",
     ),
 }
@@ -122,17 +122,6 @@ def licence_of(path: Path) -> str | None:
     name = hub_name(path) or ""
     found = (it.licence for it in RECOMMENDED.values() if name.startswith(f"{PREFIX}{it.repository}@"))
     return next(found, None)
-
-
-def recommended_lines() -> Iterator[str]:
-    """Write the table of the networks that have short names."""
-    rows = [("NAME", "MB", "CLASSES", "REPOSITORY", "LICENCE")]
-    rows += [
-        (name, str(it.megabytes), it.classes, it.repository, it.licence) for name, it in RECOMMENDED.items()
-    ]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        yield "  ".join(map(str.ljust, row, widths)).rstrip()
 
 
 def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
