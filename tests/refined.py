@@ -53,7 +53,7 @@ def clock(*, is_determined: bool = True) -> Clock:
         is_kept=is_determined,
         meaning="images are 23.1 ms later than their stamps say"
         if is_determined
-        else "not determined: drive at different speeds, and turn",
+        else "not determined: drive at different speeds, with turns",
     )
 
 

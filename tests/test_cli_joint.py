@@ -19,7 +19,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
-OPEN = "not determined: drive at different speeds, and turn"
+OPEN = "not determined: drive at different speeds, with turns"
 NAMES = ("--refine-intrinsics", "fx,fy,k1")
 
 

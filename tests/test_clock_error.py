@@ -34,8 +34,8 @@ T = make_pose((0.4, -1.2, 0.8), (0.3, -0.2, 0.1))
 CONFIG = CalibrationConfig(cues=("labels",))
 STANDING = "the clock was not checked: the drive gives no motion"
 MOVING = (
-    "the clock was not checked: the drive gives no direction of its motion. Images may be 20 ms off: at 8 m/s the "
-    "camera may be 16 cm off, which is part of its interval"
+    "the clock was not checked: the drive gives no direction of motion. If images are 20 ms off, the camera is "
+    "16 cm off at 8 m/s, which the interval includes"
 )
 
 
@@ -111,7 +111,7 @@ def test_one_twist_moves_the_place_along_it(loaded: LoadedDrive, by_poses: bool)
     (offset,) = local_coordinates([T @ expm(step)], T)
     np.testing.assert_allclose(covariance, np.outer(offset, offset), rtol=2e-2, atol=1e-8)
     (note,) = notes_on_clock(data, clock_of(data))
-    assert "its frames move much alike. Images may be 10 ms off: at 9.07 m/s" in note
+    assert "all frames move alike. If images are 10 ms off, the camera is 9.1 cm off at 9.07 m/s" in note
     exact = replace(data, drive=data.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
     assert clock_of(exact).covariance() is None
     assert notes_on_clock(exact, clock_of(exact)) == ()
@@ -137,7 +137,7 @@ def test_frames_that_move_differently_tell_the_clock(
     assert np.sqrt(np.trace(covariance[:3, :3])) == pytest.approx(off_m)
     notes = notes_on_clock(late, found)
     assert len(notes) == (late_ms > 0.0)
-    assert all("ms later than the drive says, which is part of the interval" in note for note in notes)
+    assert all("ms later than the drive says, which the interval includes" in note for note in notes)
     exact = replace(late, drive=late.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
     assert notes_on_clock(exact, clock_of(exact, street_truth)) == ()
 
@@ -155,7 +155,7 @@ def test_what_tells_no_clock(loaded: LoadedDrive, street_truth: Pose) -> None:
         found = clock_of(data, street_truth)
         assert (found.is_checked, found.offset_s, found.sigma_s) == (False, 0.0, 0.02)
         assert found.speed_m_s == pytest.approx(9.0)
-        assert "its frames move much alike" in notes_on_clock(data, found)[0]
+        assert "all frames move alike" in notes_on_clock(data, found)[0]
 
 
 @pytest.mark.parametrize("motion", [None, Motion(speed_m_s=0.0), Motion(poses="poses.txt")])
@@ -256,9 +256,9 @@ def test_a_clock_that_makes_the_interval_too_wide(
     found = read_calibration(tmp_path / "c.yaml")
     assert found.topics == ("wide-interval",)
     assert found.reasons[0].endswith(f": {KNOW_MOTION}")
-    assert "at 15 m/s the camera may be 30 cm off, which is part of its interval" in " ".join(err.split())
+    assert "the camera is 30 cm off at 15 m/s, which the interval includes" in " ".join(err.split())
     assert found.uncertainty is not None
-    assert "::error title=semcal calibrate::fail; not_trusted 1 doubt; the pose is determined only " in err
+    assert "::error title=semcal calibrate::fail; not_trusted 1 doubt; the interval is too wide, " in err
     assert NOT_BELIEVED in page.read_text()
     for said in (err, page.read_text()):
         assert stated_error(found.uncertainty, found.used_camera).replace("+-", "\u00b1") not in said
@@ -298,7 +298,7 @@ def test_what_to_state_is_said_of_stamped_frames_of_different_scenes(
     street: Path, street_observations: Observations
 ) -> None:
     drive, num_frames = read_drive(street), street_observations.num_frames
-    advice = ", state motion.poses, or motion.speed_m_s for an interval that includes what the clock may cost"
+    advice = "; give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
     standing = replace(street_observations, known_scenes=[0] * num_frames)
     for gaps_s, observations, expected in (
         ([0.01] * num_frames, street_observations, STANDING + advice),

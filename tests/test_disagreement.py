@@ -84,7 +84,7 @@ def test_a_knock_is_found_with_its_frame_and_offset(
     ]
     (finding,) = findings_among(found.measured)
     assert finding.sentence.startswith(f"frames {first} to 000007 fit a camera {words}")
-    assert finding.found.endswith(f", as if it was knocked at {first}")
+    assert finding.found.endswith(f", as if it had been knocked at {first}")
     assert finding.advice.startswith("calibrate each part with `semcal calibrate --split`")
     moved = found.parts[1].moved
     assert found.parts[0].moved is None
@@ -193,9 +193,12 @@ def test_frames_of_one_scene_are_noted(long_street: RawDrive, tmp_path: Path) ->
     for frames, words in (
         (
             [a, again(a, 60), again(a, 90)],
-            "the 3 frames count as 1 frame, because all show the same scene; whether",
+            "the 3 frames count as 1 frame, because all show the same scene, so whether",
         ),
-        ([a, b, again(b, 60)], "the 3 frames count as 2 frames, because others show the same scenes: add"),
+        (
+            [a, b, again(b, 60)],
+            "the 3 frames count as 2 frames, because the others show the same scenes: add",
+        ),
         ([a, b], None),
     ):
         data, stages = fitted(long_street.with_frames(frames), tmp_path)

@@ -194,7 +194,7 @@ def test_the_motion_is_told(tmp_path: Path) -> None:
     speeds = [each.speed_m_s for each in motions if each is not None]
     assert report.speeds_m_s == pytest.approx((min(speeds), max(speeds)), abs=1e-6)
     assert report.span_s == pytest.approx(2.0)
-    assert "move much alike" not in " ".join(report.advice)
+    assert "frames move alike" not in " ".join(report.advice)
     line = next(line for line in invoke("inspect", drive).stdout.splitlines() if line.startswith("motion"))
     assert line.startswith(
         f"motion      frames of 2 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, turns up to "
@@ -202,10 +202,10 @@ def test_the_motion_is_told(tmp_path: Path) -> None:
     lines = (drive / "poses.txt").read_text().splitlines(keepends=True)
     (drive / "poses.txt").write_text("".join(lines[:-1]))
     last = yaml.safe_load((drive / DRIVE_FILE).read_text())["frames"][-1]["points"]
-    assert f"the poses do not reach the images of 1 frame {last}" in looked_at(drive).suspicions
+    assert f"the poses do not cover the images of 1 frame {last}" in looked_at(drive).suspicions
     with edited(drive) as document:
         document["motion"] = {"twist": {"linear_m_s": [9.0, 0.0, 0.0], "angular_rad_s": [0.0, 0.0, 0.05]}}
-    assert "at 9.0 to 9.0 m/s with turns up to 2.9 degrees a second" in looked_at(drive).advice[-1]
+    assert "at 9.0 to 9.0 m/s with turns of up to 2.9 degrees per second" in looked_at(drive).advice[-1]
     with edited(drive) as document:
         del document["motion"]
     assert looked_at(drive).advice[-1] == NO_MOTION

@@ -91,7 +91,7 @@ def test_right_intrinsics_and_their_pose_stay(observed: Observations, truth: Pos
     assert found.observations is observed
     assert found.uncertainty is None
     assert found.notes[-1] == (
-        "the intrinsics of the drive stay, since what was found differs from them only by chance"
+        "the intrinsics of the drive are kept, because the estimate differs from them only by chance"
     )
 
 
@@ -214,7 +214,9 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     # A tenth of a second, which is what is known of the clock, at 12 m/s.
     assert half_widths(stages)[:3].max() == pytest.approx(1.96 * 1.2, rel=0.05)
     (finding,) = (each for each in stages.findings if each.topic == "wide-interval")
-    advice = "drive at different speeds, and turn, or calibrate without --estimate-delay if the clocks agree"
+    advice = (
+        "drive at different speeds, with turns, or calibrate without --estimate-delay if the clocks agree"
+    )
     assert finding.advice == advice
     # What the clock may be off is recorded, though the pose is that of the drive's.
     assert stages.settings["jointly"] == asdict(JointlyConfig(with_delay=True))
@@ -222,7 +224,7 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     assert stages.joint.clock is not None
     assert not stages.joint.is_kept
     assert not stages.joint.clock.is_determined
-    assert stages.joint.clock.meaning == "not determined: drive at different speeds, and turn"
+    assert stages.joint.clock.meaning == "not determined: drive at different speeds, with turns"
     found = replace(stages.joint, clock=stages.joint.clock.model_copy(update={"is_determined": True}))
     assert found.advice == advice
 

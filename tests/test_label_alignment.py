@@ -81,8 +81,8 @@ def test_labels_where_they_belong_give_no_finding(
     assert findings_among(check_label_alignment(street_drive, good).measured) == ()
 
 
-POINTS = "point labels{of} fit the clouds better shifted by {by}"
-PIXELS = "label images{of} fit their images better {by}"
+POINTS = "point labels{of} fit the clouds better when shifted by {by}"
+PIXELS = "label images{of} fit their images better when {by}"
 EVEN = " of frames 000000 and 000002"
 DISPLACED: dict[str, tuple[Callable[[Observations], Observations], str]] = {
     "1 entry": (
@@ -142,9 +142,9 @@ def test_images_that_cannot_be_read_are_left_out(drive: Path, street_observation
     (drive / "images/000001.png").unlink()
     aligned = check_label_alignment(read_drive(drive), moved)
     (finding,), (note,) = findings_among(aligned.measured), aligned.notes
-    assert finding.sentence.startswith("label images fit their images better shifted by 4 pixels left")
+    assert finding.sentence.startswith("label images fit their images better when shifted by 4 pixels left")
     assert note == (
-        "whether label images fit their images was not tested on all: images/000001.png: no such file or folder"
+        "not all label images were checked against their images: images/000001.png: no such file or folder"
     )
     for picture in (drive / "images").iterdir():
         picture.unlink()
@@ -156,8 +156,8 @@ def test_calibrate_and_verify_doubt_and_inspect_suspects(drive: Path, street_tru
         np.roll(np.fromfile(path, "<u4"), 3).tofile(path)
     for path in (drive / "image_labels").iterdir():
         write_image(np.roll(read_image(path)[..., 0], 3, axis=1), path)
-    of_points = "point labels fit the clouds better shifted by 3 entries"
-    of_pixels = "label images fit their images better shifted by 3 pixels left"
+    of_points = "point labels fit the clouds better when shifted by 3 entries"
+    of_pixels = "label images fit their images better when shifted by 3 pixels left"
     data = load(drive, CalibrationConfig())
     truth = InitialPose(street_truth, "the truth")
     verification = verify(data, truth)
@@ -193,5 +193,5 @@ def test_labels_of_a_real_frame_belong_to_its_points_and_pixels(rellis3d: Path) 
     assert findings_among(check_label_alignment(drive, observations).measured) == ()
     (found,) = findings_among(check_label_alignment(drive, with_point_labels_moved(observations, 1)).measured)
     assert found.sentence.startswith(
-        "point labels fit the clouds better shifted by 1 entry towards the start"
+        "point labels fit the clouds better when shifted by 1 entry towards the start"
     )

@@ -18,8 +18,8 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
     assert check_motion(None) == check_motion(3.0) == ()
     (moved,) = check_motion(7.04)
     assert moved.sentence == (
-        "the LiDAR's motion is not compensated, half of the points are 7.0 pixels off or more, needed at most 3: give "
-        "motion.poses or motion.twist in the drive, or record at lower speed"
+        "the LiDAR's motion is not compensated, half of the points are off by 7.0 pixels or more, needed at most 3: "
+        "give motion.poses or motion.twist in the drive, or record at lower speed"
     )
     agreement = _core.agreement(street_observations.core, street_truth)
     T = np.eye(4)
@@ -27,7 +27,7 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
     assert check_pose(T, agreement, 1.0) == check_pose(T, agreement) == ()
     (held,) = check_pose(T, agreement, 0.9)
     assert held.sentence.startswith(
-        "the camera is held at 0.9 m from the LiDAR, the limit of --max-baseline-m"
+        "the camera stopped at 0.9 m from the LiDAR, the limit of --max-baseline-m"
     )
     assert check_distance(T, 1.0) == ()
     (far,) = check_distance(T, 0.8)
@@ -52,7 +52,7 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
     found, findings = compare_seeds(T, [moved, None, turned], stated)
     assert [finding.found for finding in findings] == [
         "1 of 4 seeds gave no answer",
-        "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
+        "1 of 4 seeds ended outside the 95 % interval, up to 20 cm and 1.5 degrees away",
     ]
     assert (found.num_seeds, found.num_failed) == (4, 1)
     assert found.spread_camera_center_m == pytest.approx((np.std([0.0, 0.2, 0.0], ddof=1), 0.0, 0.0))
@@ -62,7 +62,7 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
     # Of 30 cm along x the clock, which all seeds share, makes 25.
     of_clock = np.diag([(0.25 / 1.96) ** 2, 0.0, 0.0, 0.0, 0.0, 0.0])
     _, (alone,) = compare_seeds(T, [moved], stated, of_clock)
-    assert alone.found == "1 of 2 seeds lead beyond the 95 % interval, up to 20 cm and 0 degrees away"
+    assert alone.found == "1 of 2 seeds ended outside the 95 % interval, up to 20 cm and 0 degrees away"
     assert compare_seeds(T, [moved], stated)[1] == ()
     none, findings = compare_seeds(T, [None], None)
     assert (none.num_failed, none.spread_camera_center_m, len(findings)) == (1, None, 1)

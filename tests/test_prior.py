@@ -121,7 +121,7 @@ def test_two_equally_good_witnesses_meet_in_the_middle(
     between = fuse_with_priors(street_observations, polished, [prior])
     at_rest = fuse_with_priors(street_observations, polished, [here])
     assert between.uncertainty is not None
-    # Half of the way, from where labels alone lead: that is a small step from the polished pose.
+    # Half of the way, from the pose that labels alone give: that is a small step from the polished pose.
     moved = here.residual(between.T_camera_lidar)[2] - here.residual(at_rest.T_camera_lidar)[2]
     assert moved == pytest.approx(sigma, rel=1e-3)
     assert np.sqrt(between.uncertainty.covariance[2][2]) == pytest.approx(sigma / np.sqrt(2.0), rel=1e-3)
@@ -134,8 +134,8 @@ def test_what_contradicts_the_labels_or_itself_is_said(
     fused = fuse_with_priors(street_observations, polished, [prior])
     (finding,) = fused.findings
     assert re.fullmatch(
-        r"--fix ty is 20\.\d cm from where labels alone lead, chi-square \d+ of 1, needed at most \d+: "
-        "measure it again, or state it less exactly",
+        r"--fix ty is 20\.\d cm from the pose that labels alone give, chi-square \d+ with 1 degree of freedom, needed "
+        r"at most \d+: measure it again, or give a larger SIGMA",
         finding.sentence,
     )
     tape = Prior("tape", nudged(polished, (0.01, 0.0, 0.0)), (0.001, *FREE[:5]))

@@ -326,7 +326,7 @@ def test_nothing_that_was_determined_is_said_in_words(record: Calibration, right
     assert sentences == [
         "The intrinsics were estimated together with the pose, but not kept: the data determine none of them; the "
         "transform belongs to the camera of the drive.",
-        "Not determined: drive at different speeds, and turn.",
+        "Not determined: drive at different speeds, with turns.",
     ]
 
 

@@ -223,7 +223,7 @@ def without_direction(data: LoadedDrive, motion: Motion | None) -> LoadedDrive:
     return LoadedDrive(drive, load_observations(drive))
 
 
-NOT_COMPENSATED = "the rolling shutter is not compensated, since the drive gives no direction of its motion"
+NOT_COMPENSATED = "the rolling shutter is not compensated, because the drive gives no direction of motion"
 ADVICE = "give motion.poses or motion.twist in the drive, or record at lower speed"
 
 
@@ -237,7 +237,7 @@ def test_a_shutter_that_is_not_compensated_is_told(rolling: LoadedDrive) -> None
     slow = found(without_direction(rolling, Motion(speed_m_s=1.0)))
     (note,) = slow.notes_on_data
     assert re.fullmatch(
-        rf"{NOT_COMPENSATED}, half of the points are \d\.\d pixels off or more: {ADVICE}", note
+        rf"{NOT_COMPENSATED}, half of the points are off by \d\.\d pixels or more: {ADVICE}", note
     )
     (fast,) = check_shutter(*fields_of(without_direction(rolling, Motion(speed_m_s=60.0))))[0]
     assert fast.topic == "shutter"
@@ -246,7 +246,7 @@ def test_a_shutter_that_is_not_compensated_is_told(rolling: LoadedDrive) -> None
         rolling, CalibrationConfig(), initial_pose=InitialPose(truth(rolling), "truth")
     )
     assert (
-        "the rolling shutter is not compensated by this method: all lines count as the middle one"
+        "this method does not compensate the rolling shutter: all rows count as the middle one"
         in by_soic.notes
     )
 

@@ -100,7 +100,7 @@ def test_labels_without_images_are_said_to_be_unchecked(street: Path) -> None:
     drive = read_drive(street)
     frames = tuple(frame.model_copy(update={"image": None}) for frame in drive.frames)
     found = calibrate(drive.model_copy(update={"frames": frames}), LABELS_ALONE)
-    assert "labels were not checked against images: the drive gives no image" in found.notes
+    assert "labels were not checked against images: the drive has no images" in found.notes
 
 
 def test_its_own_drive_proves_nothing(street: Path) -> None:

@@ -168,8 +168,8 @@ def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(
     vague = Uncertainty.from_covariance(polished, covariance, np.full(6, 1e6))
     (found,) = undetermined(vague)
     assert found.sentence == (
-        "the pose is determined only up and down to 3.92 m, in pitch to 2.0 degrees (95 %), needed 0.25 m and "
-        "1 degree: add frames with objects near and far, from a moving car"
+        "the interval is too wide, +- 3.92 m up and down, +- 2.0 degrees in pitch (95 %), needed at most 0.25 m and "
+        "1 degree: add frames with near and far objects, recorded while driving"
     )
 
 

@@ -30,7 +30,7 @@ CLOSE_MS = 2.0
 """Error of the clock that six small images tell."""
 MAX_CURVED_M = 0.02
 """How far points of the farthest range are off that are moved at a constant twist, as a path that curves is not."""
-NOT_DETERMINED = "the offset of the clocks is not determined: drive at different speeds, and turn"
+NOT_DETERMINED = "the time offset is not determined: drive at different speeds, with turns"
 DRIVES = {
     "right": ("mixed", 0.0, 6),
     "late": ("mixed", 20.0, 6),
@@ -95,7 +95,7 @@ def test_a_late_clock_at_one_speed_fails_no_transform(
     (in_all,) = (each for each in found["checks"] if each["name"] == "camera centre in all")
     assert abs(in_all["offset"]) > 20.0
     assert in_all["half_width"] > 30.0
-    assert any("the clock was not checked: its frames move much alike." in note for note in found["notes"])
+    assert any("the clock was not checked: all frames move alike." in note for note in found["notes"])
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_what_is_said_of_a_clock_alone(
     assert check.startswith("clock                   ")
     assert check.endswith("ms   allowed 5       fail")
     assert f"{first} {second}" == (
-        "The transform still holds on this drive, and the camera's clock does not. Calibrate anew with "
+        "The transform still holds on this drive, but the camera's clock is off. Calibrate again with "
         "--estimate-delay, or find out what changed the clock."
     )
     assert verdict.startswith("fail: clock off by 2")
@@ -153,7 +153,7 @@ def test_what_is_said_of_a_clock_alone(
     assert code == INCONCLUSIVE
     assert " not determined ms   allowed 5       inconclusive" in out
     assert out.splitlines()[-1] == "inconclusive: clock not determined, allowed 5 ms"
-    assert "cannot decide whether the camera&#39;s clock does" in page.read_text()
+    assert "cannot show whether the camera&#39;s clock does" in page.read_text()
     assert '#clocks">why this comes up</a>' in page.read_text()
 
 

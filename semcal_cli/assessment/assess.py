@@ -38,10 +38,11 @@ from semcal_cli.result.uncertainty import Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
 NOTHING = NOT_DETERMINED.finding(
-    "points and images do not determine the pose, their agreement does not fall in every direction"
+    "points and images do not determine the pose, moving the camera in some direction does not reduce their "
+    "agreement"
 )
-TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and what is known do not determine the pose together")
-KNOW_K = "give --intrinsics-sigma, if K is known better than it says"
+TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and priors together do not determine the pose")
+KNOW_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
 MIN_SCENES = FEW_SCENES.limit()
 """Least number of scenes from which edges are trusted, and labels have a single top."""
@@ -259,25 +260,25 @@ def _compare_frames(answer: _Answer) -> Assessment:
     measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
     num_scenes = len(set(observations.scenes))
     if data.is_refined_by_edges:
-        compared = f"edges of {num_scenes} scene{'s' * (num_scenes > 1)} were compared"
+        compared = f"edges were compared in {num_scenes} scene{'s' * (num_scenes > 1)}"
         measured.append(FEW_SCENES.measured(num_scenes, f"{compared}, needed at least {MIN_SCENES}"))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
-        count, same = f"{num_scenes} frames", "others show the same scenes"
+        count, same = f"{num_scenes} frames", "the others show the same scenes"
         if num_scenes == 1:
             count, same = (
                 "1 frame",
-                "all show the same scene; whether sweeps and images belong together cannot be determined",
+                "all show the same scene, so whether sweeps and images belong together cannot be checked",
             )
         notes.append(
-            f"the {observations.num_frames} frames count as {count}, because {same}: add frames from a moving car"
+            f"the {observations.num_frames} frames count as {count}, because {same}: add frames recorded while driving"
         )
     if not answer.is_clock_estimated:
         notes += notes_on_clock(data, answer.clock)
     if any(frame.image_labels is not None for frame in frames) and all(
         frame.image is None for frame in frames
     ):
-        notes.append("labels were not checked against images: the drive gives no image")
+        notes.append("labels were not checked against images: the drive has no images")
     if "labels" in data.cues:
         measured += check_leaks(data.of_cue("labels"), T)
     if data.cues[0] in ("labels", "segments"):

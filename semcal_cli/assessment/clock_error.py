@@ -23,7 +23,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import adjoint
 
 KNOW_MOTION = (
-    "give motion.poses of a drive at different speeds, state time_offset_sigma_s if the clock is known better, or "
+    "give motion.poses of a drive at different speeds, set time_offset_sigma_s if the clock is known better, or "
     "record at lower speed"
 )
 """Advice where the clock alone makes an interval too wide, which more frames do not narrow."""
@@ -103,22 +103,20 @@ def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, 
             offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
             later = "later" if clock.offset_s > 0.0 else "earlier"
             return (
-                f"images seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than the drive says, which is part "
-                "of the interval: --estimate-delay corrects the pose",
+                f"images seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than the drive says, which the "
+                "interval includes: --estimate-delay corrects the pose",
             )
         is_speed = motion.speed_m_s is not None
-        why = "the drive gives no direction of its motion" if is_speed else "its frames move much alike"
+        why = "the drive gives no direction of motion" if is_speed else "all frames move alike"
         cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
         return (
-            f"the clock was not checked: {why}. Images may be {1e3 * clock.sigma_s:.3g} ms off: at "
-            f"{clock.speed_m_s:.3g} m/s the camera may be {cost_cm:.2g} cm off, which is part of its interval",
+            f"the clock was not checked: {why}. If images are {1e3 * clock.sigma_s:.3g} ms off, the camera is "
+            f"{cost_cm:.2g} cm off at {clock.speed_m_s:.3g} m/s, which the interval includes",
         )
     if motion is not None:
         return ()
     note = "the clock was not checked: the drive gives no motion"
     has_stamps = all(None not in (frame.points_stamp, frame.image_stamp) for frame in data.drive.frames)
     if has_stamps and len(set(data.observations.scenes)) > 1:
-        note += (
-            ", state motion.poses, or motion.speed_m_s for an interval that includes what the clock may cost"
-        )
+        note += "; give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
     return (note,)

@@ -115,7 +115,7 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> Measure
     effective = float(np.exp(-np.sum(shares * np.log(shares))))
     like, least = told_apart(effective, ONE_CLASS.limit(), 2)
     found = (
-        f"{name} are nearly all of one class, they vary like {like} equally frequent classes, needed at least "
+        f"nearly all {name} have the same class, equivalent to {like} equally frequent classes, needed at least "
         f"{least}"
     )
     return ONE_CLASS.measured(effective, found)
@@ -160,7 +160,7 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
     found = f"points and images {NO_FIT}" + f", and fit better {turned_by}" * (best_deg > 0.0)
     if own.information > 0.0:
         as_well, most = told_apart(best / own.information, OTHER_AZIMUTH.limit(by), unit="%")
-        found = f"{turned_by}, points and images fit {as_well} as well as at this pose, needed at most {most}"
+        found = f"{turned_by}, points and images still fit {as_well} as well, needed at most {most}"
     return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 
 
@@ -226,7 +226,7 @@ def _wrong_clocks(observations: Observations, own: _Fit, others: Mapping[float, 
         sigmas[delay_s] = gain.gain / max(gain.sigma, 1e-12)
     best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
     sentence = (
-        f"the clocks look wrong, points and images agree better by {sigmas[best_s]:.1f} standard errors if "
+        f"the clocks look wrong, points and images agree {sigmas[best_s]:.1f} standard errors better if "
         f"images are {1e3 * abs(best_s):.0f} ms {'later' if best_s > 0.0 else 'earlier'} than image_stamp says"
     )
     return [WRONG_CLOCKS.measured(sigmas[best_s], sentence)]

@@ -334,7 +334,7 @@ def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names
         assert each.moved is not None
         first, last = frame_name(names, part.frames[0]), frame_name(names, part.frames[-1])
         stretch = f"frame {first} alone would" if len(part.frames) == 1 else f"frames {first} to {last}"
-        sentences.append(f"{stretch} fit a camera {each.moved.words}, as if it was knocked at {first}")
+        sentences.append(f"{stretch} fit a camera {each.moved.words}, as if it had been knocked at {first}")
     return "; ".join(sentences)
 
 

@@ -123,14 +123,14 @@ def implausible_intrinsics(camera: Camera) -> dict[str, str]:
         share = abs(center - 0.5 * (size - 1)) / max(camera.width, camera.height)
         if share > MAX_DECENTRED:
             found[name] = (
-                f"{name} of K is {center:g} in an image of {size}, {share:.0%} of the longer side from the "
+                f"{name} in K is {center:g} in an image of {size}, {share:.0%} of the longer side from the "
                 f"middle, lenses have at most {MAX_DECENTRED:.0%}: K may belong to images of another size, or "
-                "these are cropped"
+                "the images are cropped"
             )
     if abs(fx / fy - 1.0) > MAX_ASPECT:
         found["fx"] = (
-            f"fx of K is {fx / fy:.3f} times fy, cameras have 1 within {MAX_ASPECT:.0%}: K may belong to "
-            "images that were resized in another way"
+            f"fx in K is {fx / fy:.3f} times fy, cameras have 1 within {MAX_ASPECT:.0%}: K may belong to "
+            "images that were resized differently"
         )
     return found
 
@@ -144,10 +144,12 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
             moved_cm = 100.0 * np.linalg.norm(change.camera_center_m)
             turned_deg = np.linalg.norm(change.rotation_deg)
             by = "each pixel" if name.startswith("c") else f"each {DEFAULT_FOCAL_SIGMA:.1%}"
-            sentence += f"; {by} that {name} is wrong moves the pose by {moved_cm:.2f} cm and {turned_deg:.3f} degrees"
+            sentence += (
+                f"; {by} of error in {name} moves the pose by {moved_cm:.2f} cm and {turned_deg:.3f} degrees"
+            )
         notes.append(sentence)
     if cost is None and sigma_of(camera) != IntrinsicsSigma():
-        notes.append("errors of K are not part of the interval: their effect could not be computed")
+        notes.append("the interval does not include errors of K, because their effect could not be computed")
     return tuple(notes)
 
 
@@ -181,8 +183,8 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
     found_chi2, most = told_apart(chi2, limit)
     found = (
-        f"the intrinsics look wrong{which}, freed they would move the points by {moved_px:.0f} pixels or more, "
-        f"chi-square {found_chi2} of 5, needed at most {most}"
+        f"the intrinsics look wrong{which}, freeing them would move points by {moved_px:.0f} pixels or more, "
+        f"chi-square {found_chi2} with 5 degrees of freedom, needed at most {most}"
     )
     return (WRONG_INTRINSICS.measured(min(chi2 / limit, moved_px / limit_px), found),)
 

@@ -31,9 +31,9 @@ from semcal_cli.result.uncertainty import Uncertainty
 
 MIN_GAIN = 2.0
 """Gain of held-out data, in standard errors, above which an estimate is kept."""
-NOT_DETERMINED = "not determined: drive at different speeds, and turn"
+NOT_DETERMINED = "not determined: drive at different speeds, with turns"
 """Meaning of a time offset that the data do not determine."""
-DELAY_NOT_DETERMINED = f"the offset of the clocks is {NOT_DETERMINED}"
+DELAY_NOT_DETERMINED = f"the time offset is {NOT_DETERMINED}"
 """Note about a time offset that the data do not determine."""
 OF_INTRINSICS = ("focal-length", "intrinsics")
 """Topics of findings that `--refine-intrinsics` is about."""
@@ -67,10 +67,10 @@ class Joint(StageResult):
         """What to do where variables that keep the drive's values make the pose uncertain."""
         more, without = [], []
         if self.camera is not None and not self.is_kept:
-            more.append("record objects near and far in all parts of the images")
+            more.append("record near and far objects in all parts of the images")
             without.append("--refine-intrinsics if K is right")
         if self.clock is not None and not self.clock.is_kept:
-            more.append("drive at different speeds, and turn")
+            more.append("drive at different speeds, with turns")
             without.append("--estimate-delay if the clocks agree")
         return f"{' and '.join(more)}, or calibrate without {' and without '.join(without)}"
 
@@ -261,22 +261,22 @@ def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -
         subject = f"{', '.join(others)} and {last} are" if others else f"{last} is"
         stay = "stay" if others else "stays"
         notes.append(
-            f"{subject} not determined by these frames and {stay} as the drive says: record objects near and far in "
-            "all parts of the images"
+            f"{subject} not determined by these frames and {stay} as in the drive: record near and far objects in all "
+            "parts of the images"
         )
     if asked.with_delay and not fit.variables.with_delay:
         notes.append(DELAY_NOT_DETERMINED)
     if not is_kept and fit.variables.names:
         both = ["intrinsics"] * bool(fit.variables.intrinsics) + ["clocks"] * fit.variables.with_delay
-        why = "what was found differs from them only by chance"
+        why = "the estimate differs from them only by chance"
         if fit.is_beyond_chance:
             by = gain.gain / max(gain.sigma, 1e-12)
             better, least = told_apart(by, MIN_GAIN, 1)
             why = (
-                f"held-out data agree with what was found by {better} standard errors better, needed more than "
+                f"held-out data agree only {better} standard errors better with the estimate, needed more than "
                 f"{least}"
             )
-        notes.append(f"the {' and '.join(both)} of the drive stay, since {why}")
+        notes.append(f"the {' and '.join(both)} of the drive are kept, because {why}")
     return tuple(notes)
 
 

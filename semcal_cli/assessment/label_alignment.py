@@ -111,7 +111,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         points = _moved_points(observations)
         better, most = told_apart(points.z, SHIFTED_POINT_LABELS.limit(), 1)
         sentence = (
-            f"point labels{of(points)} fit the clouds better {_entries_words(*points.move)}, "
+            f"point labels{of(points)} fit the clouds better when {_entries_words(*points.move)}, "
             f"by {better} standard errors, needed at most {most}"
         )
         measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
@@ -119,14 +119,14 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
     if pixels is not None:
         better, most = told_apart(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
         found = (
-            f"label images{of(pixels)} fit their images better {_move_words(*pixels.move)}, "
+            f"label images{of(pixels)} fit their images better when {_move_words(*pixels.move)}, "
             f"by {better} standard errors, needed at most {most}"
         )
         measured.append(SHIFTED_LABEL_IMAGES.measured(pixels.z, found))
     if not unread:
         return LabelAlignment(tuple(measured))
     more = f", and {len(unread) - 1} more" if len(unread) > 1 else ""
-    note = f"whether label images fit their images was not tested on all: {min(unread)}{more}"
+    note = f"not all label images were checked against their images: {min(unread)}{more}"
     return LabelAlignment(tuple(measured), (note,))
 
 
@@ -274,8 +274,8 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
     share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
     as_much, most = told_apart(share, LEAKED_LABELS.limit(), unit="%")
     found = (
-        f"point labels seem to be made from image labels, pixels say {as_much} as much about points hidden behind what "
-        f"they show as about visible points, needed at most {most}"
+        f"point labels seem to come from image labels, pixels say {as_much} as much about hidden points as about "
+        f"visible ones, needed at most {most}"
     )
     return (LEAKED_LABELS.measured(share, found),)
 

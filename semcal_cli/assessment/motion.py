@@ -38,7 +38,7 @@ def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignor
         return stages
     measured = list[Measured]()
     if isinstance(found, NotDetermined):
-        note = f"the rotation was not checked by the motion of camera and LiDAR: {found.why}"
+        note = f"the rotation was not checked against the motion of camera and LiDAR: {found.why}"
     else:
         measured.append(disagreement(found, stages))
         note = f"{found.sentence}, which {'contradicts' if measured[0].findings else 'agrees with'} the pose"
@@ -58,6 +58,6 @@ def disagreement(found: HandEye, stages: Stages) -> Measured:
     most = f"needed at most {CAMERA_MOTION.limit():g}"
     return CAMERA_MOTION.measured(
         sigmas,
-        f"the motion of the camera against that of the LiDAR tells a rotation {off_deg:.2f} degrees away, by "
-        f"{sigmas:.1f} standard errors, {most}",
+        f"the motion of camera and LiDAR gives a rotation {off_deg:.2f} degrees away, {sigmas:.1f} standard "
+        f"errors, {most}",
     )

@@ -14,8 +14,8 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import adjoint
 
-KNOW_POSES = "give motion.poses that are known better, with their motion.sigma, or record at lower speed"
-"""What to do about an interval that errors of the motion alone make too wide: more frames do not narrow it."""
+KNOW_POSES = "give more accurate motion.poses with their motion.sigma, or record at lower speed"
+"""Advice where errors of the motion alone make an interval too wide, which more frames do not narrow."""
 
 
 def covariance_of_motion(

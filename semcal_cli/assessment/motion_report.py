@@ -15,8 +15,8 @@ LEAST_SPREAD_M_S, LEAST_TURN_DEG_S = 2.0, 5.0
 """Difference of speeds and fastest turn, below both of which all frames move much alike. A clock that is 20 ms off
 puts frames at speeds 2 m/s apart 4 cm apart, and a turn of 5 degrees a second turns them by 0.1 degrees."""
 NO_MOTION = (
-    "the drive gives no motion, which deskews sweeps and checks the clock: give motion.poses, or take those of the "
-    "sweeps by `semcal odometry`, or of a recording by `semcal import bag --odometry`"
+    "the drive gives no motion, so sweeps are not deskewed and the clock is not checked: give motion.poses, or get "
+    "them from the sweeps with `semcal odometry`, or from a recording with `semcal import bag --odometry`"
 )
 
 
@@ -57,8 +57,8 @@ def report_motion(drive: Drive) -> MotionReport:
     advice: tuple[str, ...] = ()
     if high - low < LEAST_SPREAD_M_S and turn_deg_s < LEAST_TURN_DEG_S:
         advice = (
-            f"all frames move much alike, at {low:.1f} to {high:.1f} m/s with turns up to {turn_deg_s:.1f} degrees a "
-            "second: record at different speeds, and turn, so that the clock can be checked",
+            f"all frames move alike, at {low:.1f} to {high:.1f} m/s with turns of up to {turn_deg_s:.1f} degrees per "
+            "second: record at different speeds, with turns, so that the clock can be checked",
         )
     return found._replace(
         speeds_m_s=(low, high), fastest_turn_deg_s=turn_deg_s, suspicions=suspicions, advice=advice
@@ -81,4 +81,4 @@ def _twists(drive: Drive, motion: Motion) -> tuple[np.ndarray, list[str]]:
 
 def _missed(sweeps: list[str]) -> str:
     counted = "1 frame" if len(sweeps) == 1 else f"{len(sweeps):,} frames, first"
-    return f"the poses do not reach the images of {counted} {sweeps[0]}"
+    return f"the poses do not cover the images of {counted} {sweeps[0]}"

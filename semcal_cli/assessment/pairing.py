@@ -125,10 +125,10 @@ def check_pairs(
     worst = min(wrong, key=lambda frame: float(own[frame]))
     share = float(own[worst]) / usual if usual > 0.0 else -math.inf
     part, needed = told_apart(share, least, unit="%")
-    as_well = f"{part} as well as others" if share >= 0.0 else "worse than by chance"
+    as_well = f"{part} as well as others" if share >= 0.0 else "worse than chance"
     sentence = (
         f"points and pixels of {frame_list(names, wrong)} may not belong together, {frame_name(names, worst)} agrees "
-        f"{as_well}, needed at least {needed} or more than with images of other frames"
+        f"{as_well}, needed at least {needed}, or better than with images of other frames"
     )
     return (ODD_FRAMES.measured(share, sentence, "information"),)
 

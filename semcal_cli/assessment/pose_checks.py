@@ -33,7 +33,7 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
         return ()
     off_px, most = told_apart(motion_error_px, MOTION.limit(), 1)
     found = (
-        f"the LiDAR's motion is not compensated, half of the points are {off_px} pixels off or more, "
+        f"the LiDAR's motion is not compensated, half of the points are off by {off_px} pixels or more, "
         f"needed at most {most}"
     )
     return MOTION.measured(motion_error_px, found).findings
@@ -55,14 +55,14 @@ def check_shutter(
     if drive.camera.readout_s == 0.0:
         return (), ()
     if can_be_unrolled(observations):
-        note = "the rolling shutter is not compensated by this method: all lines count as the middle one"
+        note = "this method does not compensate the rolling shutter: all rows count as the middle one"
         return (), () if is_compensated else (note,)
-    found = "the rolling shutter is not compensated, since the drive gives no direction of its motion"
+    found = "the rolling shutter is not compensated, because the drive gives no direction of motion"
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:
         return (), (f"{found}: {SHUTTER.advice}",)
     off_px, most = told_apart(error_px, SHUTTER.limit(), 1)
-    cost = f"half of the points are {off_px} pixels off or more"
+    cost = f"half of the points are off by {off_px} pixels or more"
     measured = SHUTTER.measured(error_px, f"{found}, {cost}, needed at most {most}")
     return measured.findings, () if measured.findings else (f"{found}, {cost}: {SHUTTER.advice}",)
 
@@ -89,16 +89,14 @@ def check_pose(
     findings = []
     distance_m = baseline_m(T_camera_lidar)
     if distance_m >= AT_LIMIT * max_baseline_m:
-        found = f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
+        found = f"the camera stopped at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
         findings.append(FAR_CAMERA.finding(found))
     covered, least = told_apart(agreement.overlap, OVERLAP.limit(), 1, "%")
     found = f"visible points with classes cover {covered} of the image, needed at least {least}"
     findings += OVERLAP.measured(agreement.overlap, found).findings
     by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
     as_well, least = told_apart(by_chance, CHANCE.limit(), unit="%")
-    found = (
-        f"points and images agree {as_well} as well as unrelated ones do by chance, needed at least {least}"
-    )
+    found = f"points and images agree {as_well} as well as unrelated ones would by chance, needed at least {least}"
     return (*findings, *CHANCE.measured(by_chance, found).findings)
 
 
@@ -141,7 +139,7 @@ def compare_seeds(
         limits = np.sqrt(np.maximum(squared, 0.0)) + ROUNDING
         if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
             sentence = (
-                f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "
+                f"{num_beyond} of {found.num_seeds} seeds ended outside the 95 % interval, up to "
                 f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
             )
             findings.append(SEEDS.finding(sentence))

@@ -46,7 +46,7 @@ SETTLED_PX = 0.1
 LEAST_INFORMATION = 1e-13
 """Smallest information along a direction, relative to the best known direction. Less is rounding."""
 UNSETTLED = FUSION_NOT_SETTLED.finding(
-    f"the pose that labels and what is known determine together had not settled in {MAX_ROUNDS} rounds"
+    f"the pose from labels and priors had not settled after {MAX_ROUNDS} rounds"
 )
 
 
@@ -297,8 +297,8 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
     far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
     found_chi2, most_chi2 = told_apart(chi2, most)
     found = (
-        f"{prior.name} is {far} from where labels alone lead, chi-square {found_chi2} of {num_axes}, needed at most "
-        f"{most_chi2}"
+        f"{prior.name} is {far} from the pose that labels alone give, chi-square {found_chi2} with {num_axes} "
+        f"degree{'s' * (num_axes > 1)} of freedom, needed at most {most_chi2}"
     )
     return [PRIOR.finding(found)]
 
@@ -309,7 +309,7 @@ def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))
     off, most = told_apart(float(deviations[worst]), PRIOR.limit("one axis"), 1)
     found = (
-        f"{prior.name} is {far} from the pose that all else leads to, {off} standard deviations, "
+        f"{prior.name} is {far} from the pose that everything else gives, {off} standard deviations, "
         f"needed at most {most}"
     )
     return [*PRIOR.measured(float(deviations[worst]), found, "one axis").findings]

@@ -72,11 +72,11 @@ def check_rivals(
         key=lambda each: each[0],
     )
     apart, needed = told_apart(abs(behind), OTHER_POSE.limit(), 1)
-    how = "almost as well, {} standard errors behind" if behind > 0.0 else "better, {} standard errors ahead"
+    how = "almost as well, {} standard errors worse" if behind > 0.0 else "better, by {} standard errors"
     away = compare_poses(T_rival, T_camera_lidar)
     found = (
         f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data "
-        f"{how.format(apart)}, needed {needed} behind"
+        f"{how.format(apart)}, needed at least {needed} worse"
     )
     return (OTHER_POSE.measured(behind, found),)
 
@@ -100,7 +100,7 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> M
     ahead, most = told_apart(-behind[best], CUES_DISAGREE.limit(), 1)
     found = (
         f"segments and image labels prefer a pose {away.rotation_deg:.1f} degrees and "
-        f"{away.camera_center_cm:.0f} cm away from that of edges, by {ahead} standard errors, needed at "
+        f"{away.camera_center_cm:.0f} cm from the one that edges found, by {ahead} standard errors, needed at "
         f"most {most}"
     )
     return CUES_DISAGREE.measured(-behind[best], found)

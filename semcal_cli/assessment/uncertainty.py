@@ -44,12 +44,12 @@ CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 def undetermined(uncertainty: Uncertainty, advice: str | None = None) -> tuple[Finding, ...]:
     """Report the directions that the data do not determine well enough, with advice if it is not more frames."""
     center, rotation = wide_directions(uncertainty.half_widths, MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
-    found = [f"{name} to {half:.2f} m" for name, half in center]
-    found += [f"{name} to {half:.1f} degrees" for name, half in rotation]
+    found = [f"{half:.2f} m {name}" for name, half in center]
+    found += [f"{half:.1f} degrees {name}" for name, half in rotation]
     if not found:
         return ()
-    needed = f"needed {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
-    sentence = f"the pose is determined only {', '.join(found)} (95 %), {needed}"
+    needed = f"needed at most {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
+    sentence = f"the interval is too wide, +- {', +- '.join(found)} (95 %), {needed}"
     finding = WIDE_INTERVAL.finding(sentence)
     return (finding if advice is None else finding._replace(advice=advice),)
 

@@ -27,7 +27,9 @@ MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
 GIVEN = "started at the given transform"
 """Note on a pose that was not searched for."""
 
-NO_OTHER = NOTHING_TO_COMPARE.finding("no other mounting was left to compare with, needed one that is worse")
+NO_OTHER = NOTHING_TO_COMPARE.finding(
+    "the search left no other mounting to compare with, needed at least one"
+)
 
 FAR_RUNNER_UPS = 2.0
 """Distance in multiples of `runner_up_deg` at which another mounting is kept while poses ascend, so that one remains to
@@ -188,7 +190,7 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
     apart, least = told_apart(margin, MIN_RUNNER_UP_MARGIN, 2)
     found = (
         f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well, "
-        f"{apart} standard errors apart, needed {least}"
+        f"{apart} standard errors worse, needed at least {least}"
     )
     return OTHER_MOUNTING.measured(margin, found).findings
 

@@ -52,13 +52,13 @@ LOOKS_LIKE = "looks-like"
 
 SENTENCES: dict[Verdict, str] = {
     "pass": "The transform still holds on this drive.",
-    "fail": "The camera is not where the transform says. Calibrate anew, or find out what moved it.",
-    "inconclusive": "The drive cannot decide whether the transform holds. More frames, or other ones, may.",
+    "fail": "The camera is not where the transform says. Calibrate again, or find out what moved it.",
+    "inconclusive": "This drive cannot show whether the transform still holds. Try more frames, or other places.",
 }
 OF_CLOCK: dict[Verdict, str] = {
-    "fail": "The transform still holds on this drive, and the camera's clock does not. Calibrate anew with "
+    "fail": "The transform still holds on this drive, but the camera's clock is off. Calibrate again with "
     "--estimate-delay, or find out what changed the clock.",
-    "inconclusive": "The transform still holds on this drive, which cannot decide whether the camera's clock does.",
+    "inconclusive": "The transform still holds on this drive, which cannot show whether the camera's clock does.",
 }
 """The same where all checks of the transform pass."""
 CLOCK_TOPIC = "clocks"
@@ -226,7 +226,7 @@ def _made_from(drive: Drive, record: Calibration) -> Finding | None:
     num_own = sum(hash_named(drive, frame.points) in known for frame in drive.frames)
     if 2 * num_own <= min(len(record.input.frames), len(drive.frames)):
         return None
-    found = f"{num_own} of the {len(drive.frames)} sweeps are those that the transform was calibrated from"
+    found = f"the transform was calibrated from {num_own} of these {len(drive.frames)} sweeps"
     return OWN_DRIVE.finding(found)
 
 

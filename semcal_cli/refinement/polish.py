@@ -113,14 +113,14 @@ def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishCo
         by = -check.held_out_gain_nats / max(check.held_out_sigma_nats or 0.0, LEAST_SIGMA)
         less, most = told_apart(by, max_loss, 1)
         found = (
-            f"the polish was rejected; held-out data agree less after it, by {less} standard errors, needed at most "
+            f"the polish was rejected; held-out data agree {less} standard errors worse after it, needed at most "
             f"{most}"
         )
         return (POLISH_REJECTED.finding(found),)
     if moved_px <= config.settled_px:
         return ()
     if not math.isfinite(moved_px):
-        found = "the polish found no direction in which the pose changes the agreement"
+        found = "the polish found no direction in which moving the camera changes the agreement"
         return (NO_DIRECTION.finding(found),)
     moved, most = told_apart(moved_px, config.settled_px, 2)
     found = f"the polish had not settled; its last round still moved points by {moved} pixels, needed at most {most}"

@@ -118,8 +118,8 @@ def refine_pose(
     converged = drift <= most
     moved_px, most_px = told_apart(drift, most, 1)
     found = (
-        f"the refinement had not settled; the pose still moved points by {moved_px} pixels over the last quarters of "
-        f"the finest level, needed at most {most_px}"
+        f"the refinement had not settled; the pose still moved points by {moved_px} pixels at the end of the finest "
+        f"level, needed at most {most_px}"
     )
     return Refinement(
         T_camera_lidar=pose,

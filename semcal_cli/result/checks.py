@@ -1,6 +1,6 @@
-"""All checks, with their limits and where these come from, in the order of their entries in docs/troubleshooting.md.
+"""All checks with their limits and the sources of these, in the order of docs/troubleshooting.md.
 
-The entries quote and explain the findings of the checks.
+That page quotes and explains the finding of each check.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from semcal_cli.config import MIN_OVERLAP, PolishConfig, PyramidConfig
 from semcal_cli.result.stage import Finding
 
 LIMITS_FILE = Path(__file__).with_name("limits.json")
-"""Limits by topic and name. `semcal experiment trust --limits` measures the values on both sides of them."""
+"""Limits by topic and name, with what `semcal experiment trust --limits` measured on both sides of each."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What one command measured on both sides of a limit."""
+    """Values that one command measured on both sides of a limit."""
 
     command: str
     first_seed: int
@@ -35,11 +35,11 @@ class Evidence:
     """What was wrong with the bad drives; None if no kind of bad drive belongs to the limit."""
     num_bad: int = 0
     mildest_bad: float | None = None
-    """Value of the bad drive that is farthest on the good side."""
+    """Value of the bad drive that is nearest to the limit, or farthest within it."""
     num_bad_within: int = 0
-    """Number of bad drives that keep the limit: other checks have to find what is wrong with them."""
+    """Number of bad drives within the limit, which other checks have to find."""
     by_rule: float | None = None
-    """Limit that the rule of the command gives; None where good and bad drives overlap."""
+    """Limit that the rule of the command derives; None where good and bad drives overlap."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class Limit:
     unit: str = ""
     """Unit of the value; "%" for a share of 1."""
     source: str = ""
-    """Where the limit comes from, beside what was measured."""
+    """Where the limit comes from, in addition to what was measured."""
     measured: Evidence | None = None
 
     @property
@@ -67,7 +67,7 @@ class Limit:
         return -1 if self.at_most is None else 1
 
     def is_kept_by(self, value: float) -> bool:
-        """Whether a value does not speak against the pose."""
+        """Whether a value is within the limit."""
         return self.sign * value <= self.sign * self.value
 
     def words(self, value: float) -> str:
@@ -94,13 +94,13 @@ LIMITS = read_limits(LIMITS_FILE.read_text(encoding="utf-8"))
 
 
 class Measured(NamedTuple):
-    """What a check measured on a drive, and the finding if that is beyond its limit."""
+    """What a check measured on a drive, with a finding if the value is beyond its limit."""
 
     topic: str
     limit: str
     """Name of the limit that the value is compared with."""
     value: float | None
-    """The value; None for a finding that no single value decides."""
+    """The value; None for a finding that does not rest on a single value."""
     finding: Finding | None = None
 
     @property
@@ -111,18 +111,18 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """What speaks against a pose if it is beyond a limit, and what to do then."""
+    """A check of a pose against a limit, and what to do if it fails."""
 
     topic: str
-    """Short name, which stays as sentences change: the anchor of its entry in docs/troubleshooting.md."""
+    """Short name that stays when sentences change, and the anchor of the entry in docs/troubleshooting.md."""
     advice: str
-    """What to do about it, as an order: record, check, give or the like."""
+    """What to do about it, in the imperative."""
     settings: Mapping[str, Limit] = field(default_factory=dict)
-    """Limits that are settings, by name, beside those of limits.json."""
+    """Limits by name that are settings, in addition to those in limits.json."""
 
     @property
     def limits(self) -> dict[str, Limit]:
-        """All limits by name; the name of a single one is empty."""
+        """All limits by name; a single limit has an empty name."""
         return {**self.settings, **LIMITS.get(self.topic, {})}
 
     def limit(self, name: str = "") -> float:
@@ -130,11 +130,11 @@ class Check:
         return self.limits[name].value
 
     def finding(self, found: str) -> Finding:
-        """Make the finding of what was found, a sentence with its figure and what was needed."""
+        """Make a finding from a sentence that gives the figure and what was needed."""
         return Finding(self.topic, found, self.advice)
 
     def without_value(self, found: str) -> Measured:
-        """Make a finding that no single value decides."""
+        """Make a finding that does not rest on a single value."""
         return Measured(self.topic, "", None, self.finding(found))
 
     def measured(self, value: float, found: str = "", limit: str = "") -> Measured:
@@ -142,7 +142,7 @@ class Check:
 
         Args:
             value: What was measured.
-            found: Sentence of the finding; empty if the value alone makes none.
+            found: Sentence of the finding; empty if the value makes no finding.
             limit: Name of the limit.
         """
         is_bad = found and not self.limits[limit].is_kept_by(value)
@@ -150,57 +150,59 @@ class Check:
 
 
 def findings_among(measured: Iterable[Measured]) -> tuple[Finding, ...]:
-    """List the findings of what was measured."""
+    """List the findings of all measurements."""
     return tuple(finding for each in measured for finding in each.findings)
 
 
 # The mounting is not clear.
 OTHER_MOUNTING = Check(
     topic="other-mounting",
-    advice="add frames from other places, or give --init with a mounting measured by hand",
+    advice="add frames from other places, or measure the mounting by hand and give it with --init",
 )
 NOTHING_TO_COMPARE = Check(
     topic="nothing-to-compare",
-    advice="add frames from other places, or give --init with a mounting measured by hand",
+    advice="add frames from other places, or measure the mounting by hand and give it with --init",
 )
 OTHER_AZIMUTH = Check(
     topic="other-azimuth",
-    advice="add frames from other places, or give --init with a mounting measured by hand",
+    advice="add frames from other places, or measure the mounting by hand and give it with --init",
 )
 OTHER_POSE = Check(topic="other-pose", advice="add frames from other places")
 FEW_SCENES = Check(topic="few-scenes", advice="add frames from other places")
 CUES_DISAGREE = Check(
     topic="cues-disagree",
-    advice="add frames from other places, or check with `semcal overlay --by edge` whether edges coincide",
+    advice="add frames from other places, or check with `semcal overlay --by edge` whether edges line up",
 )
 CAMERA_MOTION = Check(
     topic="camera-motion",
-    advice="check with `semcal overlay` whether points lie on what they belong to, and K, the clocks and the motion",
+    advice="check with `semcal overlay` whether points lie on their objects, and check K, the clocks and the motion",
 )
 # The labels do not determine the pose.
 NOT_DETERMINED = Check(
     topic="not-determined",
-    advice="record frames with objects near and far, at the left and at the right, or state what is "
-    "known with --prior-translation-m",
+    advice="record frames with near and far objects on both sides of the image, or give a measured position "
+    "with --prior-translation-m",
 )
 NOT_DETERMINED_TOGETHER = Check(
     topic="not-determined-together",
-    advice="record frames with objects near and far, or state more with --prior-translation-m and "
+    advice="record frames with near and far objects, or give more with --prior-translation-m and "
     "--prior-rotation-deg",
 )
-WIDE_INTERVAL = Check(topic="wide-interval", advice="add frames with objects near and far, from a moving car")
+WIDE_INTERVAL = Check(
+    topic="wide-interval", advice="add frames with near and far objects, recorded while driving"
+)
 NO_DIRECTION = Check(
     topic="no-direction", advice="record frames with more classes, such as poles, cars and kerbs"
 )
-ONE_CLASS = Check(topic="one-class", advice="record frames with more kinds of things, or label more classes")
+ONE_CLASS = Check(topic="one-class", advice="record frames with more kinds of objects, or label more classes")
 NOTHING_LABELLED = Check(topic="nothing-labelled", advice="label them, or check which ids the drive ignores")
 OVERLAP = Check(
     topic="overlap",
-    advice="label more of the points, or check which ids the drive ignores",
+    advice="label more points, or check which ids the drive ignores",
     settings={"": Limit(at_least=MIN_OVERLAP, unit="%", source="a setting")},
 )
-CHANCE = Check(topic="chance", advice="check that the labels are those of these sweeps and images")
-# The search for the pose did not end well.
+CHANCE = Check(topic="chance", advice="check that the labels belong to these sweeps and images")
+# The search for the pose did not converge.
 REFINEMENT_NOT_SETTLED = Check(
     topic="refinement-not-settled",
     advice="add frames, or start nearer with --init",
@@ -221,44 +223,46 @@ POLISH_REJECTED = Check(
         ),
     },
 )
-POLISH_NOT_TESTED = Check(topic="polish-not-tested", advice="add frames, or label more of the images")
+POLISH_NOT_TESTED = Check(topic="polish-not-tested", advice="add frames, or label more pixels")
 FUSION_NOT_SETTLED = Check(topic="fusion-not-settled", advice="add frames, or start nearer with --init")
 SEEDS = Check(topic="seeds", advice="add frames from other places")
 SOIC = Check(topic="soic", advice="start nearer with --init")
 # Files do not belong together.
 WRONG_PAIRING = Check(
-    topic="wrong-pairing", advice="check that sweeps and images belong together, by their times and names"
+    topic="wrong-pairing", advice="check by times and names that sweeps and images belong together"
 )
 ODD_FRAMES = Check(
-    topic="odd-frames", advice="check the times and the names of their files, or take these frames out"
+    topic="odd-frames", advice="check the times and names of the files, or remove these frames"
 )
 SHIFTED_POINT_LABELS = Check(
     topic="shifted-point-labels",
-    advice="check that what wrote them left no point out, and label these sweeps again",
+    advice="check that no points were skipped when they were written, and label these sweeps again",
 )
 SHIFTED_LABEL_IMAGES = Check(
     topic="shifted-label-images",
-    advice="check that they were made from these images, in their size, and label them again",
+    advice="check that they were made from these images at the same size, and label them again",
 )
 LEAKED_LABELS = Check(
     topic="leaked-labels",
     advice="label the points without the images, or calibrate with --cue segments,edges",
 )
-OWN_DRIVE = Check(topic="own-drive", advice="check it on another drive, for it agrees with its own")
+OWN_DRIVE = Check(
+    topic="own-drive", advice="check it on another drive, because a transform always agrees with its own"
+)
 FRAMES_DISAGREE = Check(
     topic="frames-disagree",
-    advice="check the times of sweeps and images, the motion and the labels, or take these frames out",
+    advice="check the times of sweeps and images, the motion and the labels, or remove these frames",
 )
 MOVED_CAMERA = Check(
     topic="moved-camera", advice="calibrate each part with `semcal calibrate --split`, or record again"
 )
 # Camera, clocks and motion.
 WRONG_FOCAL_LENGTH = Check(
-    topic="focal-length", advice="check fx and fy of K, and that K is of images of this size"
+    topic="focal-length", advice="check fx and fy in K, and that K belongs to images of this size"
 )
 WRONG_INTRINSICS = Check(
     topic="intrinsics",
-    advice="check K and the distortion, and that K is of images of this size, or calibrate the lens again",
+    advice="check K and the distortion, and that K belongs to images of this size, or calibrate the lens again",
 )
 WRONG_CLOCKS = Check(topic="clocks", advice="check the clocks of camera and LiDAR, and correct image_stamp")
 MOTION = Check(
@@ -267,9 +271,9 @@ MOTION = Check(
 SHUTTER = Check(
     topic="shutter", advice="give motion.poses or motion.twist in the drive, or record at lower speed"
 )
-FAR_CAMERA = Check(topic="baseline", advice="give a larger --max-baseline-m if it is farther away")
+FAR_CAMERA = Check(topic="baseline", advice="give a larger --max-baseline-m if the camera is farther away")
 # What you stated contradicts the data.
-PRIOR = Check(topic="prior", advice="measure it again, or state it less exactly")
+PRIOR = Check(topic="prior", advice="measure it again, or give a larger SIGMA")
 
 CHECKS = {check.topic: check for check in vars().copy().values() if isinstance(check, Check)}
 """All checks by topic."""
