@@ -108,6 +108,30 @@ OF_ARCHITECTURES: dict[str, tuple[str, list[str], dict[str, Any], Any, tuple[str
             "std": tuple(HALF),
         },
     ),
+    "DPT of an aspect": (
+        "DPTForSemanticSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"height": 480, "width": 480}, keep_aspect_ratio=True, ensure_multiple_of=32),
+        ANY,
+        LOGITS,
+        {"size": (480, 480), "fit": "aspect", "multiple": 32},
+    ),
+    "DPT of an aspect and a size": (
+        "DPTForSemanticSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"height": 480, "width": 480}, keep_aspect_ratio=True, ensure_multiple_of=32),
+        SQUARE,
+        LOGITS,
+        {"size": None, "fit": "letterbox", "multiple": 1},
+    ),
+    "DPT of a multiple": (
+        "DPTForSemanticSegmentation",
+        CITYSCAPES,
+        preprocessor(size={"height": 480, "width": 500}, keep_aspect_ratio=False, ensure_multiple_of=32),
+        ANY,
+        LOGITS,
+        {"size": (512, 480), "fit": "stretch", "multiple": 1},
+    ),
     "MobileViT": (
         "MobileViTForSemanticSegmentation",
         VOC,
@@ -184,6 +208,29 @@ def test_sidecars_are_a_card(tmp_path: Path, name: str) -> None:
     assert found.layout == "channels_first"
     assert isinstance(found.classes, dict)
     assert list(found.classes) == names
+
+
+@pytest.mark.parametrize(
+    ("image", "multiple", "expected"),
+    [
+        ((1920, 1080), 32, (864, 480)),  # the height changes less: 480 / 1080 of 1920 is 853.3
+        ((1080, 1920), 32, (480, 864)),
+        ((1920, 1080), 1, (853, 480)),
+        ((300, 400), 14, (364, 476)),  # by 480 / 400, not by 480 / 300
+        ((600, 400), 1, (720, 480)),  # by 4 / 5 or by 6 / 5, which change it as much: the height's counts
+    ],
+)
+def test_dpt_keeps_the_aspect_of_an_image(
+    tmp_path: Path, image: tuple[int, int], multiple: int, expected: tuple[int, int]
+) -> None:
+    """The side that changes less gives the factor of both, as in transformers' `get_resize_output_image_size`."""
+    color_network(tmp_path / "net.onnx")
+    processor = preprocessor(
+        size={"height": 480, "width": 480}, keep_aspect_ratio=True, ensure_multiple_of=multiple
+    )
+    write(tmp_path, "DPTForSemanticSegmentation", NAMES, processor)
+    model = picture_model(open_network(tmp_path / "net.onnx"), None)
+    assert model.card.size_for(*image) == expected
 
 
 def test_without_a_preprocessor_the_size_is_that_of_the_config(tmp_path: Path) -> None:

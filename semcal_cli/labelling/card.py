@@ -23,7 +23,7 @@ MULTIPLE = 32
 MAX_SIDE = 4096
 """Largest side of an image for a network that takes any size."""
 
-Fit: TypeAlias = Literal["stretch", "letterbox", "tiles"]
+Fit: TypeAlias = Literal["stretch", "letterbox", "tiles", "aspect"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
 Layout: TypeAlias = Literal["channels_first", "channels_last"]
 Kind: TypeAlias = Literal["logits", "probabilities", "ids", "masks"]
@@ -88,6 +88,8 @@ class ImageCard(Card):
     """Least share of a tile that its neighbour shows, too."""
     resample: Resample | None = None
     """How an image is scaled, in Pillow's words; by default the mean where it shrinks, and linearly where it grows."""
+    multiple: Annotated[int, Field(ge=1, le=1024)] = 1
+    """With `fit: aspect`, both sides are rounded to a multiple of this."""
     short_side: ImageSide | None = None
     """Length to which the shorter side of an image is scaled, without size or before it is cut into tiles."""
     long_side: ImageSide | None = None
@@ -117,6 +119,10 @@ class ImageCard(Card):
             raise ValueError(f"long_side: {mismatch('no short_side', 'both, or short_side alone')}")
         if self.short_side is not None and self.size is not None and self.fit != "tiles":
             raise ValueError(f"short_side: {mismatch(f'size and fit: {self.fit}', 'no size, or fit: tiles')}")
+        if self.fit == "aspect" and self.size is None:
+            raise ValueError(f"fit: {mismatch('aspect without size', 'both')}")
+        if self.multiple != 1 and self.fit != "aspect":
+            raise ValueError(f"multiple: {mismatch(f'fit: {self.fit}', 'fit: aspect')}")
         if self.mask_size is not None and self.kind != "masks":
             raise ValueError(f"mask_size: {mismatch(f'kind: {self.kind}', 'kind: masks')}")
         return self
@@ -133,10 +139,25 @@ class CompleteImageCard(ImageCard):
 
     def size_for(self, width: int, height: int) -> tuple[int, int]:
         """Columns and rows of the network's image for one of `width` x `height` pixels."""
+        if self.fit == "aspect":
+            return self._near_size(width, height)
         if self.size is not None:
             return self.size[0], self.size[1]
         sides = self.scaled((width, height))
         columns, rows = (min(-(-side // MULTIPLE) * MULTIPLE, MAX_SIDE) for side in sides)
+        return columns, rows
+
+    def _near_size(self, width: int, height: int) -> tuple[int, int]:
+        """Scale both sides by the factor, that of the width or of the height, which changes the image less.
+
+        This is transformers' `get_resize_output_image_size` of DPT with `keep_aspect_ratio` and `ensure_multiple_of`.
+        """
+        assert self.size is not None  # checked with the card
+        by_width, by_height = self.size[0] / width, self.size[1] / height
+        factor = by_width if abs(1.0 - by_width) < abs(1.0 - by_height) else by_height
+        columns, rows = (
+            max(round(factor * side / self.multiple), 1) * self.multiple for side in (width, height)
+        )
         return columns, rows
 
     def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
@@ -150,6 +171,8 @@ class CompleteImageCard(ImageCard):
     def describe(self) -> list[tuple[str, str]]:
         """Describe the input, in pairs of a word and a sentence."""
         size = "any, so that of the image" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+        if self.fit == "aspect":
+            size = f"near {size}, sides a multiple of {self.multiple}"
         if self.short_side is not None:
             most = "" if self.long_side is None else f", the longer one to at most {self.long_side}"
             size += f", its shorter side scaled to {self.short_side}{most}"

@@ -40,6 +40,8 @@ GRAY = np.array([0.114, 0.587, 0.299])
 
 Scores: TypeAlias = list[npt.NDArray[np.float32]]
 """Scores of the classes in the cells of each view, (C, h, w) or (h, w, C)."""
+Sampled: TypeAlias = tuple[Scores, npt.NDArray[np.uint8], npt.NDArray[np.float32], bool]
+"""Scores, the index among them and the place there of each pixel, and whether classes stand first."""
 
 
 class ImageLabeller:
@@ -83,9 +85,8 @@ class ImageLabeller:
         if self.model.card.kind == "ids":
             found = self._ids_of_pixels(outputs)
         else:
-            scores, places, are_first = self._scores(outputs)
             with about(self.model.network.path):
-                found = _core.classes_of_scores(scores, self.views.views, places, are_first)
+                found = _core.classes_of_scores(*self._scores(outputs))
         return np.asarray(found, np.uint16).reshape(self.camera.height, self.camera.width)
 
     def shares(self, image: Image) -> npt.NDArray[np.uint8]:
@@ -100,7 +101,7 @@ class ImageLabeller:
         path, kind = self.model.network.path, self.model.card.kind
         if kind == "ids":
             raise InputError(f"--probabilities: found ids from {path}, needed logits or probabilities")
-        scores, places, are_first = self._scores(self._run(image))
+        scores, views, places, are_first = self._scores(self._run(image))
         num_classes = scores[0].shape[0 if are_first else 2]
         if num_classes > MAX_SHARES:
             raise InputError(
@@ -117,7 +118,7 @@ class ImageLabeller:
             )
         )
         with about(path):
-            found = _core.shares_of_scores(scores, self.views.views, places, are_first, are_logits)
+            found = _core.shares_of_scores(scores, views, places, are_first, are_logits)
         return np.asarray(found, np.uint8).reshape(self.camera.height, self.camera.width, num_classes)
 
     def tensor(self, view: Image) -> npt.NDArray[Any]:
@@ -147,8 +148,8 @@ class ImageLabeller:
                 raise network.unfit(found, "as many of both")
         return [joined_masks(output, self.model.card.mask_size) for output in outputs]
 
-    def _scores(self, outputs: Sequence[npt.NDArray[Any]]) -> tuple[Scores, npt.NDArray[np.float32], bool]:
-        """Arrange outputs as scores of classes; find the pixels' places, and tell whether classes stand first."""
+    def _scores(self, outputs: Sequence[npt.NDArray[Any]]) -> Sampled:
+        """Arrange outputs as scores of classes, and find where each pixel reads them."""
         network, shapes = self.model.network, {output.shape for output in outputs}
         shape = next(iter(shapes))
         if len(shapes) > 1 or len(shape) != 4 or shape[0] != 1:
@@ -168,7 +169,12 @@ class ImageLabeller:
             needed = f"at most {num_classes - 1}, the last score of {network.path}"
             raise wrong_key(self.model.card_path, "classes", f"id {highest}", needed)
         scores = [np.ascontiguousarray(output[0], np.float32) for output in outputs]
-        return scores, self._places_on(columns, rows), are_first
+        mosaic = self.views.mosaic
+        if mosaic is None or (columns, rows) != self.views.size:
+            # The cells of coarse scores do not meet those of other tiles: each pixel reads one tile.
+            return scores, self.views.views, self._places_on(columns, rows), are_first
+        planes = scores if are_first else [np.moveaxis(each, 2, 0) for each in scores]
+        return mosaic.joined(planes), mosaic.images, mosaic.places, True
 
     def _are_classes_first(self, shape: tuple[int, int, int]) -> bool:
         """Tell by the strides of rows and columns, which agree, where the classes stand."""

@@ -92,6 +92,8 @@ class Preprocessor(_Lenient):
     size: Size | None = None
     resample: Annotated[int, Field(ge=0, le=len(RESAMPLES) - 1)] | None = None
     max_size: int | None = None
+    keep_aspect_ratio: bool | None = None
+    ensure_multiple_of: Annotated[int, Field(ge=1, le=1024)] | None = None
     do_center_crop: bool | None = None
     crop_size: Size | None = None
     do_pad: bool | None = None
@@ -234,16 +236,17 @@ def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str,
         return keys
     if keys.get("fit") == "tiles":
         return {key: value for key, value in keys.items() if key != "size"}
-    return {"fit": "letterbox" if "short_side" in keys else keys.get("fit", "stretch")}
+    keeps_aspect = "short_side" in keys or keys.get("fit") in ("aspect", "letterbox")
+    return {"fit": "letterbox" if keeps_aspect else "stretch"}
 
 
 def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dict[str, Any]:
     """Say in the keys of a card how transformers brings an image to a size; it is never cropped."""
     if "height" in size and "width" in size:
-        return {"size": [size["width"], size["height"]], "fit": "stretch"}
+        return _fit_by_sides(size["width"], size["height"], found)
     side, longest = size.get("one"), found.max_size
     if side is not None and not architecture.startswith(BY_EDGE):
-        return {"size": [side, side], "fit": "stretch"}
+        return _fit_by_sides(side, side, found)
     side, longest = size.get("shortest_edge", side), size.get("longest_edge", longest)
     if side is None:
         return {}
@@ -252,3 +255,12 @@ def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dic
     if found.do_pad and side == longest and not architecture.startswith(BY_EDGE):
         return {"size": [side, side], "fit": "letterbox"}
     return {"short_side": side} | ({} if longest is None else {"long_side": longest})
+
+
+def _fit_by_sides(width: int, height: int, found: Preprocessor) -> dict[str, Any]:
+    """Say in the keys of a card how an image comes to a width and a height, or, as DPT's, near them."""
+    multiple = found.ensure_multiple_of or 1
+    if found.keep_aspect_ratio:
+        return {"size": [width, height], "fit": "aspect", "multiple": multiple}
+    columns, rows = (max(round(side / multiple), 1) * multiple for side in (width, height))
+    return {"size": [columns, rows], "fit": "stretch"}

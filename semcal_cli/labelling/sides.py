@@ -33,7 +33,7 @@ NO_ID = int(_core.NO_ID)
 """Id of a pixel or a point without a label."""
 NO_BYTE = 255
 """The same in label images of 8 bits."""
-RARE = ("constants", "mask_size", "overlap", "resample")
+RARE = ("constants", "mask_size", "multiple", "overlap", "resample")
 """Keys of a card on which labels depend, and which stand in a record only where they are not the default."""
 Classes: TypeAlias = Mapping[str, tuple[int, ...]]
 """Ids of each name; empty without names."""

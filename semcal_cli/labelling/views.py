@@ -54,6 +54,8 @@ class Shown(NamedTuple):
     """Places of the camera's pixels; NaN where this image does not show them."""
     merit: npt.NDArray[np.float64]
     """(N,) how well this image shows each pixel of the camera's; minus infinity where it does not."""
+    start: tuple[int, int] = (0, 0)
+    """Column and row at which a tile begins in the image that it is cut from."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,39 @@ class Fitting:
 
 
 @dataclass(frozen=True, eq=False)
+class Mosaic:
+    """Images that are cut into tiles, whose scores are joined again."""
+
+    sizes: tuple[tuple[int, int], ...]
+    """Columns and rows of each image."""
+    tiles: tuple[tuple[int, tuple[int, int]], ...]
+    """Image of each view, and the column and row at which the view begins there."""
+    images: npt.NDArray[np.uint8]
+    """(N,) the image that shows each pixel of the camera's image best, or `_core.NO_VIEW`."""
+    places: npt.NDArray[np.float32]
+    """(N, 2) the pixel's place there."""
+
+    def joined(self, scores: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
+        """Join scores (C, h, w) of each view to (C, H, W) of each image: the mean where tiles overlap.
+
+        This is how transformers (`merge_image_patches` of EoMT's processor) and MMSegmentation join windows.
+        """
+        sums = [np.zeros((len(scores[0]), rows, columns), np.float32) for columns, rows in self.sizes]
+        counts = [np.zeros((rows, columns), np.float32) for columns, rows in self.sizes]
+        for (image, (left, top)), of_tile in zip(self.tiles, scores, strict=True):
+            columns, rows = self.sizes[image]
+            shown = of_tile[:, : rows - top, : columns - left]
+            across, down = slice(left, left + shown.shape[2]), slice(top, top + shown.shape[1])
+            sums[image][:, down, across] += shown
+            counts[image][down, across] += 1.0
+        for total, count in zip(sums, counts, strict=True):
+            total /= np.maximum(count, 1.0)
+            # No pixel reads what no tile shows; equal shares keep probabilities what they are.
+            total[:, count == 0.0] = 1.0 / len(total)
+        return sums
+
+
+@dataclass(frozen=True, eq=False)
 class Views:
     """What a network sees of a camera's image."""
 
@@ -85,6 +120,8 @@ class Views:
     """(N,) the view that shows each pixel of the camera's image best, or `_core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
     """(N, 2) the pixel's place there."""
+    mosaic: Mosaic | None = None
+    """The images that the views are tiles of; None if no image is cut into several."""
 
     def places_on(self, columns: int, rows: int, *, align_corners: bool) -> npt.NDArray[np.float32]:
         """Places (N, 2) on a grid that covers a view: at any stride, so that borders or outermost centres agree."""
@@ -113,8 +150,11 @@ def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views
         sources = [Shown(camera.size, lambda image: image, pixels, np.zeros(len(pixels)))]
     best = np.argmax([source.merit for source in sources], axis=0)
     num_pixels = camera.width * camera.height
-    views, places = np.full(num_pixels, _core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
+    views, places = _nowhere(num_pixels)
+    images, places_there = _nowhere(num_pixels)
     draws: list[Draw] = []
+    tiles: list[tuple[int, tuple[int, int]]] = []
+    sizes: list[tuple[int, int]] = []
     for index, source in enumerate(sources):
         is_here = (best == index) & np.isfinite(source.merit)
         if not is_here.any():
@@ -122,9 +162,10 @@ def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views
         merit = np.full(num_pixels, -np.inf)
         if fitting.fit == "tiles" and (sides := fitting.scaled(source.size)) != source.size:
             source = _part(source, (0, 0), source.size, sides, (0, 0), replace(fitting, size=sides))
+        images[is_here], places_there[is_here] = len(sizes), source.places[is_here]
         for view in _parts(source, fitting):
             is_better = is_here & (view.merit > merit)
-            if not is_better.any():
+            if not is_better.any() and not _reaches(view, source.places[is_here]):
                 continue
             if len(draws) == MAX_VIEWS:
                 columns, rows = fitting.size
@@ -134,7 +175,22 @@ def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views
             views[is_better], places[is_better] = len(draws), view.places[is_better]
             merit[is_better] = view.merit[is_better]
             draws.append(view.draw)
-    return Views(tuple(draws), fitting.size, views, places)
+            tiles.append((len(sizes), view.start))
+        sizes.append(source.size)
+    is_cut = len(tiles) > len(sizes)
+    mosaic = Mosaic(tuple(sizes), tuple(tiles), images, places_there) if is_cut else None
+    return Views(tuple(draws), fitting.size, views, places, mosaic)
+
+
+def _nowhere(num_pixels: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
+    """Make the views and places of pixels that no view shows."""
+    return np.full(num_pixels, _core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
+
+
+def _reaches(tile: Shown, places: Places) -> bool:
+    """Tell whether scores of a tile are interpolated at some of the places (N, 2) in the image that it is cut from."""
+    start = np.array(tile.start)
+    return bool(((places > start - 1) & (places < start + tile.size)).all(axis=1).any())
 
 
 def _pixels(camera: Camera) -> Places:
@@ -256,7 +312,7 @@ def _part(
             drawn = cv2.copyMakeBorder(drawn, *borders, cv2.BORDER_CONSTANT, value=tuple(fitting.padding))
         return np.asarray(drawn, np.uint8)
 
-    return Shown(size, draw, moved, merit)
+    return Shown(size, draw, moved, merit, start)
 
 
 def resized(image: Image, size: tuple[int, int], resample: Resample | None) -> Image:
