@@ -19,7 +19,8 @@ import click
 
 from semcal_cli.cli.ci import annotate
 from semcal_cli.config import MAX_PIXELS
-from semcal_cli.errors import InputError, SemcalError
+from semcal_cli.errors import InputError, SemcalError, printable
+from semcal_cli.plugins import PluginWarning
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
 GARBAGE_AFTER = 50_000
@@ -27,6 +28,9 @@ GARBAGE_AFTER = 50_000
 ARENA_MAX = -8
 """Parameter of glibc's `mallopt`: the number of arenas that threads get memory from, eight for each core by default."""
 
+
+PYTHONS_FORMAT = warnings.formatwarning
+"""How Python writes a warning."""
 
 SECTIONS: dict[str, dict[str, str]] = {
     "Start": {
@@ -135,6 +139,7 @@ def run(arguments: Sequence[str]) -> Ending:
     _limit_arenas()
     # NumPy need not warn of overflowing numbers: their results are checked.
     warnings.simplefilter("ignore", RuntimeWarning)
+    warnings.formatwarning = _formatted
     try:
         for argument in arguments:
             _check_text(argument)
@@ -159,6 +164,15 @@ def run(arguments: Sequence[str]) -> Ending:
     click.echo(f"semcal: error: {line}", err=True)
     annotate(arguments[0] if arguments else "", "error", line)
     return Ending(EXIT_FAILURE, line, failure)
+
+
+def _formatted(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """Write a warning of a plugin as a line for users, and any other as Python does."""
+    if isinstance(message, PluginWarning):
+        return f"semcal: warning: {printable(str(message))}\n"
+    return PYTHONS_FORMAT(message, category, filename, lineno, line)
 
 
 def _limit_arenas() -> None:

@@ -35,11 +35,11 @@ class FormatName(click.ParamType[str]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Check that the name is that of a format."""
-        from semcal_cli.formats import FORMATS
+        from semcal_cli.formats.table import FORMATS, PLUGINS
 
         names = [format.name for format in FORMATS]
-        if value not in names:
-            self.fail(f"found {value!r}, needed one of: {', '.join(names)}.", param, ctx)
+        if value not in names and value not in PLUGINS.names:
+            self.fail(f"found {value!r}, needed one of: {', '.join([*names, *PLUGINS.names])}.", param, ctx)
         return str(value)
 
 
@@ -51,10 +51,11 @@ def format_name(help: str, *names: str) -> Any:
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
     if is_asked:
         from semcal_cli.cli.tables import wrapped
-        from semcal_cli.formats import FORMATS
+        from semcal_cli.formats.table import PLUGINS, all_formats
 
-        for format in FORMATS:
-            click.echo("\n".join(wrapped(format.name, format.equation, NAME_WIDTH)))
+        for format in all_formats():
+            package = f"; {PLUGINS.package(format.name)}" if format.name in PLUGINS.names else ""
+            click.echo("\n".join(wrapped(format.name, format.equation + package, NAME_WIDTH)))
         ctx.exit()
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -11,7 +13,7 @@ import click
 from semcal_cli.cli.options import QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
-from semcal_cli.datasets import DATASETS, read_dataset
+from semcal_cli.datasets import DATASETS, PLUGINS, read_dataset
 from semcal_cli.errors import check_installed, printable
 
 if TYPE_CHECKING:
@@ -140,7 +142,25 @@ OWN_SETTINGS = {"nuscenes": NuscenesSettings, "carla": CarlaSettings, "kitti-360
 """Settings of the data sets that have options of their own."""
 
 
-@click.group(name="import")
+class Imports(click.Group):
+    """The imports of semcal, and after them those of plugins."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """List the names of all imports."""
+        return [*super().list_commands(ctx), *PLUGINS.names]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Find an import; None if there is none of this name, or if its plugin is broken."""
+        if (command := super().get_command(ctx, cmd_name)) is not None:
+            return command
+        if (read := PLUGINS.get(cmd_name, FunctionType)) is None:
+            return None
+        about, package = inspect.getdoc(read) or cmd_name, PLUGINS.package(cmd_name)
+        summary = f"{about.splitlines()[0]} ({package})"
+        return _dataset_command(cmd_name, summary, f"{about}\n\nThe data set comes from {package}.")
+
+
+@click.group(name="import", cls=Imports)
 def import_() -> None:
     """Make a drive of a recording, of a data set, or of a folder of your own files.
 
@@ -261,7 +281,7 @@ def _list(paths: tuple[Path, ...]) -> None:
         click.echo(f"note: {remark}", err=True)
 
 
-def _dataset_command(name: str, summary: str) -> click.Command:
+def _dataset_command(name: str, summary: str, help: str) -> click.Command:
     def read(settings: DatasetSettings) -> None:
         from semcal_cli.datasets.recording import Request
 
@@ -271,13 +291,13 @@ def _dataset_command(name: str, summary: str) -> click.Command:
         name,
         callback=read,
         settings=OWN_SETTINGS.get(name, DatasetSettings),
-        help=f"Import {summary}",
+        help=help,
         short_help=summary,
     )
 
 
 for _name, _dataset in DATASETS.items():
-    import_.add_command(_dataset_command(_name, _dataset.summary))
+    import_.add_command(_dataset_command(_name, _dataset.summary, f"Import {_dataset.summary}"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar, get_args
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import click
 
 from semcal_cli.cli.settings import PATH as PATH
 from semcal_cli.cli.settings import Names, argument, option, output_file, setting_of
 from semcal_cli.config import AUTO, MAX_FRAMES, MAX_POINTS, CalibrationConfig, CueName, Limits
+from semcal_cli.config.cues import PLUGINS
 from semcal_cli.files.writing import descriptor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -24,7 +25,7 @@ MAX_LIMIT = 1e6
 """Largest limit in metres or degrees: no two transforms are farther apart."""
 
 KNOWN_TRANSFORMS = "a calibration, a drive with its reference, or any format that `convert --formats` lists"
-CUES = Names(get_args(CueName), alone=("features", "auto"))
+CUES = Names(PLUGINS.taken, alone=("features", "auto"), plugins=PLUGINS)
 MANY_POINTS = "Refuse sweeps of more than N points, and their files if they have more than 64 bytes a point."
 
 

@@ -20,6 +20,7 @@ from semcal_cli.cli.rules import given_parameters
 from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.errors import MisplacedError
 from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
+from semcal_cli.plugins import Plugins
 
 Settings = TypeVar("Settings")
 Made = TypeVar("Made")
@@ -65,15 +66,22 @@ class Names(click.ParamType[tuple[str, ...]]):
 
     name = "names"
 
-    def __init__(self, known: tuple[str, ...] = (), alone: tuple[str, ...] = (), needed: str = "") -> None:
+    def __init__(
+        self,
+        known: tuple[str, ...] = (),
+        alone: tuple[str, ...] = (),
+        needed: str = "",
+        plugins: Plugins | None = None,
+    ) -> None:
         """Make the type.
 
         Args:
             known: Names that there are, in the order of the value; any if empty.
             alone: Names that stand with no other.
             needed: What messages say is needed, where `known` is empty.
+            plugins: Plugins that add names.
         """
-        self.known, self.alone, self.needed = known, alone, needed or f"some of {', '.join(known)}"
+        self.known, self.alone, self.needed, self.plugins = known, alone, needed, plugins
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -81,14 +89,17 @@ class Names(click.ParamType[tuple[str, ...]]):
         """Parse the names, and sort them if it is known which there are."""
         if isinstance(value, tuple):
             return value
-        names = tuple(name.strip() for name in value.split(","))
-        if "" in names or (self.known and not set(names) <= set(self.known)):
-            self.fail(f"found {value!r}, needed {self.needed}.", param, ctx)
+        names, known = tuple(name.strip() for name in value.split(",")), self.known
+        if self.plugins is not None and not set(names) <= set(known):
+            known = (*known, *self.plugins.names)
+        if "" in names or (known and not set(names) <= set(known)):
+            needed = self.needed or f"some of {', '.join(known)}"
+            self.fail(f"found {value!r}, needed {needed}.", param, ctx)
         if len(set(names)) < len(names):
             self.fail(f"found {value!r}, needed each name once.", param, ctx)
         if single := next((name for name in self.alone if name in names and len(names) > 1), None):
             self.fail(f"found {value!r}, needed {single} alone.", param, ctx)
-        return tuple(name for name in self.known if name in names) or names
+        return tuple(name for name in known if name in names) or names
 
 
 PATH = click.Path(path_type=Path)
@@ -153,6 +164,15 @@ class SettingOption(click.Option):
     """An option with a heading in the help."""
 
     section = OPTIONS
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Add the names that plugins add to those that the help explains."""
+        record = super().get_help_record(ctx)
+        plugins = self.type.plugins if isinstance(self.type, Names) else None
+        if record is None or plugins is None or not plugins.names:
+            return record
+        added = ", ".join(f"{name} ({plugins.package(name)})" for name in plugins.names)
+        return record[0], f"{record[1]}  [plugins: {added}]"
 
 
 def _parameters(settings: type) -> list[click.Parameter]:

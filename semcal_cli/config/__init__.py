@@ -7,14 +7,16 @@ settings that change an answer are in the result under `settings.options`. Nothi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias
 
+from semcal_cli.config.cues import AUTO as AUTO
+from semcal_cli.config.cues import LABELS as LABELS
+from semcal_cli.config.cues import CueName as CueName
+from semcal_cli.config.cues import check_cues
 from semcal_cli.config.setting import MAX_SEED as MAX_SEED
 from semcal_cli.config.setting import check_settings, setting
-from semcal_cli.errors import InputError, check_torch, one_of
+from semcal_cli.errors import InputError, check_torch
 
-CueName: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
-"""What points and pixels are compared by; auto takes the best cue that the files of a drive allow."""
 Estimator: TypeAlias = Literal["exact", "mine"]
 """How mutual information is estimated: by the histogram of classes, or by a network's lower bound."""
 Device: TypeAlias = Literal["cpu", "cuda"]
@@ -22,8 +24,6 @@ Device: TypeAlias = Literal["cpu", "cuda"]
 Zoom: TypeAlias = Literal["exact", "paper"]
 """How a label image is resampled onto the LiDAR's angular grid: through K and the lens, or as in the paper."""
 
-LABELS: tuple[CueName, ...] = ("labels",)
-AUTO: tuple[CueName, ...] = ("auto",)
 MAX_FRAMES = 70
 """Maximum number of frames used of a longer drive. More frames hardly improve an answer, because the errors of
 the labels' borders then dominate."""
@@ -381,14 +381,7 @@ def check_config(config: CalibrationConfig) -> None:
     """
     if not isinstance(config, CalibrationConfig):
         raise InputError(f"config: found {config!r}, needed a CalibrationConfig")
-    cues = config.cues
-    if not isinstance(cues, tuple) or not cues or len({*map(str, cues)}) < len(cues):
-        raise InputError(f"cues: found {cues!r}, needed a tuple of different cues")
-    if "auto" in cues and len(cues) > 1:
-        raise InputError(f"cues: found {cues!r}, needed auto alone")
-    for cue in cues:
-        if cue not in get_args(CueName):
-            raise InputError(f"cues: found {cue!r}, needed {one_of(str(cue), get_args(CueName))}")
+    check_cues(config.cues)
     check_settings(config)
     if config.refinement.estimator == "mine":
         check_torch("estimator 'mine'")

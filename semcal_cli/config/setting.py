@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from numbers import Integral, Real
 from types import NoneType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from semcal_cli.errors import InputError, one_of
 
@@ -70,6 +70,8 @@ class Setting:
             return False
         if plain is tuple and isinstance(value, tuple):
             return all(Setting(kind=get_args(self.kind)[0]).allows(each) for each in value)
+        if plain is Union:
+            return any(Setting(kind=each).allows(value) for each in get_args(self.kind))
         return isinstance(value, plain)
 
     def _is_within_limits(self, number: float) -> bool:

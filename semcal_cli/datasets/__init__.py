@@ -6,7 +6,11 @@ This module imports nothing heavy, because the command line lists the data sets 
 from __future__ import annotations
 
 from importlib import import_module
+from types import FunctionType
 from typing import TYPE_CHECKING, NamedTuple
+
+from semcal_cli.errors import InputError, one_of
+from semcal_cli.plugins import Plugins
 
 if TYPE_CHECKING:
     from semcal_cli.datasets.recording import Recording, Request
@@ -58,14 +62,26 @@ DATASETS = {
         "opencalib.read", "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg."
     ),
 }
+PLUGINS = Plugins("semcal.datasets", (*DATASETS, "bag", "folder"))
+"""Data sets of other installed packages, beside which `semcal import` has these names."""
 
 
 def read_dataset(name: str, request: Request) -> Recording:
     """Find the frames, the camera and the reference in the native tree of a data set.
 
     Raises:
-        InputError: a file, a key, the sequence or the camera is missing or wrong, or no frame is complete.
+        InputError: there is no such data set; a file, a key, the sequence or the camera is missing or wrong; or no
+            frame is complete.
     """
-    module, function = DATASETS[name].reader.split(".")
-    recording: Recording = getattr(import_module(f"semcal_cli.datasets.{module}"), function)(request)
+    recording: Recording = _reader(name)(request)
     return recording
+
+
+def _reader(name: str) -> FunctionType:
+    if name in DATASETS:
+        module, function = DATASETS[name].reader.split(".")
+        reader: FunctionType = getattr(import_module(f"semcal_cli.datasets.{module}"), function)
+        return reader
+    if (plugin := PLUGINS.get(name, FunctionType)) is None:
+        raise InputError(f"found data set {name!r}, needed {one_of(name, [*DATASETS, *PLUGINS.names])}")
+    return plugin

@@ -18,7 +18,9 @@ from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.lenses import UnnamedLensError
 from semcal_cli.formats.semcal import Extrinsic as Extrinsic
 from semcal_cli.formats.table import FORMATS as FORMATS
+from semcal_cli.formats.table import all_formats as all_formats
 from semcal_cli.formats.table import find_format as find_format
+from semcal_cli.formats.table import plugin_formats as plugin_formats
 from semcal_cli.geometry.poses import Pose, as_transform
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import offset_words
@@ -98,13 +100,16 @@ def read_transform(
 
 
 def _recognised(source: Source) -> Format:
-    recognised = [format for format in FORMATS if format.recognises(source)]
+    # A plugin changes nothing about files that semcal reads itself.
+    recognised = [format for format in FORMATS if format.recognises(source)] or [
+        format for format in plugin_formats() if format.recognises(source)
+    ]
     found = [format for format in recognised if format.has_transform] or recognised
     if len(found) == 1:
         return found[0]
     if not found:
         _check_form(source)
-    known = ", ".join(format.name for format in found or FORMATS if format.has_transform)
+    known = ", ".join(format.name for format in found or all_formats() if format.has_transform)
     if found:
         raise InputError(
             f"{source.path}: found content of several formats, needed --from with one of: {known}"
@@ -228,7 +233,7 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     format = _recognised(source)
     put = format.put
     if put is None:
-        able = ", ".join(each.name for each in FORMATS if each.put is not None)
+        able = ", ".join(each.name for each in all_formats() if each.put is not None)
         raise InputError(
             f"{path}: found format {format.name}, which cannot be edited in place, needed one of: {able}"
         )

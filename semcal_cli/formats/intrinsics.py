@@ -13,7 +13,7 @@ from semcal_cli.formats.format import Source
 from semcal_cli.formats.lenses import Intrinsics
 from semcal_cli.formats.node import Node, camera_block
 from semcal_cli.formats.opencv import is_storage
-from semcal_cli.formats.table import FORMATS
+from semcal_cli.formats.table import all_formats
 
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
@@ -47,7 +47,7 @@ def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
 
 
 def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
-    for format in FORMATS:
+    for format in all_formats():
         if format.read_lens is not None and (found := format.read_lens(source, camera, model)) is not None:
             return found
     keys = ", ".join(describe(key) for key in list(source.node.mapping)[:5]) or "none"

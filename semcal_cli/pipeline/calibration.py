@@ -36,7 +36,7 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.camera import check_intrinsics
-from semcal_cli.drive.cues.table import CUES, files_of
+from semcal_cli.drive.cues.table import files_of, find_cue
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore, movement
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -370,7 +370,7 @@ def make_calibration(
     findings, assessment, joint = stages.findings, stages.assessment, stages.joint
     options: dict[str, object] = {"max_frames": data.max_frames}
     if data.cues != LABELS:
-        options["cues"] = {cue: CUES[cue].settings for cue in data.cues}
+        options["cues"] = {cue: find_cue(cue).settings for cue in data.cues}
     source = None if initial_pose is None else initial_pose.source
     if initial_pose is not None and source is None:
         options["given"] = initial_pose.name

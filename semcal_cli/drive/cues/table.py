@@ -10,13 +10,14 @@ from typing import TypeVar
 import numpy as np
 
 from semcal_cli.config import AUTO, LABELS, CueName
+from semcal_cli.config.cues import PLUGINS, cue_names
 from semcal_cli.drive.cues import edges, features, intensity, segments
 from semcal_cli.drive.cues.cue import Cue
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_clouds, read_observations
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, InputError, one_of
 from semcal_cli.files.point_clouds import Sweeps
 
 Labelled = TypeVar("Labelled", LabelledCloud, LabelledImage)
@@ -33,7 +34,18 @@ CUES: dict[CueName, Cue] = {
     "intensity": intensity.CUE,
     "features": features.CUE,
 }
-"""Every cue, by its name; `auto` names those that `chosen` gives."""
+"""Every cue of semcal's, by its name; `auto` names those that `chosen` gives."""
+
+
+def find_cue(name: CueName) -> Cue:
+    """Find a cue of semcal's or of a plugin's by its name.
+
+    Raises:
+        InputError: there is no such cue.
+    """
+    if (cue := CUES.get(name) or PLUGINS.get(name, Cue)) is None:
+        raise InputError(f"cues: found {name!r}, needed {one_of(name, cue_names())}")
+    return cue
 
 
 def maximised(cues: Sequence[CueName]) -> tuple[CueName, ...]:
@@ -42,16 +54,21 @@ def maximised(cues: Sequence[CueName]) -> tuple[CueName, ...]:
 
 
 def recorded(settings: object) -> tuple[CueName, ...]:
-    """Name the cues that the settings of a calibration record under `cues`: labels, where they record none."""
-    found = tuple(cue for cue in CUES if isinstance(settings, dict) and cue in settings)
-    return found or LABELS
+    """Name the cues that the settings of a calibration record under `cues`: labels, where they record none.
+
+    Cues of plugins that are not installed here are left out.
+    """
+    if not isinstance(settings, dict) or not settings:
+        return LABELS
+    others = PLUGINS.names if settings.keys() - CUES.keys() else ()
+    return tuple(cue for cue in (*CUES, *others) if cue in settings)
 
 
 def allowed(cues: tuple[CueName, ...], drive: Drive) -> tuple[CueName, ...]:
     """Keep the cues whose files a drive has; `auto` if there are none, and for labels, which it prefers anyway."""
 
     def has_files(cue: CueName) -> bool:
-        return all(any(getattr(frame, key) for frame in drive.frames) for key in CUES[cue].files)
+        return all(any(getattr(frame, key) for frame in drive.frames) for key in find_cue(cue).files)
 
     return AUTO if cues == LABELS else tuple(filter(has_files, cues)) or AUTO
 
@@ -89,14 +106,16 @@ def choose_frames(drive: Drive, cues: Sequence[CueName], max_frames: int) -> Dri
     Raises:
         InputError: a label image is missing or wrong.
     """
-    if any("image_labels" in CUES[cue].files for cue in cues):
+    if any("image_labels" in find_cue(cue).files for cue in cues):
         return select_frames(drive, max_frames)
     return drive.model_copy(update={"frames": tuple(evenly_spaced(drive.frames, max_frames))})
 
 
 def files_of(cues: Sequence[CueName]) -> list[str]:
     """List the keys of a frame's files that are read for cues. Labels of points are read with their cloud."""
-    return [*dict.fromkeys(["points", "point_labels", *(name for cue in cues for name in CUES[cue].files)])]
+    return [
+        *dict.fromkeys(["points", "point_labels", *(name for cue in cues for name in find_cue(cue).files)])
+    ]
 
 
 def load_cues(
@@ -111,12 +130,12 @@ def load_cues(
         CalibrationError: the points or the pixels carry no information.
     """
     sweeps = Sweeps() if sweeps is None else sweeps
-    found = [CUES[cue].observe(drive, sweeps, is_raw) for cue in cues]
+    found = [find_cue(cue).observe(drive, sweeps, is_raw) for cue in cues]
     if "intensity" in cues:
         weight = segments.SEGMENTS.weight_by_intensity
         found = [each.weighed(weight) if each.has_segments else each for each in found]
     # From where the cue that asks for the farthest starts; one that brings the pose near on its own needs no others.
-    starts = [start for cue in cues if (start := CUES[cue].starts) is not None]
+    starts = [start for cue in cues if (start := find_cue(cue).starts) is not None]
     farthest = max(starts, key=lambda each: each.farthest_deg) if len(starts) == len(cues) else None
     return replace(reduce(summed, found), starts=farthest)
 

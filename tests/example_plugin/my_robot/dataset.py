@@ -1,0 +1,21 @@
+"""The folders that my robot records."""
+
+from semcal_cli.datasets.files import files_by_stem
+from semcal_cli.datasets.recording import Recording, Request, joined
+from semcal_cli.formats import read_transform
+from semcal_cli.formats.intrinsics import read_intrinsics
+
+
+def read(request: Request) -> Recording:
+    """My robot: ROOT/clouds and ROOT/images, and its camera and its mounting beside them."""
+    root = request.root
+    frames = joined(
+        files_by_stem(root / "clouds", ".bin"),
+        image=files_by_stem(root / "images", ".png"),
+        missing=f"{root}: found no cloud with an image of its name, needed one",
+    )
+    return Recording(
+        camera=read_intrinsics(root / "camera.yaml"),
+        frames=frames,
+        T_camera_lidar=read_transform(root / "transform.yaml"),
+    )
