@@ -56,10 +56,8 @@ def test_frames_of_one_calibration_make_a_drive(tmp_path: Path) -> None:
     """Those of most frames, or of the frame that is named; one file may be that of all frames."""
     of = Import("kitti-object", tmp_path)
     most = of.run()
-    assert "the 2 frames with the calibration of 000000 are taken; others by --sequence" in unwrapped(
-        of.stderr, 6
-    )
-    assert "which names a frame: 000002 (1)" in unwrapped(of.stderr, 6)
+    assert "the 2 frames with the calibration of 000000 are used; --sequence FRAME" in unwrapped(of.stderr, 6)
+    assert "selects others: 000002 (1)" in unwrapped(of.stderr, 6)
     named = of.run("--sequence", "000002")
     assert [len(drive.frames) for drive in (most, named)] == [2, 1]
     assert [drive.camera.K[0][0] for drive in (most, named)] == [50.0, 60.0]
@@ -129,7 +127,7 @@ def test_colour_coded_labels_need_a_table_with_colours(tmp_path: Path) -> None:
     file = tmp_path / "labels/000000.png"
     write_colors(file, (128, 64, 128))
     assert of.complaint("--image-labels", file.parent) == (
-        f"{file}: found colours, needed ids, or a table of their colours by --image-classes"
+        f"{file}: found colours, needed ids, or a class table with these colours by --image-classes"
     )
     palette = of.run("--image-labels", file.parent, "--image-classes", "cityscapes").palette
     assert palette
@@ -173,7 +171,7 @@ LITTLE, BIG = "binary_little_endian", "binary_big_endian"
     [
         ("ply\nformat ascii 1.0\n", "found no PLY header, needed one"),
         (VERTEX.format("binary", 0), f"found format binary, needed one of: {LITTLE}, {BIG}"),
-        (VERTEX.format(BIG, "-1"), "found first element vertex -1, needed vertex and its number"),
+        (VERTEX.format(BIG, "-1"), "found first element vertex -1, needed vertex and a count"),
         (
             VERTEX.format(BIG, 10**12) + "1 2\n",
             "found 4 bytes after the header, needed 1,000,000,000,000 vertices",

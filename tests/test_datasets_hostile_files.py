@@ -166,7 +166,7 @@ def test_own_files_and_frames_that_differ_need_label_images(tmp_path: Path) -> N
         "--spread: found frames without label images, needed --image-labels GLOB"
     )
     stderr = run_import("folder", *arguments, "-o", tmp_path / "drive")
-    assert "note: no image labels: a network can make them; --image-labels GLOB" in stderr
+    assert "note: no image labels: a network can make them; add your own with --image-labels" in stderr
 
 
 def test_a_number_in_a_name_that_is_no_time(tmp_path: Path) -> None:

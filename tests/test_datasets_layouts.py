@@ -88,8 +88,8 @@ def test_kitti_360_points_are_cut_from_the_window_around_the_pose(kitti_360: Imp
     assert drive.lidar is None
     network = kitti_360.out.parent / "network"
     assert kitti_360.complaint("--point-labels", network) == (
-        f"--point-labels: {network}: found clouds that are cut from accumulated points, with their labels; needed "
-        "sweeps, whose points are in the order of the labels"
+        f"--point-labels: {network}: found clouds that are cut from accumulated points together with their labels; "
+        "needed sweeps, whose points are in the order of the labels"
     )
 
 
@@ -124,7 +124,7 @@ def test_kitti_360_raw_images_have_their_own_camera(kitti_360: Import, tmp_path:
     assert drive.camera.distortion == RAW_D
     assert drive.frames[0].image == f"../tree/data_2d_raw/{KITTI_360_DRIVE}/image_01/data_rgb/0000000250.png"
     assert drive.frames[0].image_labels is None
-    said = "note: data_2d_semantics labels rectified images: raw ones take theirs from"
+    said = "note: data_2d_semantics labels rectified images only: give labels of raw ones by"
     assert said in kitti_360.stderr
     write_ids(tmp_path / "pictures/0000000250.png", *RAW_SIZE)
     drive = kitti_360.run("--raw", "--image-labels", tmp_path / "pictures")
@@ -189,7 +189,7 @@ def test_carla_clouds_without_tags_name_no_labels(tmp_path: Path) -> None:
     of = Import("carla", tmp_path, partial(carla, semantic=False))
     of.check()
     assert not (of.out / "point_labels").exists()
-    assert "no point labels: edges are compared instead; --point-labels DIR" in of.stderr
+    assert "no point labels: edges are compared instead; add your own with" in of.stderr
 
 
 @pytest.mark.parametrize("semantic", [False, True])
@@ -208,7 +208,9 @@ def test_carla_labels_of_ones_own_go_before_tags(tmp_path: Path, semantic: bool)
 def test_wrong_carla_rigs_and_clouds_are_named(tmp_path: Path) -> None:
     of = Import("carla", tmp_path)
     write(of.root / "lidar/000017.ply", CARLA_PLAIN_PLY)
-    assert of.complaint() == "{root}/lidar/000017.ply: found points without labels, needed a label each"
+    assert (
+        of.complaint() == "{root}/lidar/000017.ply: found points without labels, needed one label per point"
+    )
     rig = json.loads((of.root / "sensors.json").read_text())
     rig[0]["id"] = "a" * 300
     write(of.root / "sensors.json", json.dumps(rig))
@@ -252,8 +254,11 @@ def test_a_class_table_is_turned_red_for_raw_carlan_images(tmp_path: Path) -> No
     assert palette
     assert palette["Car"] == (14, 0, 0)
     for ids, found in (
-        ("[14, 15]", "2 ids, needed one: the label images are colours, and a palette has one colour a class"),
-        ("[300]", "id 300, needed at most 255: it is a red"),
+        (
+            "[14, 15]",
+            "2 ids, needed one: the label images are colours, and a palette has one colour per class",
+        ),
+        ("[300]", "id 300, needed at most 255, the largest value of red"),
     ):
         write(own, f"ignore: []\nclasses: {{vehicle: {{ids: {ids}}}}}\n")
         said = f"--image-classes: {own}: class 'vehicle': found {found}"

@@ -53,7 +53,7 @@ SECONDS = 1581624663
 @pytest.mark.parametrize(
     ("names", "expected"),
     [
-        # ROS's seconds and nanoseconds without zeros in front: 98000000 is 0.098 s, and 149000 beside it 0.000149 s.
+        # ROS's seconds and nanoseconds without leading zeros: 98000000 is 0.098 s, and 149000 beside it 0.000149 s.
         *(
             (
                 [f"{SECONDS}{mark}{ns}" for ns in (198000000, 98000000, 149000, 0)],
@@ -90,7 +90,7 @@ def test_digits_after_seconds_that_are_not_clear(names: tuple[str, ...]) -> None
         by_time(files(*names))
     assert str(error.value) == (
         f"{names[-1]}: found 2 digits after the seconds, needed 3, 6 or 9 in every name, or nanoseconds without "
-        "zeros in front"
+        "leading zeros"
     )
 
 
@@ -106,7 +106,7 @@ def test_pairs_by_time_are_each_others_nearest() -> None:
 def test_pairs_by_name_whatever_the_suffix() -> None:
     clouds, pictures = files("a/000001.pcd.bin", "a/000002.pcd.bin"), files("b/000002.png", "b/000003.png")
     assert pairs(clouds, pictures, max_gap_s=0.05) == {clouds[1]: pictures[0]}
-    with pytest.raises(InputError, match=r"^b/1.png: found the name of a/1.png, needed names that tell"):
+    with pytest.raises(InputError, match=r"^b/1.png: found the same name as a/1.png, needed a"):
         pairs(files("a/1.bin"), files("a/1.png", "b/1.png"), max_gap_s=0.05)
 
 
@@ -136,13 +136,13 @@ COUNTS = (
     [
         (4, "--image-labels", "clouds/000002.label clouds/000003.label", COUNTS.format("--image-labels")),
         (4, "--images", "clouds/000002.label clouds/000003.label", COUNTS.format("--images")),
-        (1, "*.pcd", "", "--points: *.pcd: found no such files, needed at least one; quote the pattern"),
+        (1, "*.pcd", "", "--points: *.pcd: found no matching file, needed at least one; quote the pattern"),
         (
             4,
             "--image-labels",
             "labels/000002.png labels/000003.png",
-            "--image-labels: found no partner, by name, for any of 3 clouds (as 000001.bin) among 1 files (as "
-            "000004.png)",
+            "--image-labels: found no partner, by name, for any of 3 clouds (such as 000001.bin) among 1 files "
+            "(such as 000004.png)",
         ),
     ],
 )
@@ -182,12 +182,12 @@ def own_clouds(root: Path, suffix: str, ids: str) -> list[object]:
 @pytest.mark.parametrize("suffix", [".pcd", ".ply"])
 def test_clouds_with_a_field_of_labels_need_no_files_of_them(tmp_path: Path, suffix: str) -> None:
     stderr = run_import("folder", *own_clouds(tmp_path / "own", suffix, "label"), "-o", tmp_path / "drive")
-    assert f"note: point labels: the clouds' own, as in 000002{suffix}\n" in stderr
+    assert f"note: point labels: from the clouds themselves, such as 000002{suffix}\n" in stderr
     assert "no point labels" not in stderr
     drive = read_drive(tmp_path / "drive")
     assert [cloud.labels.tolist() for cloud in read_clouds(drive)] == [[1, 2, 3]] * 2
     stderr = run_import("folder", *own_clouds(tmp_path / "other", suffix, "echo"), "-o", tmp_path / "without")
-    assert "no point labels: edges are compared instead; --point-labels GLOB" in stderr
+    assert "no point labels: edges are compared instead; add your own with" in stderr
     assert stderr.splitlines()[-1] == f"next: semcal calibrate {tmp_path}/without -o calibration.yaml"
 
 
@@ -254,7 +254,7 @@ def test_names_of_classes_from_a_file(tmp_path: Path, content: str) -> None:
         ("- road\n", "found a list of 1, needed a mapping"),
         (
             "ignore: [0]\nroad: [7]\n",
-            "ignore: found beside the names of classes, needed these under a key 'classes'; "
+            "ignore: found beside the names of classes, needed the names under a key 'classes'; "
             "ids that no class lists are ignored anyway",
         ),
         (

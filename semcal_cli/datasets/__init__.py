@@ -1,4 +1,4 @@
-"""Data sets: each has a reader that finds a recording in its native tree, and `writing` makes a drive of it.
+"""Data sets: each has a reader that finds a recording in its native tree; `writing` makes a drive of it.
 
 This module imports nothing heavy, because the command line lists the data sets from its table.
 """
@@ -20,7 +20,7 @@ class Dataset(NamedTuple):
     """A data set."""
 
     reader: str
-    """Module here, and its function that makes a `Recording` of a `Request`."""
+    """Module in this folder, and its function that turns a `Request` into a `Recording`."""
     summary: str
     """One line of help."""
 
@@ -28,35 +28,35 @@ class Dataset(NamedTuple):
 DATASETS = {
     "kitti-odometry": Dataset(
         "kitti.read_odometry",
-        "KITTI odometry: ROOT/sequences/00/velodyne; cameras image_0 to image_3, image_2 if not given.",
+        "KITTI odometry: ROOT/sequences/00/velodyne; cameras image_0 to image_3, by default image_2.",
     ),
     "semantickitti": Dataset(
         "kitti.read_semantickitti", "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels."
     ),
     "kitti-raw": Dataset(
         "kitti.read_raw",
-        "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, image_02 if not given.",
+        "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, by default image_02.",
     ),
     "kitti-object": Dataset(
         "kitti.read_object",
-        "KITTI object: ROOT/training/velodyne; frames of one calibration, cameras image_2 and image_3, image_2 if not "
-        "given.",
+        "KITTI object: ROOT/training/velodyne; frames that share a calibration; cameras image_2 and image_3, by "
+        "default image_2.",
     ),
     "kitti-360": Dataset(
         "kitti_360.read",
-        "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, image_00 if not given.",
+        "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, by default image_00.",
     ),
     "rellis-3d": Dataset(
         "rellis_3d.read", "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node."
     ),
     "nuscenes": Dataset(
         "nuscenes.read",
-        "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, as scene-0061, cameras channels, "
-        "CAM_FRONT if not given.",
+        "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, such as scene-0061; cameras are "
+        "channels, by default CAM_FRONT.",
     ),
     "carla": Dataset(
         "carla.read",
-        "CARLA, as `save_to_disk` writes it: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
+        "CARLA's `save_to_disk`: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
     ),
     "opencalib": Dataset(
         "opencalib.read", "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg."

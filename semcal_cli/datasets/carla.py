@@ -1,4 +1,4 @@
-"""CARLA's sensors as `save_to_disk` writes them: ROOT/ID/000001.ply and ROOT/ID/000001.png, named by frame.
+"""CARLA's sensors, saved by `save_to_disk` as ROOT/ID/000001.ply and ROOT/ID/000001.png, named by frame.
 
 The rig is in ROOT/sensors.json, the list that a leaderboard agent's `sensors()` returns: `id`, `type`, `x y z` in
 metres, `roll pitch yaw` in degrees, and for a camera `width height fov`. Everything, clouds included, is in Unreal's
@@ -31,13 +31,13 @@ FOV_DEG = 0.1, 179.9
 SEGMENTATION, IMAGE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
 KINDS = (SEGMENTATION, IMAGE, LIDAR, SEMANTIC_LIDAR)
-"""Sensors that are looked at; others, such as a speedometer, have no pose."""
+"""Types of sensors that are read; others, such as a speedometer, have no pose."""
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 OLD_TAGS, NEW_TAGS = (0, 9, 10), (0, 9, 14)
-"""First releases of the two class tables. The second table has Cityscapes' train order. Tags before the first differ
-from both."""
+"""First releases of the two class tables. The second table has Cityscapes' train order. Earlier tags differ from
+both."""
 NUM_PROBED = 5
-"""Number of label images that are read to tell tags in red from colours. One black image fits both."""
+"""Number of label images that are read to distinguish tags in red from colours. A single black image fits both."""
 
 
 @dataclass(frozen=True)
@@ -107,15 +107,17 @@ def _table(version: str | None) -> str:
     except ValueError:
         found = "none given" if version is None else f"found {version!r}"
         raise InputError(
-            f"--version: {found}, needed CARLA's release as 0.9.15: its tags changed at 0.9.14"
+            f"--version: {found}, needed CARLA's release, such as 0.9.15: its tags changed in 0.9.14"
         ) from None
     if release < OLD_TAGS:
-        raise InputError(f"--version: found {version!r}, needed 0.9.10 or later: earlier tags are not known")
+        raise InputError(
+            f"--version: found {version!r}, needed 0.9.10 or later: earlier tags are not supported"
+        )
     return "carla" if release >= NEW_TAGS else "carla-0.9.13"
 
 
 def _read_rig(path: Path) -> dict[str, Sensor]:
-    """Read the cameras and LiDARs of a rig by their names; of one name, the first counts."""
+    """Read the cameras and LiDARs of a rig by name. If a name occurs twice, the first one is used."""
     rig: dict[str, Sensor] = {}
     for index, row in enumerate(read_list(path)):
         if row.get("type") not in KINDS:
@@ -131,9 +133,9 @@ def _read_rig(path: Path) -> dict[str, Sensor]:
 
 
 def _pinhole(settings: Node) -> dict[str, Any]:
-    """Camera block of the renderer's pinhole camera.
+    """Make the camera block of the renderer's pinhole camera.
 
-    The optical axis meets the middle of the image, which lies between pixel centres.
+    The optical axis passes through the middle of the image, which lies between pixel centres.
     """
     width, height = (settings.at(key).side() for key in ("width", "height"))
     fov_deg = settings.at("fov").number(*FOV_DEG)
@@ -180,7 +182,7 @@ def _convert(path: Path) -> Cloud:
 
 
 def _are_raw(label_images: list[Path]) -> bool:
-    """Whether label images hold tags in the red channel and not the colours of CityScapesPalette."""
+    """Whether label images hold tags in the red channel rather than the colours of CityScapesPalette."""
     from semcal_cli.files.images import read_image
 
     return not any(read_image(path)[..., :2].any() for path in evenly_spaced(label_images, NUM_PROBED))

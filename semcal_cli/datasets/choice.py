@@ -1,4 +1,4 @@
-"""Frames and labels of a recording that a drive gets, as the user asks for them."""
+"""The user's choice of the frames and labels of a recording that become a drive."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WITHOUT = {
     "point labels": "edges are compared instead",
     "image labels": "a network can make them",
 }
-"""What takes the place of labels of one side."""
+"""What replaces the labels of one side."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Options:
     max_frames: int | None = None
     """Largest number of frames: evenly spaced ones, or those that `spread` chooses."""
     spread: bool = False
-    """Whether to keep the slower half of the frames, and of these the ones whose label images differ most."""
+    """Whether to keep, of the slower half of the frames, those whose label images differ most."""
     max_gap_s: float | None = None
     """Largest time between the two stamps of a pair, in seconds."""
     image_labels: Path | None = None
@@ -42,16 +42,16 @@ class Options:
     point_labels: Path | None = None
     """Folder of point labels."""
     image_classes: str | None = None
-    """Name or file of the class table of the label images; None for that of the data set."""
+    """Name or file of the class table of the label images; None for the data set's own."""
     point_classes: str | None = None
-    """Name or file of the class table of the points; None for that of the data set."""
+    """Name or file of the class table of the points; None for the data set's own."""
 
 
 def relabelled(recording: Recording, options: Options) -> Recording:
-    """Take the labels and classes that the user adds, in place of those of the data set.
+    """Replace the labels and classes of the data set with those that the user gives.
 
     Raises:
-        InputError: a folder has labels of no frame, or a class table is wrong or does not fit.
+        InputError: a folder has no labels of any frame, or a class table is wrong or does not fit.
     """
     if options.image_labels:
         frames = _with_labels(recording.frames, "image_labels", options.image_labels)
@@ -75,13 +75,13 @@ def relabelled(recording: Recording, options: Options) -> Recording:
 def _with_labels(
     frames: Sequence[SourceFrame], side: Literal["point_labels", "image_labels"], folder: Path
 ) -> list[SourceFrame]:
-    """Take labels of one side from a folder, in files named after the frame, its image or its cloud."""
+    """Take labels of one side from a folder of files named after the frame, its image or its cloud."""
     suffixes = POINT_LABEL_SUFFIXES if side == "point_labels" else IMAGE_LABEL_SUFFIXES
     files = files_by_stem(folder, *suffixes)
     found = [next((files[name] for name in _label_names(frame) if name in files), None) for frame in frames]
     if not any(found):
         raise InputError(
-            f"{folder}: found {len(files):,} label files, none named as a frame; needed "
+            f"{folder}: found {len(files):,} label files, none named after a frame; needed "
             f"{' or '.join(dict.fromkeys(_label_names(frames[0])))} with {', '.join(suffixes)}"
         )
     if side == "point_labels":
@@ -102,7 +102,7 @@ def _without_own_labels(frame: SourceFrame, folder: Path) -> SourceFrame:
         return frame
     if not frame.points.in_order:
         raise InputError(
-            f"--point-labels: {folder}: found clouds that are cut from accumulated points, with their labels; "
+            f"--point-labels: {folder}: found clouds that are cut from accumulated points together with their labels; "
             "needed sweeps, whose points are in the order of the labels"
         )
     return replace(frame, points=replace(frame.points, has_labels=False))
@@ -129,9 +129,7 @@ def labelled(recording: Recording) -> Recording:
                 f"labels, none of {len(recording.frames):,} with both, needed at least one"
             )
         if not kept and recording.labels_by is not None:
-            remarks.append(
-                f"no {what}: {WITHOUT[what]}; {option} {recording.labels_by} adds those that you have"
-            )
+            remarks.append(f"no {what}: {WITHOUT[what]}; add your own with {option} {recording.labels_by}")
         elif kept and len(kept) < len(frames):
             remarks.append(f"{len(frames) - len(kept):,} frames without {what} are left out")
         frames = kept or frames
@@ -154,9 +152,7 @@ def narrowed(recording: Recording, options: Options) -> Recording:
         )
     frames = near[options.frames]
     if not frames:
-        raise InputError(
-            f"--frames: found {len(near):,} frames, none of those asked for, needed at least one"
-        )
+        raise InputError(f"--frames: found {len(near):,} frames, none in this slice, needed at least one")
     if options.spread:
         frames = _slowest(frames, options.max_frames or SPREAD_FRAMES)
     elif options.max_frames:

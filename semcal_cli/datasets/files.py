@@ -16,7 +16,7 @@ from semcal_cli.formats.node import MAX_WORLD_M, image_side, number, parse_numbe
 from semcal_cli.geometry.poses import Vector
 
 KITTI_PERIOD_S = 0.1
-"""Time between two sweeps of KITTI's, KITTI-360's and RELLIS-3D's LiDARs."""
+"""Time between two sweeps of the LiDARs of KITTI, KITTI-360 and RELLIS-3D."""
 CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".laz")
 POINT_LABEL_SUFFIXES = (".label", ".bin", ".npy", ".npz")
 IMAGE_LABEL_SUFFIXES = (".png", ".npy", ".npz")
@@ -43,7 +43,7 @@ def need_folder(path: Path) -> Path:
     """Check that a folder exists, and return its path.
 
     Raises:
-        InputError: the folder does not exist, or no folder can have this name.
+        InputError: the folder does not exist, or its name is not valid.
     """
     if is_folder(path):
         return path
@@ -57,10 +57,10 @@ def need_folder(path: Path) -> Path:
 
 
 def inside(root: Path, name: object, where: str) -> Path:
-    """Locate a file that a data set's own table names inside its folder; the file need not exist.
+    """Locate a file of a data set by its name in one of the data set's tables; the file need not exist.
 
     Raises:
-        InputError: no file inside `root` can have this name.
+        InputError: the name does not lead to a file inside `root`.
     """
     path = Path(name) if isinstance(name, str) else Path()
     if path == Path() or path.is_absolute() or ".." in path.parts or not _is_writable(str(name)):
@@ -90,7 +90,7 @@ def image_size(path: Path) -> tuple[int, int]:
     """Read the width and height of an image from its header, in pixels.
 
     Raises:
-        InputError: the file does not exist, or is no image, or has no pixels.
+        InputError: the file does not exist, is not an image or has no pixels.
     """
     width, height = read_size(path)
     return image_side(f"{path}: width", width), image_side(f"{path}: height", height)
@@ -109,7 +109,7 @@ def folders(root: Path) -> list[str]:
 
 
 def files_by_stem(folder: Path, *suffixes: str, is_needed: bool = True) -> dict[str, Path]:
-    """List the files of a folder by their names without the suffix, sorted; none if it is not there and not needed.
+    """List the files of a folder by their stems, sorted; none if the folder is neither there nor needed.
 
     Of two files with the same stem, the one with the earlier suffix is kept.
 
@@ -126,17 +126,17 @@ def files_by_stem(folder: Path, *suffixes: str, is_needed: bool = True) -> dict[
 
 
 def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
-    """List the files of a folder whose stems are numbers in plain digits, as `files_by_stem` does, by number."""
+    """List the files of a folder whose stems are plain digits, as `files_by_stem` does, in order of their numbers."""
     files = files_by_stem(folder, *suffixes)
     numbered = [stem for stem in files if stem.isascii() and stem.isdecimal()]
     return {stem: files[stem] for stem in sorted(numbered, key=int)}
 
 
 def read_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tuple[str, Vector]]:
-    """Read the finite numbers (count,) of each line, with the file and the line as messages name them.
+    """Read the finite numbers (count,) of each line, with the name of the file and line for messages.
 
     Raises:
-        InputError: the file is needed and does not exist, or a line does not hold so many numbers.
+        InputError: the file is needed and does not exist, or a line does not hold `count` numbers.
     """
     if not is_needed and not path.exists():
         return
@@ -146,13 +146,13 @@ def read_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tu
 
 
 def read_speeds(path: Path) -> list[float]:
-    """Derive the speeds, metres a second, from poses of 12 numbers a line, one for each sweep of KITTI's period.
+    """Derive speeds, in metres per second, from a file with a pose of 12 numbers per line, one for each KITTI period.
 
     Returns:
         A speed for each line; none if the file does not exist.
 
     Raises:
-        InputError: a line does not hold 12 numbers, or a position is nowhere on Earth.
+        InputError: a line does not hold 12 numbers, or a position is farther away than anything on Earth.
     """
     positions = [
         [number(where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in row[3::4].tolist()]
@@ -172,7 +172,7 @@ def speeds_mps(
         period_s: Seconds from each position to the next, one value or (N - 1,).
 
     Returns:
-        (N,) metres a second.
+        (N,) metres per second.
     """
     if len(positions) < 2:
         return np.zeros(len(positions))

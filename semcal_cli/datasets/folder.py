@@ -59,7 +59,7 @@ class Folder:
     reference: Path | None = None
     """File of a transform to compare with."""
     max_points: int = MAX_POINTS
-    """Points of the largest cloud that is looked into."""
+    """Largest number of points of a cloud that is read."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ def read(folder: Folder) -> Recording:
     """Pair the files and read the intrinsics.
 
     Raises:
-        InputError: a pattern finds nothing or a file of an unknown format, nothing can be paired, no cloud has all its
-            files, or a file is wrong.
+        InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
+            its files, or a file is wrong.
     """
     camera = read_intrinsics(folder.camera_info, folder.camera, folder.model)
     clouds = _find("--points", folder.points)
@@ -99,7 +99,7 @@ def read(folder: Folder) -> Recording:
     if not point_labels.of_cloud:
         (first,) = read_point_clouds([(whole[0], None)], folder.max_points)
         has_labels = first.labels is not None
-    own_labels = (f"point labels: the clouds' own, as in {whole[0].name}",) if has_labels else ()
+    own_labels = (f"point labels: from the clouds themselves, such as {whole[0].name}",) if has_labels else ()
     frames = [
         SourceFrame(
             name=stem(cloud),
@@ -127,7 +127,9 @@ def _find(option: str, pattern: str) -> list[Path]:
     names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
     found = [path for path in map(Path, sorted(names)) if path.is_file()]
     if not found:
-        raise InputError(f"{option}: {pattern}: found no such files, needed at least one; quote the pattern")
+        raise InputError(
+            f"{option}: {pattern}: found no matching file, needed at least one; quote the pattern"
+        )
     known = SUFFIXES[option]
     for path in found:
         if not path.name.lower().endswith(known):
@@ -146,7 +148,7 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     if not found:
         raise InputError(
             f"{option}: found no partner, {how}, for any of {len(clouds):,} clouds "
-            f"(as {clouds[0].name}) among {len(files):,} files (as {files[0].name})"
+            f"(such as {clouds[0].name}) among {len(files):,} files (such as {files[0].name})"
         )
     alone = len(clouds) - len(found), len(files) - len(found)
     counts = f"{option}: {len(found):,} pairs {how}; unpaired: {alone[0]:,} clouds, {alone[1]:,} files"

@@ -39,7 +39,7 @@ from semcal_cli.geometry.poses import Pose
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
 """Scan pattern of the Velodyne HDL-64E at 10 turns a second."""
 FORWARD_SPEED = 8
-"""Column of the forward velocity in an oxts packet, metres a second (dataformat.txt)."""
+"""Column of the forward velocity in an oxts packet, metres per second (dataformat.txt)."""
 IMAGES = (".png", ".jpg")
 MISSING = "{}: found no frame with a sweep in velodyne and an image in {}"
 
@@ -53,7 +53,7 @@ def read_odometry(request: Request, *, has_labels: bool = False) -> Recording:
     sequences = request.root / "sequences"
     folder = sequences / pick("sequence", request.sequence, folders(sequences), sequences)
     camera = _camera(folder, request)
-    # One line a frame; the sweep triggers the image when it looks ahead.
+    # One line per frame; the sweep triggers the image when it faces forward.
     stamps = {
         i: stamp_s(where, float(row[0])) for i, (where, row) in enumerate(read_rows(folder / "times.txt", 1))
     }
@@ -83,9 +83,9 @@ def read_semantickitti(request: Request) -> Recording:
 def read_object(request: Request) -> Recording:
     """Find frames of velodyne, image_2 and calib in ROOT/training or ROOT itself; one calib.txt may serve all.
 
-    Frames are of many drives in a random order. Those whose calibration files are alike are of one rig on one day, and
-    make a drive together. The sequence is the name of a frame of that calibration; without one, the calibration of most
-    frames is taken.
+    Frames come from many drives, in random order. Those with identical calibration files come from one rig on one day
+    and form one drive. The sequence is the name of a frame with the wanted calibration; without one, the calibration
+    that most frames share is used.
 
     Raises:
         InputError: the frame, the camera or a file is missing or wrong, or no frame is complete.
@@ -110,8 +110,8 @@ def read_object(request: Request) -> Recording:
     if not others:
         return recording
     remark = (
-        f"the {len(group):,} frames with the calibration of {group[0]} are taken; others by --sequence, which "
-        f"names a frame: {listed(others)}"
+        f"the {len(group):,} frames with the calibration of {group[0]} are used; --sequence FRAME selects others: "
+        f"{listed(others)}"
     )
     return replace(recording, remarks=(remark,))
 
@@ -161,13 +161,13 @@ def read_raw(request: Request) -> Recording:
 
 
 def read_stamps(path: Path) -> dict[int, float]:
-    """Read Unix seconds from a file with one time a line, as `2011-09-26 13:02:25.951199337`, taken as UTC.
+    """Read Unix seconds from a file with one UTC time per line, such as `2011-09-26 13:02:25.951199337`.
 
     Returns:
-        Seconds by the index of the line; none of an empty line, or if the file does not exist.
+        Seconds by the index of the line, without empty lines; none if the file does not exist.
 
     Raises:
-        InputError: a line holds no time.
+        InputError: a line is not a time.
     """
     stamps = {}
     for index, line in enumerate(read_text(path).splitlines() if path.exists() else []):
@@ -182,14 +182,14 @@ def read_stamps(path: Path) -> dict[int, float]:
             seconds = moment.timestamp() + float(f"0.{fraction or 0}")
         except ValueError:
             raise InputError(
-                f"{where}: found {line[:40]!r}, needed a time as 2011-09-26 13:02:25.95"
+                f"{where}: found {line[:40]!r}, needed a time such as 2011-09-26 13:02:25.95"
             ) from None
         stamps[index] = stamp_s(where, seconds)
     return stamps
 
 
 def _speed(packet: Path) -> float:
-    """Read the speed at a frame from its inertial packet, metres a second."""
+    """Read the speed at a frame from its inertial packet, in metres per second."""
     values = read_text(packet).split()
     if len(values) <= FORWARD_SPEED:
         raise InputError(f"{packet}: found {len(values)} values, needed at least {FORWARD_SPEED + 1}")
@@ -224,7 +224,7 @@ def pinhole(projection: Node, width: int, height: int) -> dict[str, Any]:
     """Make the camera block of a rectified camera from its projection matrix.
 
     Raises:
-        InputError: the left 3 x 3 of the matrix is no intrinsic matrix.
+        InputError: the left 3 x 3 of the matrix is not an intrinsic matrix.
     """
     K = projection.matrix(3, 4)[:, :3]
     block = {"model": "plumb_bob", "width": width, "height": height, "K": K.tolist()}
@@ -236,7 +236,7 @@ def raw_camera(keyed: Node, camera: str) -> dict[str, Any]:
 
     Args:
         keyed: The file.
-        camera: Number of the camera, as 00.
+        camera: Number of the camera, such as 00.
 
     Raises:
         InputError: a key is missing or wrong.
@@ -256,7 +256,7 @@ def image_sides(sides: Node) -> tuple[int, int]:
     """Read the width and height of images, in pixels.
 
     Raises:
-        InputError: the values are no whole numbers of pixels.
+        InputError: the values are not whole numbers of pixels.
     """
     width, height = (image_side(sides.where, side) for side in sides.numbers(2))
     return width, height

@@ -2,8 +2,8 @@
 
 calib_cam_to_velo.txt maps camera 0 to the LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt the
 vehicle to the world. T_camera_lidar of camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0), for its
-raw images. A camera that R_rect turned sees the rectified images of the perspective pair: there, R_rect is applied
-after it (autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py, devkits/commons/loadCalibration.py).
+raw images. The rectified images of the perspective pair are those of a camera that R_rect has turned, so R_rect is
+applied last (autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py, devkits/commons/loadCalibration.py).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from semcal_cli.geometry.poses import Pose, inverse
 
 USUAL_CAMERA = "image_00"
 PERSPECTIVE = ("image_00", "image_01")
-"""The pair that looks ahead. Its rectified images are in data_rect, its raw ones in data_rgb."""
+"""The pair that looks forward. Its rectified images are in data_rect, its raw images in data_rgb."""
 FISHEYES = ("image_02", "image_03")
 """Cameras that look to the sides. Their images are always raw, in data_rgb."""
 PARTS = ("train", "test")
@@ -43,7 +43,7 @@ MAX_FRAME = 10**9
 
 
 def read(request: Request) -> Recording:
-    """Find the frames of a drive, with labelled points from the accumulated windows if these exist.
+    """Find the frames of a drive, with labelled points from the accumulated windows if they exist.
 
     Raises:
         InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
@@ -80,7 +80,9 @@ def read(request: Request) -> Recording:
         frames = joined(cuts, speed_mps=_speeds(poses), **wanted)
         remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
     if raw_pair:
-        remarks.append("data_2d_semantics labels rectified images: raw ones take theirs from --image-labels")
+        remarks.append(
+            "data_2d_semantics labels rectified images only: give labels of raw ones by --image-labels"
+        )
     ontology = read_ontology("kitti-360")
     return Recording(
         camera=block,
@@ -102,7 +104,7 @@ def _sequences(folder: Path) -> list[str]:
 
 
 def _is_rectified(camera: str, asked: bool | None) -> bool:
-    """Tell whether the images are rectified ones: unless raw ones are asked for, those of the perspective pair."""
+    """Decide whether the images are rectified: those of the perspective pair are, unless raw ones are requested."""
     if camera in PERSPECTIVE:
         return asked is not False
     if asked:
@@ -113,7 +115,7 @@ def _is_rectified(camera: str, asked: bool | None) -> bool:
 
 
 def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any], Pose]:
-    """Read the camera block and T_camera_camera0, where camera 0 is as it was before rectification."""
+    """Read the camera block and T_camera_camera0, where camera 0 is not rectified."""
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
     if camera in FISHEYES:
         return read_intrinsics(_fisheye(folder, camera)), T
@@ -147,7 +149,7 @@ def _pictures(root: Path, sequence: str, camera: str, rectified: bool) -> dict[s
 
 
 def _read_poses(path: Path) -> dict[int, Pose]:
-    """Read T_world_pose of each frame that has one; a line holds the frame's number and 12 numbers."""
+    """Read T_world_pose of each frame that has one; a line holds the frame number and 12 numbers."""
     poses = {}
     for where, (frame, *rows) in read_rows(path, 13, is_needed=True):
         if not frame.is_integer() or not 0 <= frame <= MAX_FRAME:

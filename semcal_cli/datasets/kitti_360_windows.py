@@ -1,9 +1,9 @@
-"""KITTI-360's accumulated points: labelled PLY files in world coordinates, one for about 240 frames.
+"""KITTI-360's accumulated points: labelled PLY files in world coordinates, one per about 240 frames.
 
 kitti360scripts/evaluation/semantic_3d/README.md: vertices have x y z red green blue semantic instance visible
 confidence; `visible` is 0 for points that no image of the perspective pair shows. Files are named after their first and
-last frame, as 0000000002_0000000385.ply. The core reads the clouds of a drive, without the column `visible`; here only
-files as KITTI-360's are read, with the vertices first and without lists (Turk, *The PLY Polygon File Format*, 1994).
+last frame, such as 0000000002_0000000385.ply. The core's reader of clouds skips the column `visible`; this one reads
+it, from files like KITTI-360's alone: vertices first, no lists (Turk, *The PLY Polygon File Format*, 1994).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from semcal_cli.files.reading import read_bytes, read_start
 from semcal_cli.geometry.poses import Pose
 
 RADIUS_M = 60.0
-"""Largest distance of a point from the LiDAR that is kept."""
+"""Largest distance from the LiDAR at which a point is kept."""
 CELL_DEG = 0.2
-"""Side of a cell of directions. Only the nearest point in a cell is kept; farther ones, seen from other places, are
+"""Angular size of a cell. Only the nearest point in a cell is kept: farther ones were seen from other places and are
 hidden from here."""
 MAX_HEADER = 65536
 MAX_BYTES = 512 << 20
@@ -44,7 +44,7 @@ class Windows:
     def __init__(self, folder: Path, *, visible_only: bool):
         self._ranges = {_frames(path): path for path in sorted(folder.glob("*.ply"))}
         if not self._ranges:
-            raise InputError(f"{folder}: found no windows, needed files as 0000000002_0000000385.ply")
+            raise InputError(f"{folder}: found no windows, needed files such as 0000000002_0000000385.ply")
         self._visible_only = visible_only
 
     def __contains__(self, frame: int) -> bool:
@@ -54,7 +54,7 @@ class Windows:
         """Cut the points around the LiDAR out of a window.
 
         Args:
-            frame: Number of the frame; of two windows that hold it, the one with the nearer middle is used.
+            frame: Number of the frame. If two windows hold it, the one whose middle is nearer is used.
             T_world_lidar: (4, 4), metres.
         """
         containing = [numbers for numbers in self._ranges if frame in numbers]
@@ -107,7 +107,7 @@ def _frames(path: Path) -> range:
     found = re.fullmatch(r"(\d+)_(\d+)", path.stem)
     if not found:
         raise InputError(
-            f"{path}: found name {path.stem!r}, needed the first and last frame as 0000000002_0000000385"
+            f"{path}: found name {path.stem!r}, needed the first and last frame, such as 0000000002_0000000385"
         )
     return range(int(found.group(1)), int(found.group(2)) + 1)
 
@@ -130,7 +130,7 @@ def read_vertices(path: Path) -> npt.NDArray[Any]:
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
-    """Read the number and the layout of the vertices."""
+    """Read the count and the layout of the vertices."""
     words = [line.split() for line in lines[1:]]
     form = next((line[1] for line in words if line[:1] == ["format"] and len(line) == 3), "none")
     if form not in BYTE_ORDERS:
@@ -139,7 +139,7 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
     first = words[elements[0]] if elements else []
     if len(first) != 3 or first[1] != "vertex" or not first[2].isascii() or not first[2].isdigit():
         raise InputError(
-            f"{path}: found first element {' '.join(first[1:])[:40] or 'none'}, needed vertex and its number"
+            f"{path}: found first element {' '.join(first[1:])[:40] or 'none'}, needed vertex and a count"
         )
     last = elements[1] if len(elements) > 1 else len(words)
     properties = [line for line in words[elements[0] : last] if line[:1] == ["property"]]

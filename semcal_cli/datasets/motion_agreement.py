@@ -1,4 +1,4 @@
-"""Whether two sources of the motion of one LiDAR agree: what a recording says of it, and what the sweeps tell."""
+"""Agreement of two motions of one LiDAR: the one that a recording states, and the one estimated from its sweeps."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from semcal_cli.drive.motion import displacement, read_poses
 from semcal_cli.geometry.poses import Pose
 
 HALF_NS = NS // 5
-"""Time before and after a moment across which the motions are compared; the errors of `SIGMA` are of such a time."""
+"""Motions are compared from this long before a moment to this long after it, the interval that `SIGMA` holds for."""
 MOST_SIGMAS = 5.0
-"""Largest length of a difference that is no disagreement, in standard deviations of an axis. By chance a length is
-above 4 in one of a thousand (Maxwell's distribution); the other source has errors, too."""
+"""Largest difference that still counts as agreement, in standard deviations of an axis. By chance, one length in a
+thousand exceeds 4 (Maxwell distribution), and the other source has errors, too."""
 
 
 class MotionDifference(NamedTuple):
-    """Median lengths of the differences of two motions, over some moments."""
+    """Median length of the difference between two motions, over some moments."""
 
     linear_m_s: float
-    """Of the velocity, metres a second."""
+    """Difference of the velocities, metres per second."""
     angular_rad_s: float
-    """Of the angular velocity, radians a second."""
+    """Difference of the angular velocities, radians per second."""
     num_moments: int
-    """Number of moments that both tell of."""
+    """Number of moments that both motions cover."""
 
     @property
     def agrees(self) -> bool:
-        """Whether the errors of odometry explain the difference."""
+        """Whether the errors of odometry can explain the difference."""
         shares = self.linear_m_s / SIGMA["linear_m_s"], self.angular_rad_s / SIGMA["angular_rad_s"]
         return max(shares) <= MOST_SIGMAS
 
     def told(self, name: str) -> str:
-        """Say in a sentence whether the motion that has this name agrees with that of the sweeps."""
-        by = f"by {self.linear_m_s:.2g} m/s and {np.degrees(self.angular_rad_s):.2g} degrees a second"
+        """Say in a sentence whether the motion called `name` agrees with that of the sweeps."""
+        by = f"by {self.linear_m_s:.2g} m/s and {np.degrees(self.angular_rad_s):.2g} degrees per second"
         where = f"the median over {self.num_moments:,} frames"
         if self.agrees:
-            return f"{name} agrees with the motion that the sweeps tell: they differ {by}, {where}"
+            return f"{name} agrees with the motion estimated from the sweeps: they differ {by}, {where}"
         return (
-            f"{name} disagrees with the motion that the sweeps tell {by}, {where}: check the transform from its frame "
-            "to the LiDAR, and its clock"
+            f"{name} disagrees with the motion estimated from the sweeps: they differ {by}, {where}; check the "
+            "transform from its frame to the LiDAR, and its clock"
         )
 
 
@@ -57,10 +57,10 @@ def compare_motions(
     Args:
         one: Poses (4, 4) by their times in nanoseconds, ascending.
         other: Likewise.
-        moments_ns: Moments around which they are compared.
+        moments_ns: Moments around which the motions are compared.
 
     Returns:
-        The difference; None where no moment has poses of both closely around it.
+        The difference; None if no moment has poses of both close before and after it.
     """
     both = [
         moment_ns
@@ -75,10 +75,10 @@ def compare_motions(
 
 
 def compare_with_drive(drive: Drive, poses: Mapping[int, Pose]) -> MotionDifference | None:
-    """Compare poses (4, 4), by their times in nanoseconds, with the poses of a drive around its images.
+    """Compare poses (4, 4), by their times in nanoseconds, with the poses of a drive, around its images.
 
     Returns:
-        The difference; None if the drive gives no poses, or none around the same images.
+        The difference; None if the drive has no poses, or no image has poses of both around it.
 
     Raises:
         InputError: the drive's poses cannot be read.
@@ -93,7 +93,7 @@ def compare_with_drive(drive: Drive, poses: Mapping[int, Pose]) -> MotionDiffere
 
 
 def _mean_twists(poses: Mapping[int, Pose], moments_ns: Sequence[int]) -> npt.NDArray[np.float64]:
-    """Compute the mean twist (N, 6) a second around each moment."""
+    """Compute the mean twist (N, 6) per second around each moment."""
     trajectory = _core.Trajectory.through([stamp / NS for stamp in poses], list(poses.values()))
     ends_s = [((moment - HALF_NS) / NS, (moment + HALF_NS) / NS) for moment in moments_ns]
     ways = [(displacement(trajectory, start_s, end_s), end_s - start_s) for start_s, end_s in ends_s]

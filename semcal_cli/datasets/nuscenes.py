@@ -27,13 +27,13 @@ from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
 LIDAR_CHANNEL = "LIDAR_TOP"
 USUAL_CAMERA = "CAM_FRONT"
 LIDAR = {"channels": 32, "columns": 1084, "fov_up_deg": 10.67, "fov_down_deg": -30.67}
-"""Scan pattern of the Velodyne HDL-32E at 20 turns a second."""
+"""Scan pattern of the Velodyne HDL-32E at 20 turns per second."""
 MICROSECONDS = 1e-6
 
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables in the folder of one version, which are lists of rows with tokens."""
+    """The tables of one version of the data set: lists of rows with tokens."""
 
     root: Path
     """Folder of the data set."""
@@ -47,7 +47,7 @@ class Tables:
         """Read the rows of a table with their tokens.
 
         Raises:
-            InputError: the table does not exist, or a row is no mapping with a token.
+            InputError: the table does not exist, or a row is not a mapping with a token.
         """
         path = self.path(table)
         for index, row in enumerate(read_rows(path)):
@@ -71,7 +71,7 @@ class Tables:
         """Locate the file that a row names.
 
         Raises:
-            InputError: no file inside the data set can have this name, or it does not exist.
+            InputError: the name does not lead to a file inside the data set, or the file does not exist.
         """
         filename = row.at("filename")
         return need_file(inside(self.root, filename.value, filename.where))
@@ -99,7 +99,7 @@ def read(request: Request) -> Recording:
 
 
 def text(row: Node, key: str) -> str:
-    """Read a text of a row, such as the token of another one."""
+    """Read a string of a row, such as the token of another row."""
     return row.at(key).text()
 
 
@@ -154,7 +154,7 @@ def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str
 
 
 def _stamp_s(row: Node) -> float:
-    """Unix time of a row of sample_data, in seconds."""
+    """Read the Unix time of a row of sample_data, in seconds."""
     return row.at("timestamp").number(0.0, MAX_STAMP_S / MICROSECONDS) * MICROSECONDS
 
 
@@ -174,7 +174,7 @@ def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:
 
 
 def _pose(row: Node) -> Pose:
-    """T_vehicle_sensor or T_world_vehicle (4, 4) of a row, metres."""
+    """Read T_vehicle_sensor or T_world_vehicle (4, 4) of a row, in metres."""
     place, (w, x, y, z) = row.at("translation"), row.at("rotation").numbers(4)
     translation = [number(place.where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in place.numbers(3)]
     try:
@@ -184,7 +184,7 @@ def _pose(row: Node) -> Pose:
 
 
 def _camera(image: Node, sensors: dict[str, Node]) -> dict[str, Any]:
-    """Make the camera block; images of nuScenes have no distortion."""
+    """Make the camera block; nuScenes' images are undistorted."""
     K = sensors[text(image, "calibrated_sensor_token")].at("camera_intrinsic")
     if not isinstance(K.value, list):
         raise K.mismatch("3 rows of 3 numbers")

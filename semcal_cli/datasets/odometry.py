@@ -1,8 +1,8 @@
 """LiDAR odometry: the motion of a LiDAR from its own consecutive sweeps, by KISS-ICP.
 
-Source: Vizzo et al., *KISS-ICP* (RA-L 2023), from the extra `odometry`. A sweep is untwisted at the motion up to the
-sweep before, as there, but at the times of its points: these need not fill the time from one sweep to the next, and
-recordings lose sweeps.
+Source: Vizzo et al., *KISS-ICP* (RA-L 2023), from the extra `odometry`. As there, a sweep is deskewed with the motion
+up to the sweep before. Unlike there, the times of its points are used as they are: these need not fill the time from
+one sweep to the next, and recordings lose sweeps.
 """
 
 from __future__ import annotations
@@ -25,45 +25,45 @@ from semcal_cli.geometry.poses import Pose, orthonormal, quaternion_xyzw
 
 NS = 1_000_000_000
 RANGES_M = 1.5, 100.0
-"""Ranges of the points that count. Nearer ones may lie on the vehicle itself, and would say that it stands still."""
+"""Ranges of the points that are used. Nearer ones may lie on the vehicle itself and would suggest a standstill."""
 VOXEL_M = 1.0
 MAX_GAP_NS = NS // 2
-"""Longest time from one sweep or pose to the next; after a longer one between sweeps, the odometry begins anew."""
+"""Longest time from one sweep or pose to the next. After a longer gap between sweeps, the odometry starts anew."""
 WARM_UPS = 4
-"""Times that the first two sweeps are registered, each time untwisted at the motion that was found before."""
+"""How many times the first two sweeps are registered, each time deskewed with the motion found before."""
 SPEEDS_M_S = np.linspace(-40.0, 40.0, 81)
 OVERLAP_M, CLEAR_OVERLAP = 0.5, 0.003
-"""Speeds that the first two sweeps are tried at, side of the voxels in which they overlap, and the share of points by
-which one of two motions has to overlap more."""
+"""Speeds that are tried for the first two sweeps, side of the voxels in which they overlap, and how much larger the
+overlap of one of two motions must be, as a share of the points."""
 MAX_CHANGE_M_S, MAX_CHANGE_RAD_S = 3.0, 1.0
 """Largest change of the motion from one sweep to the next; a car that brakes hard loses 1 m/s in 0.1 s."""
 SIGMA = {"linear_m_s": 0.1, "angular_rad_s": 0.01}
-"""Standard deviations of the velocities that poses tell, as `motion: sigma:` states them. They are 0.09 m/s and 0.008
-rad/s over 0.4 s of three drives of KITTI raw, and less on synthetic streets (`tests/benchmarks/odometry.py`)."""
+"""Standard deviations of the velocities between poses, for `motion: sigma:`. They are 0.09 m/s and 0.008 rad/s over
+0.4 s on three drives of KITTI raw, and less on synthetic streets (`tests/benchmarks/odometry.py`)."""
 DOUBTFUL_NS = NS // 2
 """Time before and after a doubtful sweep in which no pose is trusted."""
 LEAST_SHARE = 0.07
-"""Smallest share of what a sweep tells about its place along any direction. It is 0.04 between endless smooth walls,
-and 0.12 to 0.24 in streets: KITTI's, in a jam as well, and synthetic ones."""
+"""Smallest share of a sweep's constraints along any direction. It is 0.04 between endless smooth walls, and 0.12 to
+0.24 in KITTI's streets, also in a traffic jam, and in synthetic ones."""
 CELL_M, ROUGH_M, LEAST_POINTS = 2.0, 0.1, 8
-"""Side of the cells whose shape tells that, height of what is no shape, and fewest points of a cell."""
+"""Side of the cells whose shapes are measured, roughness below which a surface is flat, and fewest points of a cell."""
 
 
 class _Sweep(NamedTuple):
     points: npt.NDArray[np.float32]
     times_s: npt.NDArray[np.float64]
-    """(N,) seconds after the moment."""
+    """(N,) seconds after `moment_ns`."""
     moment_ns: int
-    """Middle of the times of its points, at which its pose is estimated."""
+    """Middle of the times of its points, for which its pose is estimated."""
 
 
 def estimator() -> str:
-    """Name what estimates the poses."""
+    """Name the software that estimates the poses, with its version."""
     return f"KISS-ICP {version('kiss-icp')}"
 
 
 def covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
-    """Whether poses with these stamps, ascending, stand closely before and after each of the moments."""
+    """Whether poses with these ascending stamps lie close before and after each of the moments."""
     places = [bisect_left(stamps_ns, moment) for moment in moments_ns]
     return all(
         0 < place < len(stamps_ns) and stamps_ns[place] - stamps_ns[place - 1] <= MAX_GAP_NS
@@ -72,7 +72,7 @@ def covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
 
 
 def tum_text(poses: Mapping[int, Pose]) -> str:
-    """Write poses (4, 4) by their times in nanoseconds, a line each: seconds x y z qx qy qz qw (TUM)."""
+    """Format poses (4, 4) by their times in nanoseconds, one per line: seconds x y z qx qy qz qw (TUM)."""
     lines = []
     for stamp_ns, T in poses.items():
         numbers = [*T[:3, 3], *quaternion_xyzw(T)]
@@ -81,21 +81,21 @@ def tum_text(poses: Mapping[int, Pose]) -> str:
 
 
 def seconds_text(stamp_ns: int) -> str:
-    """Write a time in seconds, with all nine digits of its nanoseconds."""
+    """Format a time in seconds, with all nine digits of its nanoseconds."""
     sign, stamp = ("-" if stamp_ns < 0 else ""), abs(stamp_ns)
     return f"{sign}{stamp // NS}.{stamp % NS:09d}"
 
 
 class Odometry:
-    """Poses of a LiDAR, estimated sweep by sweep. Memory grows by a pose with each.
+    """Poses of a LiDAR, estimated sweep by sweep. Memory grows by one pose per sweep.
 
-    The same sweeps give the same poses, to the last bit: KISS-ICP works on one thread here.
+    The same sweeps give the same poses, to the last bit: KISS-ICP runs on one thread here.
     """
 
     def __init__(self) -> None:
-        """Begin without sweeps."""
+        """Start without sweeps."""
         self.doubtful_ns: list[int] = []
-        """Times at which the motion jumped, or could not be seen in one direction, as between a tunnel's walls."""
+        """Times at which the motion jumped or was unobservable in one direction, such as between a tunnel's walls."""
         self._stretches: list[dict[int, Pose]] = []
         self._first: _Sweep | None = None
         self._kiss: Any = None
@@ -106,11 +106,11 @@ class Odometry:
     def add(
         self, points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int
     ) -> None:
-        """Estimate the pose of the next sweep. One that is not later than the one before is left out.
+        """Estimate the pose of the next sweep. A sweep that is not later than the one before is left out.
 
         Args:
-            points: (N, 3) metres, each in the LiDAR frame of its own time. Those without a range do not count.
-            times_s: (N,) seconds after the stamp; None for a sweep that was untwisted to it.
+            points: (N, 3) metres, each in the LiDAR frame of its own time. Points without a range are ignored.
+            times_s: (N,) seconds after the stamp; None for a sweep that was deskewed to it.
             stamp_ns: Time of the sweep.
         """
         sweep = _sweep(points, times_s, stamp_ns)
@@ -125,10 +125,10 @@ class Odometry:
             self._go_on(sweep)
 
     def poses(self) -> dict[int, Pose]:
-        """Give the poses (4, 4) of the LiDAR in a fixed frame, by their times in nanoseconds; none near doubtful ones.
+        """Return poses (4, 4) of the LiDAR in a fixed frame, by their times in nanoseconds, none near doubtful ones.
 
-        One more stands before the first sweep of a stretch without gaps and after the last, where the motion is taken
-        to go on: their points reach beyond the moments of their poses.
+        Each stretch without gaps gets one more pose before its first sweep and after its last, as if the motion went
+        on: the points of these sweeps reach beyond the moments of their poses.
         """
         whole: dict[int, Pose] = {}
         for stretch in self._stretches:
@@ -142,13 +142,13 @@ class Odometry:
         }
 
     def _begin(self, sweep: _Sweep) -> None:
-        """Take a sweep for the first one, at the last pose that is known."""
+        """Start a stretch with a sweep, at the last known pose."""
         self._first = sweep
         self._stretches.append({})
         self._keep(sweep, self._last_pose)
 
     def _begin_motion(self, first: _Sweep, second: _Sweep) -> None:
-        """Register the first two sweeps again and again: the motion between them untwists both."""
+        """Register the first two sweeps repeatedly: the motion between them deskews both."""
         self._first = None
         found = []
         for start in ([0.0] * 6, _best_speed(first, second)):
@@ -181,7 +181,7 @@ class Odometry:
         self._stretches[-1][self._last_ns] = self._last_pose
 
     def _register(self, sweep: _Sweep, step_ns: int) -> list[float]:
-        """Register a sweep so long after the one before, and return the twist (6,) a second on the way there."""
+        """Register a sweep `step_ns` after the one before, and return the twist (6,) per second between them."""
         motion, before = _core.Trajectory.constant(self._twist_per_s, 0.0), self._kiss.last_pose
         self._kiss.last_delta = displacement(motion, 0.0, step_ns / NS)
         points = motion.compensate(sweep.points, sweep.times_s, 0.0).astype(np.float64)
@@ -194,17 +194,17 @@ class Odometry:
 
 
 def shares(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Tell how well a sweep determines its place along each direction.
+    """Measure how well a sweep constrains its position along each direction.
 
-    Surfaces do it along their normals. Each cell with a surface counts as much as any other, by the covariance of its
-    points: between two smooth walls, nearly none has a normal along the way.
+    A surface constrains it along its normal. All cells with a surface have the same weight; the covariance of their
+    points gives their normals. Between two smooth walls, almost no normal points along the walls.
 
     Args:
         points: (N, 3) metres, LiDAR frame.
 
     Returns:
-        Shares (3,) of all three directions together, the least one first, and their axes, the columns (3, 3); zeros and
-        the LiDAR's axes without surfaces.
+        Shares (3,) of the three directions, which sum to 1, the smallest first, and their axes as columns (3, 3);
+        zeros and the LiDAR's axes without surfaces.
     """
     cells = np.floor(points / CELL_M)
     inside = points - (cells + 0.5) * CELL_M
@@ -228,9 +228,12 @@ def shares(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], np
 
 
 def _best_speed(first: _Sweep, second: _Sweep) -> list[float]:
-    """Find the velocity along what the sweep tells least at which two sweeps overlap most, as a twist (6,) a second.
+    """Find the velocity along the least constrained direction at which two sweeps overlap most.
 
-    Where little but walls and ground is seen, registration from a standstill finds a standstill.
+    Where a sweep sees little but walls and ground, registration that starts from a standstill finds a standstill.
+
+    Returns:
+        A twist (6,) per second.
     """
     _, axes = shares(first.points.astype(np.float64))
     twists = [[*(speed_m_s * axes[:, 0]), 0.0, 0.0, 0.0] for speed_m_s in SPEEDS_M_S]
@@ -238,7 +241,7 @@ def _best_speed(first: _Sweep, second: _Sweep) -> list[float]:
 
 
 def _overlap(first: _Sweep, second: _Sweep, twist_per_s: Sequence[float]) -> float:
-    """Share of the points of the second of two sweeps that lie in a voxel with points of the first, at a motion."""
+    """Compute the share of the second sweep's points that lie in a voxel with points of the first, for a motion."""
     motion, seconds = _core.Trajectory.constant(twist_per_s, 0.0), (second.moment_ns - first.moment_ns) / NS
     before = motion.compensate(first.points, first.times_s, 0.0)
     after = motion.compensate(second.points, second.times_s + seconds, 0.0)
@@ -257,20 +260,20 @@ class DriveMotion(NamedTuple):
     poses: dict[int, Pose]
     """Poses (4, 4) of the LiDAR, by their times in nanoseconds."""
     doubtful_ns: list[int]
-    """Times at which it is doubtful; poses near them are left out."""
+    """Times at which the motion is doubtful; poses near them are left out."""
     uncovered: list[str]
-    """Sweeps of frames that poses do not stand closely around."""
+    """Sweeps of frames without poses close before and after them."""
     point_times: str
-    """`relative` or `absolute`: what the times of its points are, as the `motion:` block says it."""
+    """`relative` or `absolute`, for `point_times` of the `motion:` block."""
 
 
 def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
-    """Estimate the motion of the LiDAR in a drive whose sweeps follow one another. One is in memory at a time.
+    """Estimate the motion of the LiDAR in a drive of consecutive sweeps. One sweep is in memory at a time.
 
-    Sweeps whose points have no times are taken to be untwisted to their stamp.
+    Sweeps whose points have no times are assumed to be deskewed to their stamp.
 
     Raises:
-        InputError: a frame has no stamp, a file cannot be read, or sweeps do not follow one another.
+        InputError: a frame has no stamp, a file cannot be read, or the sweeps are not consecutive.
     """
     odometry, is_absolute, stamps_s, moments_s = (
         Odometry(),
@@ -299,9 +302,9 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
         found = f"found {len(ordered):,} sweeps" + (
             f", {np.median(gaps_s):.3g} s apart" if len(gaps_s) else ""
         )
-        needed = f"needed some that follow one another, at most {MAX_GAP_NS / NS:g} s apart"
+        needed = f"needed consecutive ones, at most {MAX_GAP_NS / NS:g} s apart"
         raise InputError(
-            f"{drive.path}: {found}, {needed}; of a recording, `import bag --odometry` reads them all"
+            f"{drive.path}: {found}, {needed}; `import bag --odometry` reads all sweeps of a recording"
         )
     stamps = list(poses)
     uncovered = [
@@ -324,7 +327,7 @@ def _sweep(points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | N
 
 
 def _continued(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
-    """Go on by a step, to either side, at the motion through two or three poses with their times."""
+    """Extrapolate by one step, forward or backward, the motion through two or three poses with their times."""
     (start_ns, start), (before_ns, _), (end_ns, end) = poses[0], poses[-2], poses[-1]
     step_ns = max(-MAX_GAP_NS // 2, min(end_ns - before_ns, MAX_GAP_NS // 2))
     motion = _core.Trajectory.constant(twist_from(start, end, abs(end_ns - start_ns) / NS), 0.0)
@@ -332,7 +335,7 @@ def _continued(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
 
 
 def twist_from(start: Pose, end: Pose, seconds: float) -> list[float]:
-    """Twist (6,) a second that leads from one pose (4, 4) to another."""
+    """Compute the twist (6,) per second that leads from one pose (4, 4) to another."""
     return _core.Trajectory.through([0.0, seconds], [orthonormal(start), orthonormal(end)]).twist_at(0.0)
 
 

@@ -1,4 +1,4 @@
-"""Pairs of files, by the times in their names if all names hold one, else by the names themselves."""
+"""Pairs of files, by the times in their names if every name has one, else by the names themselves."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from semcal_cli.formats.node import MAX_STAMP_S
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
 SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")
-"""Unix seconds from 2001 on, then their fraction or nanoseconds; 0000000005 is the number of a frame."""
+"""Unix seconds from 2001 on, then their fraction or nanoseconds; 0000000005 is a frame number."""
 WHOLE_UNITS = re.compile(r"(?<!\d)([1-9](?:\d{18}|\d{15}|\d{12}|\d{9}))(?!\d)")
-"""Unix time from 2001 on, whose number of digits tells nanoseconds, microseconds, milliseconds or seconds."""
+"""Unix time from 2001 on, in nanoseconds, microseconds, milliseconds or seconds, by its number of digits."""
 PADDED = (3, 6, 9)
 """Numbers of digits of milliseconds, microseconds and nanoseconds."""
 
@@ -25,7 +25,7 @@ def stamps_s(files: Sequence[Path]) -> dict[Path, float]:
     """Read the times in the names of one kind of files, in seconds; files without one are left out.
 
     ROS's seconds and nanoseconds are often joined without leading zeros: 1581624663_98000000 is 1581624663.098. Only
-    the names of all files together tell this from a fraction.
+    the names of all files together distinguish this from a fraction.
 
     Raises:
         InputError: digits after the seconds are neither a fraction nor nanoseconds.
@@ -48,12 +48,12 @@ def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> b
         return False
     longest = max(map(len, groups.values()))
     padded = any(len(digits) > 1 and digits.startswith("0") for digits in groups.values())
-    if mark == ".":  # a decimal point: its fraction may have any length, but one of nine digits is ROS's
+    if mark == ".":  # a fraction after a decimal point may have any length, but nine digits are ROS's
         return longest == 9 and not padded
     if longest <= 6 or padded:
         raise InputError(
             f"{odd}: found {len(groups[odd])} digits after the seconds, needed 3, 6 or 9 in every name, or "
-            "nanoseconds without zeros in front"
+            "nanoseconds without leading zeros"
         )
     return True
 
@@ -102,7 +102,7 @@ def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> d
 
 
 def _nearest(stamps: np.ndarray, among: np.ndarray) -> list[int]:
-    """Find the index of the nearest of `among` for each stamp; of two that are as near, the earlier."""
+    """Find the index of the nearest of `among` for each stamp, the earlier one of two that are equally near."""
     order = np.argsort(among, kind="stable")
     after = np.clip(np.searchsorted(among[order], stamps), 0, len(among) - 1)
     before = np.maximum(after - 1, 0)
@@ -115,5 +115,5 @@ def _by_name(files: Sequence[Path]) -> dict[str, Path]:
     for path in files:
         other = named.setdefault(stem(path), path)
         if other != path:
-            raise InputError(f"{path}: found the name of {other}, needed names that tell the frames apart")
+            raise InputError(f"{path}: found the same name as {other}, needed a distinct name for each frame")
     return named

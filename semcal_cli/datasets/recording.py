@@ -25,11 +25,11 @@ class Request:
     sequence: str | None = None
     """Name of the sequence; None for the only one."""
     camera: str | None = None
-    """Name of the camera; None for the data set's usual one."""
+    """Name of the camera; None for the data set's default."""
     version: str | None = None
     """Folder of nuScenes' tables, or release of CARLA."""
     rectified: bool | None = None
-    """Whether KITTI-360's images are the rectified ones or the raw ones; None for the camera's usual ones."""
+    """Whether KITTI-360's images are the rectified ones or the raw ones; None for the camera's default."""
 
     def __post_init__(self) -> None:
         """Check that the folder exists.
@@ -45,14 +45,14 @@ class Cloud:
     """A point cloud that had to be converted."""
 
     points: npt.NDArray[np.float32]
-    """(N, 4) x, y, z in metres in the LiDAR frame, and the intensity, 0 where it is not known."""
+    """(N, 4) x, y, z in metres in the LiDAR frame, and the intensity, 0 where unknown."""
     labels: npt.NDArray[np.uint32] | None
     """(N,) ids of the points; None without labels."""
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """Conversion of a cloud that no file of the data set holds in the form that a drive needs."""
+    """Conversion of a cloud that the data set does not store in the form that a drive needs."""
 
     cloud: Callable[[], Cloud]
     """Function that makes the cloud."""
@@ -61,7 +61,7 @@ class Conversion:
     file: Path
     """File that the points come from."""
     in_order: bool
-    """Whether the points are those of the file in its order. If not, no other file of labels can fit."""
+    """Whether the points are those of the file, in its order. If not, no other label file can fit."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ class SourceFrame:
     image_stamp: float | None = None
     """Time of the image, in seconds."""
     cloud_has_labels: bool = False
-    """Whether the cloud labels its points itself, by a field of its file."""
+    """Whether the file of the cloud has a field of labels."""
     speed_mps: float | None = None
-    """Speed of the rig, in metres a second."""
+    """Speed of the rig, in metres per second."""
     T_camera_lidar: Pose | None = None
     """Reference transform (4, 4) of this frame, if it includes the motion between sweep and image."""
     label_names: tuple[str, ...] = ()
@@ -93,14 +93,14 @@ class SourceFrame:
 
     @property
     def gap_s(self) -> float:
-        """Time between the sweep and the image, in seconds; 0 where a stamp is not known."""
+        """Time between the sweep and the image, in seconds; 0 where a stamp is unknown."""
         if self.points_stamp is None or self.image_stamp is None:
             return 0.0
         return abs(self.points_stamp - self.image_stamp)
 
     @property
     def cloud_file(self) -> Path | None:
-        """The file that holds the points in their order; None without such a file."""
+        """The file that holds the points in their order, or None."""
         if isinstance(self.points, Conversion):
             return self.points.file if self.points.in_order else None
         return self.points
@@ -119,13 +119,13 @@ def joined(
     needs: tuple[str, ...] = ("image",),
     **values: Mapping[Any, Any],
 ) -> list[SourceFrame]:
-    """Make a frame of each cloud and of what has its name or its number.
+    """Join each cloud with the values that have its name or its number into a frame.
 
     Args:
         clouds: Clouds by the names of their frames.
-        missing: What is said if there is no such frame.
-        needs: Fields of a frame of which one at least has to be there.
-        values: Values of fields of `SourceFrame`, by the names of the frames or, where these are numbers, by these.
+        missing: Message of the error if there is no frame.
+        needs: Fields of which a frame needs at least one.
+        values: Values of fields of `SourceFrame`, by the names of the frames, or by their numbers if these are numeric.
 
     Raises:
         InputError: there is no frame.

@@ -50,7 +50,7 @@ def read(request: Request) -> Recording:
         image_labels={number: path for number, (path, _) in label_images.items()},
         image={number: path for number, (path, _) in images.items()},
         image_stamp={number: stamp for number, (_, stamp) in (label_images | images).items()},
-        # The poses have a line for each sweep.
+        # There is one pose per sweep.
         speed_mps=dict(zip(clouds, read_speeds(folder / "poses.txt"), strict=False)),
         missing=f"{folder}: found no frame with a sweep and an image or its labels",
     )
@@ -77,7 +77,9 @@ def _by_number(folder: Path, *suffixes: str) -> dict[str, tuple[Path, float]]:
     for path in files_by_stem(folder, *suffixes, is_needed=False).values():
         found = IMAGE_NAME.fullmatch(path.stem)
         if not found:
-            raise InputError(f"{path}: found name {path.stem!r}, needed one as frame000104-1581624663_149")
+            raise InputError(
+                f"{path}: found name {path.stem!r}, needed one such as frame000104-1581624663_149"
+            )
         number, seconds, milliseconds = found.groups()
         files[number] = path, int(seconds) + int(milliseconds) / 1000.0
     return files

@@ -24,8 +24,8 @@ from semcal_cli.files.writing import make_folder, write_bytes, write_text
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 
-UNWRITTEN = Path("the drive that is to be written")
-"""Name in errors that no single file of the data set causes."""
+UNWRITTEN = Path("the drive to be written")
+"""File name for errors that no single file of the data set causes."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Written:
     num_frames: int
     """Number of frames."""
     num_converted: int
-    """Number of clouds that were written beside the drive.yaml."""
+    """Number of converted clouds that were written beside the drive.yaml."""
     remarks: tuple[str, ...]
     """Sentences that the user should read."""
     drive: Drive
@@ -49,7 +49,7 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
 
     Args:
         recording: The sequence of the data set.
-        options: Labels, classes and frames that the user asks for.
+        options: The user's labels, classes and choice of frames.
         out: Folder of the drive, or its drive.yaml.
 
     Raises:
@@ -115,7 +115,7 @@ def _class_blocks(recording: Recording) -> dict[str, Any]:
         palette = recording.image_classes.palette() if recording.image_classes else {}
         if not palette:
             raise InputError(
-                f"{coded}: found colours, needed ids, or a table of their colours by --image-classes"
+                f"{coded}: found colours, needed ids, or a class table with these colours by --image-classes"
             )
         del sides["image"]
     blocks: dict[str, Any] = {}
@@ -162,7 +162,7 @@ def _converted(frame: SourceFrame, folder: Path) -> bool:
     points, labels = (folder / copy for copy in _copies(frame.name))
     if frame.points.has_labels:
         if cloud.labels is None:
-            raise InputError(f"{frame.points.file}: found points without labels, needed a label each")
+            raise InputError(f"{frame.points.file}: found points without labels, needed one label per point")
         make_folder(labels.parent)
         write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
     make_folder(points.parent)
@@ -176,7 +176,7 @@ def _copies(name: str) -> tuple[str, str]:
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """Name a file relative to the drive's real folder, or absolutely if it is on another drive of Windows."""
+    """Name a file relative to the drive's real folder, or absolutely if it is on another Windows drive."""
     real = Path(os.path.realpath(need_file(path).parent)) / path.name
     with suppress(ValueError):
         real = Path(os.path.relpath(real, os.path.realpath(folder)))

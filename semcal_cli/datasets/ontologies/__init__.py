@@ -16,7 +16,7 @@ from semcal_cli.files.validation import StrictModel, check_distinct, validate
 FOLDER = Path(__file__).parent
 MAX_RED = 255
 MAX_NAMES = 65_536
-"""Most names of a table: there are no more ids."""
+"""Largest number of names in a table: there are no more ids."""
 
 
 class NamedClass(StrictModel):
@@ -37,7 +37,7 @@ class Ontology(StrictModel):
     """The classes of a data set's labels."""
 
     ignore: Ids = ()
-    """Ids that carry no information; nor do those that no class lists."""
+    """Ids that carry no information. Ids that no class lists are ignored, too."""
     classes: Annotated[dict[str, NamedClass], Field(min_length=1, max_length=MAX_NAMES)]
     """Classes by name; a list of ids stands for a class without a colour."""
 
@@ -46,7 +46,7 @@ class Ontology(StrictModel):
     def _check_ids(cls, classes: dict[str, NamedClass]) -> dict[str, NamedClass]:
         for name, named in classes.items():
             if not name.strip() or not name.isprintable():
-                raise ValueError(f"found {describe(name)}, needed a name of letters on one line")
+                raise ValueError(f"found {describe(name)}, needed a printable name on one line")
             if not named.ids:
                 raise ValueError(f"{name}: found no ids, needed at least one")
         check_distinct({name: [f"id {value}" for value in named.ids] for name, named in classes.items()})
@@ -58,11 +58,11 @@ class Ontology(StrictModel):
         return {name: list(named.ids) for name, named in self.classes.items()}
 
     def palette(self) -> dict[str, list[int]]:
-        """Give the colour of each name, as in the `palette:` block of a drive; empty without colours."""
+        """List the colour of each name, as in the `palette:` block of a drive; empty without colours."""
         return {name: list(named.color) for name, named in self.classes.items() if named.color}
 
     def in_red(self) -> Ontology:
-        """Make the table of label images whose red is the id and whose green and blue are 0.
+        """Make the table for label images whose red channel is the id and whose green and blue are 0.
 
         Raises:
             InputError: a class has several ids, which would be several colours, or an id above 255.
@@ -72,11 +72,11 @@ class Ontology(StrictModel):
             if len(named.ids) != 1:
                 raise InputError(
                     f"class {name!r}: found {len(named.ids)} ids, needed one: "
-                    "the label images are colours, and a palette has one colour a class"
+                    "the label images are colours, and a palette has one colour per class"
                 )
             if named.ids[0] > MAX_RED:
                 raise InputError(
-                    f"class {name!r}: found id {named.ids[0]}, needed at most {MAX_RED}: it is a red"
+                    f"class {name!r}: found id {named.ids[0]}, needed at most {MAX_RED}, the largest value of red"
                 )
             classes[name] = NamedClass(ids=named.ids, color=(named.ids[0], 0, 0))
         return Ontology(ignore=self.ignore, classes=classes)
@@ -106,7 +106,7 @@ def read_ontology(name: str) -> Ontology:
         return validate(Ontology, document, path)
     if "ignore" in document:
         raise InputError(
-            f"{path}: ignore: found beside the names of classes, needed these under a key 'classes'; "
+            f"{path}: ignore: found beside the names of classes, needed the names under a key 'classes'; "
             "ids that no class lists are ignored anyway"
         )
     return validate(Ontology, {"classes": document}, path)
