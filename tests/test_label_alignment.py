@@ -146,8 +146,8 @@ def test_images_that_cannot_be_read_are_left_out(drive: Path, street_observation
     assert note == (
         "not all label images were checked against their images: images/000001.png: no such file or folder"
     )
-    for picture in (drive / "images").iterdir():
-        picture.unlink()
+    for file in (drive / "images").iterdir():
+        file.unlink()
     assert findings_among(check_label_alignment(read_drive(drive), moved).measured) == ()
 
 

@@ -30,7 +30,7 @@ from semcal_cli.drive.reading import read_clouds, read_label_images
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.labelling.card import card_names, find_card, read_card, read_classes
 from semcal_cli.labelling.images import ImageLabeller
-from semcal_cli.labelling.model import picture_model
+from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.sweeps import SweepLabeller
 
@@ -85,8 +85,8 @@ def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_pa
     for index, frame in enumerate(document["frames"]):
         folder = plain / f"at_{index}"
         folder.mkdir()
-        shutil.move(plain / frame["image"], folder / "picture.png")
-        frame["image"] = f"at_{index}/picture.png"
+        shutil.move(plain / frame["image"], folder / "image.png")
+        frame["image"] = f"at_{index}/image.png"
     (plain / "drive.yaml").write_text(yaml.safe_dump(document))
     arguments = ("label", plain, "--image-model", net)
     assert run(*arguments, "-o", tmp_path / "whole").exit_code == 0
@@ -187,19 +187,19 @@ def test_two_image_networks_label_each_sweep_once(
 
 
 def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: Path, tmp_path: Path) -> None:
-    net, pictures = street_network(tmp_path), sorted((plain / "images").iterdir())
+    net, images = street_network(tmp_path), sorted((plain / "images").iterdir())
     document = yaml.safe_load((plain / "drive.yaml").read_text())
     absent = document["frames"][2]
     del absent["image"]
     (plain / "drive.yaml").write_text(yaml.safe_dump(document))
-    pictures[1].write_bytes(pictures[1].read_bytes()[:900])
-    first = f"{pictures[1]}: found a damaged image, needed an intact one"
+    images[1].write_bytes(images[1].read_bytes()[:900])
+    first = f"{images[1]}: found a damaged image, needed an intact one"
     second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed an image"
     found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
     assert isinstance(found.exception, InputError)
-    assert str(found.exception) == f"2 of {len(pictures)} frames failed; {first}"
+    assert str(found.exception) == f"2 of {len(images)} frames failed; {first}"
     assert second in found.output.replace("\n", " ")
-    assert len(read_drive(tmp_path / "out").frames) == len(pictures) - 2
+    assert len(read_drive(tmp_path / "out").frames) == len(images) - 2
 
 
 def test_probabilities_are_those_that_a_calibration_reads(plain: Path, tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_probabilities_are_those_that_a_calibration_reads(plain: Path, tmp_path:
     assert isinstance(soft, _core.ClassShares)
     # Shares in 1/255 may be equal where scores are not quite.
     assert np.mean(soft.classes == hard.ravel()) > 0.98
-    labeller = ImageLabeller(picture_model(open_network(net), None), read_drive(plain).camera)
+    labeller = ImageLabeller(image_model(open_network(net), None), read_drive(plain).camera)
     image = cv2.imread(str(sorted((plain / "images").iterdir())[0]))
     exact = labeller.shares(image).astype(np.float16) / 255
     np.savez(tmp_path / "float16.npz", exact)
@@ -266,8 +266,8 @@ def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
     run(*arguments, "--max-frames", "1")
     assert len(list(folder.glob("drive_*.yaml"))) == 2
     # Another image has another name in the cache.
-    picture = sorted((plain / "images").iterdir())[0]
-    cv2.imwrite(str(picture), cv2.imread(str(picture))[:, ::-1])
+    file = sorted((plain / "images").iterdir())[0]
+    cv2.imwrite(str(file), cv2.imread(str(file))[:, ::-1])
     run(*arguments)
     assert len(list(folder.glob("image_labels/*.png"))) == len(times) + 1
 
@@ -276,7 +276,11 @@ def test_what_was_understood_is_told(tmp_path: Path) -> None:
     net = color_network(tmp_path / "net.onnx", (64, 96), stride=4)
     shown = run("label", "--show", net)
     assert shown.exit_code == 0, shown.output
-    for text in ("'x' 1 x 3 x 64 x 96 float32", "96 x 64, stretch", "guessed   colours are red, green, blue"):
+    for text in (
+        "'x' 1 x 3 x 64 x 96 float32",
+        "96 x 64, stretch",
+        "guessed   colours are in the order red, green, blue",
+    ):
         assert text in shown.output
     card(tmp_path)
     shown = run("label", "--show", net)
@@ -346,19 +350,19 @@ def _point_card(folder: Path) -> None:
 
 OF_NETWORKS: tuple[tuple[Callable[[Path], object], str], ...] = (
     (lambda folder: None, "no such file or folder"),
-    (lambda folder: (folder / "net.onnx").write_bytes(b"none"), "found no model that onnxruntime can open: "),
-    (_external("../outside.bin"), "found no model .*escapes model directory"),
+    (lambda folder: (folder / "net.onnx").write_bytes(b"none"), "is not a model that onnxruntime can open: "),
+    (_external("../outside.bin"), "is not a model .*escapes model directory"),
     (
         _two_inputs,
-        "found further inputs z, needed an image alone, or their whole numbers as constants in a card",
+        "found additional inputs z, needed only an image, or constants for them in a card",
     ),
-    (_point_card, "found the card of a network for sweeps, needed one for images"),
+    (_point_card, "found a card for sweeps, needed one for images"),
     (constant_network(np.ones((1, 1, 32, 48))), "found scores of 1 class, needed two or more"),
     (constant_network(np.full((1, 3, 32, 48), np.nan)), "found a score that is NaN, needed finite ones"),
     (constant_network(np.full((1, 32, 48), -1)), "found ids from -1 to -1, needed 0 to 65534"),
     (
         constant_network(np.ones((1, 7, 32, 9))),
-        "found output of 1 x 7 x 32 x 9 for .*, needed rows and columns",
+        "found output of 1 x 7 x 32 x 9 for .*, needed the same stride for rows",
     ),
 )
 """Makers of a network, and what is said of it."""
@@ -399,12 +403,12 @@ def test_a_broken_model_or_card_is_one_line(
 def test_labels_never_replace_what_they_have_not_made(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     found = run("label", plain, "--image-model", net, "-o", plain)
-    assert "found the drive that is read, needed another name" in str(found.exception)
+    assert "found the input drive, needed another name" in str(found.exception)
     folder = tmp_path / "out/image_labels"
     folder.mkdir(parents=True)
     (folder / "mine.png").write_bytes(b"mine")
     found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
-    assert "found files that `semcal label` has not written, needed another -o" in str(found.exception)
+    assert "found files that `semcal label` did not write, needed another -o" in str(found.exception)
 
 
 def test_an_image_that_only_the_second_network_misses_is_named(plain: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from onnx import TensorProto, helper
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.labelling.images import ImageLabeller, joined_masks
-from semcal_cli.labelling.model import picture_model
+from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.network import open_network
 
 SIDE, STARTS = 32, (0, 25, 51)
@@ -66,7 +66,7 @@ def test_windows_that_overlap_are_averaged(tmp_path: Path, output: str, is_tall:
     width, height = (SHORT, LONG) if is_tall else (LONG, SHORT)
     K = ((90.0, 0.0, width / 2), (0.0, 90.0, height / 2), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
-    net = ImageLabeller(picture_model(open_network(tmp_path / "net.onnx"), None), camera)
+    net = ImageLabeller(image_model(open_network(tmp_path / "net.onnx"), None), camera)
     image = np.zeros((height, width, 3), np.uint8)
     expected = windows_in_numpy(scores, is_tall=is_tall)
     second, best = np.sort(expected, axis=0)[-2:]
@@ -86,7 +86,7 @@ def test_coarse_scores_are_those_of_the_window_whose_border_is_farther(tmp_path:
     camera = Camera(
         model="plumb_bob", width=57, height=SIDE, K=((50.0, 0.0, 28.0), (0.0, 50.0, 16.0), (0.0, 0.0, 1.0))
     )
-    net = ImageLabeller(picture_model(open_network(tmp_path / "net.onnx"), None), camera)
+    net = ImageLabeller(image_model(open_network(tmp_path / "net.onnx"), None), camera)
     row = net.ids(np.zeros((SIDE, 57, 3), np.uint8))[0]
     # The seam lies half-way between the start of the second window and the end of the first.
     assert row.tolist() == [0] * 16 + [1] * 13 + [0] * 12 + [1] * 16

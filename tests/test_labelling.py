@@ -15,7 +15,7 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.labelling.images import ImageLabeller, joined_masks
-from semcal_cli.labelling.model import picture_model, point_model
+from semcal_cli.labelling.model import image_model, point_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.labelling.sweeps import SweepLabeller, sweep_labeller
 from semcal_cli.labelling.views import resized
@@ -29,7 +29,7 @@ BESIDE_PX = 1.0
 """Distance from its border, which counts as the pixel below it, of the pixel above."""
 
 
-def picture(
+def squares(
     width: int = WIDTH, height: int = HEIGHT, side: int = 8, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Squares of the classes' colours: (H, W, 3) blue, green, red, and (H, W) classes."""
@@ -40,7 +40,7 @@ def picture(
 
 
 def labeller(path: Path, camera: Camera = PLAIN, *, is_rectified: bool = False) -> ImageLabeller:
-    return ImageLabeller(picture_model(open_network(path), None), camera, is_rectified=is_rectified)
+    return ImageLabeller(image_model(open_network(path), None), camera, is_rectified=is_rectified)
 
 
 def color_scores(rgb: np.ndarray) -> np.ndarray:
@@ -85,7 +85,7 @@ def test_every_pixel_has_the_class_of_its_colour(tmp_path: Path, name: str) -> N
     network, stated = WAYS[name]
     color_network(tmp_path / "net.onnx", **network)
     card(tmp_path, **stated)
-    image, classes = picture()
+    image, classes = squares()
     net = labeller(tmp_path / "net.onnx")
     assert len(net.views.draws) == (4 if "four tiles" in name else 1)
     assert np.array_equal(net.ids(image), classes)
@@ -109,7 +109,7 @@ def test_coarse_scores_are_sampled_as_opencv_samples_them(tmp_path: Path) -> Non
     stride = 4
     color_network(tmp_path / "net.onnx", stride=stride)
     card(tmp_path)
-    image, _ = picture(side=5)
+    image, _ = squares(side=5)
     mean = image[..., ::-1].reshape(HEIGHT // stride, stride, WIDTH // stride, stride, 3).mean((1, 3))
     scores = np.moveaxis(color_scores(mean), 0, 2).astype(np.float32)
     expected = np.moveaxis(cv2.resize(scores, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR), 2, 0)
@@ -354,7 +354,7 @@ def test_points_share_the_mean_of_their_cell_as_in_frnet(tmp_path: Path) -> None
     assert 0.02 < found.mean() < 0.98
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated))
     with pytest.raises(
-        InputError, match=r"found further inputs coors, inverse_map, voxel_coors, needed points"
+        InputError, match=r"found additional inputs coors, inverse_map, voxel_coors, needed only points"
     ):
         sweep_labeller(open_network(net), None)
 
@@ -364,5 +364,5 @@ def test_a_network_for_sweeps_says_what_it_lacks(tmp_path: Path) -> None:
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(POINT_CARD | {"row_by": "ring"}))
     file, _ = sweep(tmp_path)
     (cloud,) = _core.read_point_clouds([(file, None)])
-    with pytest.raises(InputError, match=r"found points without ring, which .*net\.onnx wants"):
+    with pytest.raises(InputError, match=r"found points without ring, which .*net\.onnx needs"):
         SweepLabeller(point_model(open_network(net), None)).ids(cloud)

@@ -15,7 +15,7 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.labelling.card import ImageCard
 from semcal_cli.labelling.images import ImageLabeller
-from semcal_cli.labelling.model import picture_model
+from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.network import Network, Port, open_network
 from semcal_cli.labelling.sidecars import read_sidecars
 
@@ -229,7 +229,7 @@ def test_dpt_keeps_the_aspect_of_an_image(
         size={"height": 480, "width": 480}, keep_aspect_ratio=True, ensure_multiple_of=multiple
     )
     write(tmp_path, "DPTForSemanticSegmentation", NAMES, processor)
-    model = picture_model(open_network(tmp_path / "net.onnx"), None)
+    model = image_model(open_network(tmp_path / "net.onnx"), None)
     assert model.card.size_for(*image) == expected
 
 
@@ -271,7 +271,7 @@ def test_oneformer_is_told_its_task(tmp_path: Path) -> None:
         tmp_path / "net.onnx", nodes, inputs, outputs, {"tokens": tokens, "classes": classes, "masks": masks}
     )
     write(tmp_path, "OneFormerForUniversalSegmentation", ["a", "b"], preprocessor())
-    model = picture_model(open_network(tmp_path / "net.onnx"), None)
+    model = image_model(open_network(tmp_path / "net.onnx"), None)
     K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
     labeller = ImageLabeller(model, Camera(model="plumb_bob", width=6, height=4, K=K))
     assert np.array_equal(labeller.ids(np.zeros((4, 6, 3), np.uint8)), masks[0].argmax(0))
@@ -334,7 +334,7 @@ def test_a_local_network_is_labelled_by_its_sidecars(tmp_path: Path) -> None:
     color_network(tmp_path / "onnx/net.onnx", colors=COLORS[:, ::-1])
     processor = preprocessor(do_normalize=False, do_flip_channel_order=True, size={"shortest_edge": 64})
     write(tmp_path, "MobileViTForSemanticSegmentation", NAMES, processor)
-    model = picture_model(open_network(tmp_path / "onnx/net.onnx"), None)
+    model = image_model(open_network(tmp_path / "onnx/net.onnx"), None)
     assert model.card_path == tmp_path / "config.json"
     assert not model.guesses
     K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))

@@ -90,14 +90,14 @@ class ImageSettings:
         """
         from semcal_cli.labelling.hub import find_model
         from semcal_cli.labelling.images import ImageLabeller
-        from semcal_cli.labelling.model import picture_model
+        from semcal_cli.labelling.model import image_model
         from semcal_cli.labelling.network import open_network
 
         labellers: list[ImageLabeller] = []
         for name in self.image_model:
             path = find_model(name, self.max_download_mb, terminal.on_event)
             card = None if labellers else self.image_card
-            model = picture_model(open_network(path, device, num_threads), card)
+            model = image_model(open_network(path, device, num_threads), card)
             terminal.print(*(f"guessed: {guess}" for guess in model.guesses))
             if model.licence is not None:
                 terminal.print(f"licence of {path.name}: {model.licence}")
@@ -119,11 +119,11 @@ def label_on_the_way(
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.labelling.drives import label_beside
-    from semcal_cli.labelling.sides import picture_side
+    from semcal_cli.labelling.sides import image_side
 
     start, whole = perf_counter(), read_drive(drive, max_points)
     chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
-    sides = [picture_side(labeller) for labeller in images.image_labellers(chosen, terminal)]
+    sides = [image_side(labeller) for labeller in images.image_labellers(chosen, terminal)]
     path, second = label_beside(chosen, sides, terminal.on_event)
     names = " and ".join(Path(name).name for name in images.image_model)
     did = f"{len(chosen.frames)} images by {names}, in {path}"
@@ -242,12 +242,12 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
 
 def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> list[Side]:
     """Open the image networks, and draw the preview of the first."""
-    from semcal_cli.labelling.sides import picture_side
+    from semcal_cli.labelling.sides import image_side
 
     labellers = settings.image_labellers(drive, terminal, settings.device, settings.threads)
     if settings.preview is not None and labellers:
         _preview(drive, labellers[0], settings.preview, terminal)
-    sides = [picture_side(each, has_probabilities=settings.probabilities) for each in labellers]
+    sides = [image_side(each, has_probabilities=settings.probabilities) for each in labellers]
     return [*sides[:1], *(replace(side, folder=f"{side.key}_2") for side in sides[1:])]
 
 
@@ -271,7 +271,7 @@ def _preview(drive: Drive, labeller: ImageLabeller, path: Path, terminal: Termin
     from semcal_cli.report.overlay import draw_labels
 
     frame = drive.frames[len(drive.frames) // 2]
-    picture = read_needed_image(drive, frame)
+    image = read_needed_image(drive, frame)
     model = labeller.model
-    write_image(draw_labels(picture, labeller.ids(picture), model.classes, model.ignore), path)
+    write_image(draw_labels(image, labeller.ids(image), model.classes, model.ignore), path)
     terminal.print(f"drew {path}: {frame.image}")

@@ -1,4 +1,4 @@
-"""The model card: what a network wants and gives, where its file does not say."""
+"""The model card: what a network's file does not say about its input and output."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ CARDS = Path(__file__).parent / "cards"
 """Folder of the ready cards."""
 
 MULTIPLE = 32
-"""Sides of an image for a network that takes any size are a multiple of this, the stride of most encoders."""
+"""Sides are rounded up to a multiple of this for networks that take any size: the stride of most encoders."""
 MAX_SIDE = 4096
-"""Largest side of an image for a network that takes any size."""
+"""Largest side of an image for networks that take any size."""
 
 Fit: TypeAlias = Literal["stretch", "letterbox", "tiles", "aspect"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
@@ -49,18 +49,18 @@ ClassesOfCard: TypeAlias = Annotated[
     | Annotated[dict[ClassName, Ids], Field(min_length=1), Tag("ids")],
     Discriminator(_kind_of_classes),
 ]
-"""Classes as a card states them: the name of a table, a list of names, or ids by name."""
+"""Classes of a card: the name of a table, a list of names, or ids by name."""
 
 
 class Card(StrictModel):
-    """What cards of networks for images and for sweeps share."""
+    """Keys shared by cards for images and for sweeps."""
 
     output: str | None = None
-    """Name of the output, if the network has several."""
+    """Name of the output to read, if the network has several."""
     classes: ClassesOfCard | None = None
-    """Name of a class table, as cityscapes-train, or its file; or the names of the ids from 0 on; or ids by name."""
+    """Class table by name (such as cityscapes-train) or file, or names of ids 0, 1, ..., or ids by name."""
     ignore: Ids = ()
-    """Ids that carry no information, beside those of the class table."""
+    """Ids that carry no information, in addition to those of the class table."""
     licence: Annotated[str, Field(min_length=1)] | None = None
     """Licence of the weights, as their project states it."""
 
@@ -76,42 +76,44 @@ class Card(StrictModel):
 
 
 class ImageCard(Card):
-    """Card of a network for images. What is absent is read from the model, or else guessed, and the guess is told."""
+    """Card of an image network. Absent keys are read from the model or guessed, and guesses are printed."""
 
     semcal_image_model: Version
     """Version of this format."""
     size: Annotated[tuple[ImageSide, ...], length(2, 2)] | None = None
-    """Columns and rows that the network wants, if it takes any; by default the image's, up to a multiple of 32."""
+    """Columns and rows, for a network that takes any size; by default those of the image, rounded up to a
+    multiple of 32."""
     fit: Fit = "stretch"
-    """How an image comes to that size: stretched, scaled with a border around it, or cut into tiles that overlap."""
+    """How an image is brought to that size: stretched; scaled and padded (letterbox); cut into overlapping tiles; or
+    scaled to a size near it, in proportion (aspect)."""
     overlap: Annotated[float, Field(ge=0.0, le=0.9)] = 0.25
-    """Least share of a tile that its neighbour shows, too."""
+    """Smallest overlap of neighbouring tiles, as a fraction of a tile."""
     resample: Resample | None = None
-    """How an image is scaled, in Pillow's words; by default the mean where it shrinks, and linearly where it grows."""
+    """Pillow filter that scales images; by default area averaging to shrink, and bilinear to enlarge."""
     multiple: Annotated[int, Field(ge=1, le=1024)] = 1
-    """With `fit: aspect`, both sides are rounded to a multiple of this."""
+    """With fit: aspect, both sides are rounded to a multiple of this."""
     short_side: ImageSide | None = None
-    """Length to which the shorter side of an image is scaled, without size or before it is cut into tiles."""
+    """Length to which the shorter side of an image is scaled; instead of size, or before an image is cut into tiles."""
     long_side: ImageSide | None = None
-    """Largest length of the longer side after that."""
+    """Limit of the longer side after that."""
     color: Color | None = None
-    """Order of the colours; rgb if the network has three channels, gray if it has one."""
+    """Order of the colours; by default rgb for three channels and gray for one."""
     scale: Spread | None = None
-    """Factor of the pixels' values from 0 to 255; 1/255 by default."""
+    """Factor for pixel values from 0 to 255; 1/255 by default."""
     mean: Annotated[tuple[Factor, ...], length(1, 3)] | None = None
-    """What is subtracted after scaling, from each channel, or one number from all; 0 by default."""
+    """Mean to subtract after that, one for each channel or one for all; 0 by default."""
     std: Annotated[tuple[Spread, ...], length(1, 3)] | None = None
-    """What each channel is then divided by; 1 by default. Without scale, mean and std, ImageNet's are guessed."""
+    """Standard deviation to divide by; 1 by default. Without scale, mean and std, ImageNet's are guessed."""
     layout: Layout | None = None
-    """Place of the channels in the network's input."""
+    """Whether channels come before or after rows and columns in the input."""
     kind: Kind | None = None
-    """What the output is: logits or probabilities of each class, ids, or masks with classes as of Mask2Former."""
+    """Kind of the output: logits or probabilities of classes, ids, or masks and classes of queries (Mask2Former)."""
     constants: dict[str, Annotated[tuple[Token, ...], length(1)]] = {}
-    """Whole numbers for each further input, as OneFormer's `task_inputs`."""
+    """Integers for each additional input, such as task_inputs of OneFormer."""
     mask_size: Annotated[tuple[ImageSide, ...], length(2, 2)] | None = None
-    """Columns and rows to which the masks of queries are scaled before they are joined; by default they are not."""
+    """Columns and rows to which the masks of queries are scaled before they are combined; by default they are not."""
     align_corners: bool = False
-    """Whether the centres of the outermost cells of a coarse output lie on those of the outermost pixels."""
+    """Whether the outermost cells of a coarse output are centred on the outermost pixels, as in PyTorch."""
 
     @model_validator(mode="after")
     def _check_sides(self) -> ImageCard:
@@ -129,7 +131,7 @@ class ImageCard(Card):
 
 
 class CompleteImageCard(ImageCard):
-    """Card of a network for images in which no key about its input is left open, but a size for any image."""
+    """Card of an image network with every key about its input filled in, except the size if the network takes any."""
 
     color: Color
     scale: float
@@ -138,7 +140,7 @@ class CompleteImageCard(ImageCard):
     layout: Layout
 
     def size_for(self, width: int, height: int) -> tuple[int, int]:
-        """Columns and rows of the network's image for one of `width` x `height` pixels."""
+        """Return the columns and rows of the network's input for an image of `width` x `height` pixels."""
         if self.fit == "aspect":
             return self._near_size(width, height)
         if self.size is not None:
@@ -148,11 +150,11 @@ class CompleteImageCard(ImageCard):
         return columns, rows
 
     def _near_size(self, width: int, height: int) -> tuple[int, int]:
-        """Scale both sides by the factor, that of the width or of the height, which changes the image less.
+        """Scale both sides by one factor, that of the width or the height, whichever changes the image less.
 
-        This is transformers' `get_resize_output_image_size` of DPT with `keep_aspect_ratio` and `ensure_multiple_of`.
+        As `get_resize_output_image_size` of DPT in transformers, with `keep_aspect_ratio` and `ensure_multiple_of`.
         """
-        assert self.size is not None  # checked with the card
+        assert self.size is not None  # the card has been checked
         by_width, by_height = self.size[0] / width, self.size[1] / height
         factor = by_width if abs(1.0 - by_width) < abs(1.0 - by_height) else by_height
         columns, rows = (
@@ -161,7 +163,7 @@ class CompleteImageCard(ImageCard):
         return columns, rows
 
     def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Columns and rows of an image of a size whose shorter side is brought to `short_side`."""
+        """Return the columns and rows of an image after its shorter side is scaled to `short_side`."""
         if self.short_side is None:
             return size
         factor = min(self.short_side / min(size), (self.long_side or math.inf) / max(size))
@@ -169,13 +171,13 @@ class CompleteImageCard(ImageCard):
         return columns, rows
 
     def describe(self) -> list[tuple[str, str]]:
-        """Describe the input, in pairs of a word and a sentence."""
-        size = "any, so that of the image" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+        """Describe the input, as pairs of a label and a text."""
+        size = "that of the image" if self.size is None else f"{self.size[0]} x {self.size[1]}"
         if self.fit == "aspect":
             size = f"near {size}, sides a multiple of {self.multiple}"
         if self.short_side is not None:
-            most = "" if self.long_side is None else f", the longer one to at most {self.long_side}"
-            size += f", its shorter side scaled to {self.short_side}{most}"
+            most = "" if self.long_side is None else f", the longer side at most {self.long_side}"
+            size += f", shorter side scaled to {self.short_side}{most}"
         numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
         return [
             ("size", f"{size}, {self.fit}{'' if self.resample is None else f', {self.resample}'}"),
@@ -185,16 +187,16 @@ class CompleteImageCard(ImageCard):
 
 
 class NeighborsConfig(StrictModel):
-    """How points take their classes from the pixels around them: Milioto et al., RangeNet++, 2019, algorithm 1."""
+    """Vote of the pixels around a point for its class: Milioto et al., RangeNet++, 2019, algorithm 1."""
 
     count: Annotated[int, Field(ge=1, le=100)] = 5
     """Number of neighbours that vote."""
     search: Annotated[int, Field(ge=1, le=31)] = 5
-    """Side of the window, in pixels, in which they are looked for; odd."""
+    """Side of the search window, pixels; odd."""
     sigma_px: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
-    """Standard deviation of the Gaussian that brings near pixels nearer."""
+    """Standard deviation of the Gaussian that favours near pixels, pixels."""
     max_difference_m: Annotated[float, Field(gt=0.0, le=1e3)] = 1.0
-    """Largest difference between the ranges of a point and of a neighbour, metres."""
+    """Largest difference in range between a point and a neighbour, metres."""
 
     @field_validator("search")
     @classmethod
@@ -205,7 +207,7 @@ class NeighborsConfig(StrictModel):
 
 
 class PointCard(Card):
-    """Card of a network for range images of sweeps."""
+    """Card of a network for range images."""
 
     semcal_point_model: Version
     """Version of this format."""
@@ -214,25 +216,25 @@ class PointCard(Card):
     columns: Annotated[int, Field(ge=2, le=0xFFFF)]
     """Columns of the range image."""
     elevation_deg: Annotated[tuple[Degrees, ...], length(2, 2)]
-    """Elevations of the lower and of the upper border, degrees."""
+    """Elevations of the lower and the upper border, degrees."""
     azimuth_deg: Annotated[tuple[Degrees, ...], length(2, 2)] = (180.0, -180.0)
-    """Azimuths of the left and of the right border, degrees, positive to the left."""
+    """Azimuths of the left and the right border, degrees, positive to the left."""
     row_by: Literal["elevation", "ring"] = "elevation"
-    """What tells the row of a point: its elevation, or its ring, 0 the uppermost."""
+    """Whether the row of a point follows from its elevation or its ring; ring 0 is the uppermost."""
     outside: Literal["clamp", "drop"] = "clamp"
-    """What becomes of points above and below: they take the outermost rows, or get no label."""
+    """Whether points above and below fall into the outermost rows (clamp) or get no label (drop)."""
     channels: Annotated[tuple[Channel, ...], length(1, 16)]
-    """Channels of the input, in order. `mask` is 1 where there is a return and is not normalised."""
+    """Channels of the input, in order. mask is 1 where there is a return, and is not normalised."""
     mean: Annotated[tuple[Factor, ...], length(1, 16)]
-    """What is subtracted from each channel."""
+    """Mean to subtract, one for each channel."""
     std: Annotated[tuple[Spread, ...], length(1, 16)]
-    """What each channel is then divided by."""
+    """Standard deviation to divide by, one for each channel."""
     empty: Factor = 0.0
-    """Value of pixels without a return, after this."""
+    """Value of pixels without a return, after normalisation."""
     intensity_scale: Spread = 1.0
-    """Factor of the intensities, if the network was trained with another range of them than the LiDAR has."""
+    """Factor for intensities, if the network was trained with another range than the LiDAR's."""
     neighbors: NeighborsConfig | None = NeighborsConfig()
-    """How points take their classes from pixels; null takes that of the point's own pixel."""
+    """How points take their classes from pixels; null takes the class of the point's own pixel."""
 
     @model_validator(mode="after")
     def _check_channels(self) -> PointCard:
@@ -243,12 +245,12 @@ class PointCard(Card):
         if self.elevation_deg[0] >= self.elevation_deg[1]:
             raise ValueError(f"elevation_deg: {mismatch(list(self.elevation_deg), 'the lower border first')}")
         if not 0.0 < self.azimuth_deg[0] - self.azimuth_deg[1] <= 360.0:
-            needed = "the left border first, and at most a turn"
+            needed = "the left border first, at most 360 degrees apart"
             raise ValueError(f"azimuth_deg: {mismatch(list(self.azimuth_deg), needed)}")
         return self
 
     def describe(self) -> list[tuple[str, str]]:
-        """Describe the input, in pairs of a word and a sentence."""
+        """Describe the input, as pairs of a label and a text."""
         (low, high), (left, right) = self.elevation_deg, self.azimuth_deg
         numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
         return [
@@ -260,14 +262,14 @@ class PointCard(Card):
 
 
 class FrustumConfig(StrictModel):
-    """The grid of directions whose cells a network of points takes beside them, as FRNet's: Xu et al., 2025."""
+    """Direction grid whose cells a network takes in addition to points: FRNet, Xu et al., 2025."""
 
     rows: Annotated[int, Field(ge=2, le=4096)]
     """Rows of the grid."""
     columns: Annotated[int, Field(ge=2, le=0xFFFF)]
     """Columns of the grid."""
     elevation_deg: Annotated[tuple[Degrees, ...], length(2, 2)]
-    """Elevations of the lower and of the upper border, degrees; points beyond take the outermost rows."""
+    """Elevations of the lower and the upper border, degrees; points beyond fall into the outermost rows."""
 
     @field_validator("elevation_deg")
     @classmethod
@@ -278,22 +280,22 @@ class FrustumConfig(StrictModel):
 
 
 class CloudCard(Card):
-    """Card of a network that takes the points of a sweep themselves."""
+    """Card of a network that takes the points of a sweep."""
 
     semcal_point_model: Version
     """Version of this format."""
     kind: Literal["points"]
-    """What the network takes."""
+    """Input of the network."""
     channels: Annotated[tuple[CloudChannel, ...], length(3, 16)] = ("x", "y", "z", "intensity")
-    """Numbers of each point, in order."""
+    """Values of each point, in order."""
     mean: Annotated[tuple[Factor, ...], length(3, 16)] | None = None
-    """What is subtracted from each of them; 0 if absent."""
+    """Mean to subtract, one for each channel; 0 by default."""
     std: Annotated[tuple[Spread, ...], length(3, 16)] | None = None
-    """What each is then divided by; 1 if absent."""
+    """Standard deviation to divide by, one for each channel; 1 by default."""
     intensity_scale: Spread = 1.0
-    """Factor of the intensities, if the network was trained with another range of them than the LiDAR has."""
+    """Factor for intensities, if the network was trained with another range than the LiDAR's."""
     frustum: FrustumConfig | None = None
-    """Grid of the further inputs coors, voxel_coors and inverse_map, if the network has them."""
+    """Grid of the additional inputs coors, voxel_coors and inverse_map, if the network has them."""
 
     @model_validator(mode="after")
     def _check_channels(self) -> CloudCard:
@@ -305,10 +307,10 @@ class CloudCard(Card):
         return self
 
     def describe(self) -> list[tuple[str, str]]:
-        """Describe the input, in pairs of a word and a sentence."""
+        """Describe the input, as pairs of a label and a text."""
         grid = self.frustum
         cells = "" if grid is None else f", in a grid of {grid.columns} x {grid.rows} cells"
-        return [("points", f"{' '.join(self.channels)} of each{cells}")]
+        return [("points", f"{' '.join(self.channels)}{cells}")]
 
 
 def card_names() -> list[str]:
@@ -317,7 +319,7 @@ def card_names() -> list[str]:
 
 
 def find_card(name: str | None, model: Path) -> Path | None:
-    """Find a ready card by its name, a card's file, or the card beside a model; None if there is none.
+    """Find a card by the name of a ready one, by its file, or beside the model; None if there is none.
 
     Raises:
         InputError: there is no such card.
@@ -347,10 +349,10 @@ def read_card(path: Path) -> ImageCard | PointCard | CloudCard:
 
 
 def read_classes(card: Card, path: Path) -> tuple[dict[str, tuple[int, ...]], tuple[int, ...]]:
-    """Look up the classes of a card that was read from `path`: the ids of each name, and the ids to ignore.
+    """Look up the classes of a card read from `path`: the ids of each name, and the ids to ignore.
 
     Raises:
-        InputError: the class table does not exist, or is wrong.
+        InputError: the class table is missing or wrong.
     """
     classes, ignore = card.classes, card.ignore
     if classes is None:

@@ -1,4 +1,4 @@
-"""Labels of sweeps from networks that take the points themselves."""
+"""Point labels from networks that take the points of a sweep."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from semcal_cli.labelling.model import CELLS, Model
 
 
 class CloudLabeller:
-    """Labels sweeps with a network of points; several threads may use it at a time."""
+    """Labels sweeps with a network that takes points. Threads may share it."""
 
     def __init__(self, model: Model[CloudCard]) -> None:
-        """Keep the network and its card."""
+        """Take a network with its card."""
         self.model = model
 
     def ids(self, cloud: Cloud) -> npt.NDArray[np.uint16]:
@@ -28,7 +28,7 @@ class CloudLabeller:
             (N,) ids.
 
         Raises:
-            InputError: the cloud lacks a field that the network wants, or the network fails or gives no labels.
+            InputError: the cloud lacks a field that the network needs, or the network or its output is wrong.
         """
         network, card = self.model.network, self.model.card
         port, tensor = network.points, self.tensor(cloud)
@@ -41,7 +41,7 @@ class CloudLabeller:
         return self._ids(output, len(cloud.points))
 
     def tensor(self, cloud: Cloud) -> npt.NDArray[np.float32]:
-        """Make the numbers (N, C) of the points."""
+        """Make the network's input (N, C) from the points."""
         card, columns = self.model.card, []
         for channel in card.channels:
             if channel == "range":
@@ -49,14 +49,14 @@ class CloudLabeller:
             elif channel in "xyz":
                 columns.append(cloud.points[:, "xyz".index(channel)].astype(np.float64))
             elif (values := getattr(cloud, channel)) is None:
-                raise InputError(f"found points without {channel}, which {self.model.network.path} wants")
+                raise InputError(f"found points without {channel}, which {self.model.network.path} needs")
             else:
                 columns.append(values * (card.intensity_scale if channel == "intensity" else 1.0))
         numbers = np.stack(columns, axis=1) - (card.mean or 0.0)
         return np.asarray(numbers / (card.std or 1.0), np.float32)
 
     def _ids(self, output: npt.NDArray[Any], count: int) -> npt.NDArray[np.uint16]:
-        """Classes (N,) from scores N x classes or classes x N, or from ids, each with a batch of one or without."""
+        """Read classes (N,) from scores (N x classes or classes x N) or ids, with or without a batch axis of one."""
         network = self.model.network
         found = output[0] if output.ndim == 3 and len(output) == 1 else output
         if np.issubdtype(found.dtype, np.integer) and found.size == count:
@@ -74,11 +74,11 @@ class CloudLabeller:
 def frustum_cells(
     points: npt.NDArray[np.float32], grid: FrustumConfig
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Sort points (N, 3) into the cells of a grid of directions, as Autoware's FRNet does.
+    """Sort points (N, 3) into the cells of a direction grid, as Autoware's FRNet does.
 
     Returns:
-        The batch, which is 0, the row and the column of each point's cell (N, 3); the cells that have points (M, 3),
-        sorted; and the place of each point's cell among those (N,).
+        The cell of each point (N, 3): batch (0), row and column. The occupied cells (M, 3), sorted. The index of each
+        point's cell among them (N,).
     """
     xyz = points.astype(np.float64)
     low, high = map(math.radians, grid.elevation_deg)

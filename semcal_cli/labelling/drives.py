@@ -1,4 +1,4 @@
-"""A drive with labels from networks: label files, and a drive.yaml that names them beside the files of the old one."""
+"""Labelled drives: label files, and a drive.yaml that adds them to the files of the original drive."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from semcal_cli.labelling.pairs import note_second
 from semcal_cli.labelling.sides import Side
 
 RECORD = "semcal_label.json"
-"""File in a folder of labels that says what they depend on."""
+"""File in a folder of labels that records what they depend on."""
 CACHE = ".semcal_labels"
-"""Folder beside a drive.yaml for labels that `calibrate` makes on the way."""
+"""Folder beside a drive.yaml for labels that `calibrate --image-model` makes."""
 AT_A_TIME = 2
-"""Frames at a time: while the network works on one, another is read, prepared or written."""
+"""Number of frames at a time: the network runs on one while another is read, prepared or written."""
 ORIGIN = "from"
-"""Key of the record for where a network is from, on which labels do not depend."""
+"""Key of the record for the origin of a network, on which labels do not depend."""
 KEY_LENGTH = 16
-"""Hexadecimal digits of the name of a folder or a file of the cache."""
+"""Number of hexadecimal digits in the names of the cache."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class LabelledDrive:
     path: Path
     """The drive.yaml."""
     num_frames: int
-    """Number of its frames."""
+    """Number of labelled frames."""
     num_before: int
-    """Number of label files that were there already."""
+    """Number of label files that existed before."""
     failures: tuple[str, ...]
-    """Messages about frames that are left out."""
+    """Messages about the frames that were left out."""
 
 
 def label_drive(
@@ -61,24 +61,24 @@ def label_drive(
 ) -> LabelledDrive:
     """Label the frames of a drive, and write a drive with the labels.
 
-    Label files lie in folders beside the new drive.yaml. A frame is done when its files are whole, so that a stopped
-    run goes on where it was. Frames that fail are left out.
+    Label files go to folders beside the new drive.yaml. A frame is done when its files are complete, so a run that was
+    stopped continues where it left off. Frames that fail are left out.
 
     Args:
         drive: The drive.
-        sides: What is labelled.
+        sides: Sides to label.
         out: Folder of the new drive, or its drive.yaml.
-        indices: Frames that are labelled and kept; None for all. Label files are named among all.
+        indices: Frames to label and keep; None for all. Names of label files do not depend on it.
         again: Sides whose existing labels are replaced.
-        by_content: Whether label files are named by what they are labels of, and not by the name of its file.
+        by_content: Whether label files are named by the content of the labelled file, not by its name.
         on_event: Called with each event.
 
     Raises:
-        InputError: no frame can be labelled, or a folder holds labels of other networks or settings.
+        InputError: no frame can be labelled, or a folder holds labels of another network or other settings.
     """
     path = output_drive_file(out)
     if is_same_file(path, drive.path):
-        raise InputError(f"{path}: found the drive that is read, needed another name")
+        raise InputError(f"{path}: found the input drive, needed another name")
     files: dict[str, list[Path]] = {
         side.key: _prepared(drive, side, path.parent, side in again, by_content) for side in sides
     }
@@ -156,12 +156,12 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
     make_folder(folder)
     record, settings = folder / RECORD, dict(side.settings)
     if not by_content:
-        # The same name may stand for another file in another drive.
+        # The same name may mean another file in another drive.
         sources = [getattr(frame, side.source) for frame in drive.frames]
         settings["sources"] = _key([str(drive.resolve(source)) for source in sources if source])
     if not record.exists():
         if any(folder.iterdir()):
-            raise InputError(f"{folder}: found files that `semcal label` has not written, needed another -o")
+            raise InputError(f"{folder}: found files that `semcal label` did not write, needed another -o")
     elif not force and {**read_document(record), ORIGIN: None} != {
         **json.loads(_text(settings)),
         ORIGIN: None,
@@ -171,14 +171,14 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
         )
     files = [folder / f"{name}{side.suffix}" for name in _names(drive, side, by_content)]
     for file in files if force else ():
-        # A forced run that is stopped leaves no labels of before.
+        # A forced run that is stopped leaves no old labels.
         file.unlink(missing_ok=True)
     write_text(_text(settings | ({ORIGIN: side.origin} if side.origin else {})), record)
     return files
 
 
 def _names(drive: Drive, side: Side, by_content: bool) -> list[str]:
-    """Name the labels of each frame by the file that is labelled, or by its content."""
+    """Name the labels of each frame after the labelled file, or after its content."""
     if by_content:
         files = [drive.file_of(frame, side.source, "an image") for frame in drive.frames]
         return [hash_file(file)[:KEY_LENGTH] for file in files]
@@ -191,7 +191,7 @@ def _names(drive: Drive, side: Side, by_content: bool) -> list[str]:
 def _document(
     drive: Drive, sides: Sequence[Side], path: Path, kept: Sequence[int], files: Mapping[str, Sequence[Path]]
 ) -> dict[str, Any]:
-    """Make the document of the labelled drive, whose files are relative to it."""
+    """Make the document of the labelled drive, with file names relative to it."""
 
     def relative(name: str) -> str:
         return os.path.relpath(drive.resolve(name), path.parent)

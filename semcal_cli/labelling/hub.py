@@ -1,4 +1,4 @@
-"""Networks of the Hugging Face hub by their names: their files come by its library, into its own cache."""
+"""Networks on the Hugging Face hub, fetched by name with the hub's own library into its own cache."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ PREFIX = "hf:"
 NAME = re.compile(r"hf:(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?(:(?P<file>[\w./-]+\.onnx))?")
 SYNTAX = "hf:OWNER/NAME, hf:OWNER/NAME@REVISION or hf:OWNER/NAME@REVISION:FILE.onnx"
 USUAL = ("onnx/model.onnx", "model.onnx")
-"""Files of a model that are taken if none is named, the first of them that is there."""
+"""Model files to look for if none is named; the first that exists is used."""
 SIDECARS = ("config.json", "preprocessor_config.json", "processor_config.json")
-"""Files that say what transformers does with images and what the scores of a model mean."""
+"""Files that describe the preprocessing and the classes of a transformers model."""
 EXTERNAL = ("_data", ".data")
-"""Ends of the names of files with the weights of a model, after the name of the model."""
+"""Suffixes, after the name of a model, of the files with its weights."""
 SNAPSHOT = re.compile(r"/models--([^/]+)/snapshots/([0-9a-f]{40})/(.+)$")
-"""Path of a file in the library's cache: its repository, its commit and its name there."""
+"""Path of a file in the cache: its repository, its commit and its name in the repository."""
 MEGABYTE = 1e6
 REFUSALS = (401, 403, 404)
-"""Statuses by which the hub says that a network is closed or not there."""
+"""HTTP statuses of a network that is private, gated or missing."""
 TIMEOUT_S = 10.0
-"""Longest time until the hub answers."""
+"""Longest wait for an answer of the hub."""
 
 
 class Recommended(NamedTuple):
@@ -37,7 +37,7 @@ class Recommended(NamedTuple):
 
     repository: str
     megabytes: int
-    """Size of its weights in 32 bits."""
+    """Size of its 32-bit weights."""
     classes: str
     licence: str
 
@@ -56,44 +56,44 @@ RECOMMENDED = {
         "NVIDIA Source Code License for SegFormer: not commercial",
     ),
 }
-"""Networks by their short names; the revision is `main` unless one is named."""
+"""Networks by short name. The revision is `main` unless one is named."""
 
 
 @dataclass(frozen=True)
 class HubName:
-    """Name of a network of the hub, as a user writes it."""
+    """Name of a network on the hub, as the user writes it."""
 
     text: str
     repo: str
     revision: str
     file: str | None
-    """Its file in the repository; None for the usual one."""
+    """File in the repository; None for the usual one."""
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files of which the first that is there is the model."""
+        """Possible model files; the first that exists is used."""
         return USUAL if self.file is None else (self.file,)
 
     def error(self, found: str, needed: str) -> InputError:
-        """Make an error about the network."""
+        """Make the error about this network."""
         return InputError(f"{self.text}: found {found}, needed {needed}")
 
 
 def is_hub_name(name: str) -> bool:
-    """Tell the name of a network of the hub from that of a file."""
+    """Return whether a name belongs to the hub rather than to a file."""
     return name.startswith(PREFIX) or (name in RECOMMENDED and not Path(name).exists())
 
 
 def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
-    """Find the file of a network; one of the hub is fetched, with its sidecars, unless the cache has it.
+    """Find the file of a network. One on the hub is fetched with its sidecars, unless it is cached.
 
     Args:
-        name: A file, a name of the hub, `hf:OWNER/NAME@REVISION:FILE`, or a short name of `RECOMMENDED`.
-        max_mb: Most megabytes that are fetched.
+        name: A file, a name on the hub (`hf:OWNER/NAME@REVISION:FILE`), or a short name of `RECOMMENDED`.
+        max_mb: Largest download, megabytes.
         on_event: Called with each event.
 
     Raises:
-        InputError: the network is missing, closed or too large, or neither the hub nor the cache has it.
+        InputError: the network is missing, gated or too large, or neither the hub nor the cache has it.
     """
     if not is_hub_name(name):
         if not Path(name).suffix and not Path(name).exists():
@@ -104,7 +104,7 @@ def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
     text = name if name.startswith(PREFIX) else PREFIX + RECOMMENDED[name].repository
     parts = NAME.fullmatch(text)
     if parts is None or ".." in text:
-        raise InputError(f"{text}: found no name of an ONNX file on the hub, needed {SYNTAX}")
+        raise InputError(f"{text}: is not the name of an ONNX network on the hub, needed {SYNTAX}")
     asked = HubName(text, parts["repo"], parts["revision"] or "main", parts["file"])
     check_installed(text, "huggingface_hub", "label")
     with _errors_of(asked):
@@ -112,20 +112,20 @@ def find_model(name: str, max_mb: float, on_event: Listener = ignore) -> Path:
 
 
 def hub_name(path: Path) -> str | None:
-    """Give the name, with its commit, of a file in the library's cache; None for another file."""
+    """Return the hub name, with its commit, of a file in the cache; None for any other file."""
     parts = SNAPSHOT.search(path.absolute().as_posix())
     return None if parts is None else f"{PREFIX}{parts[1].replace('--', '/', 1)}@{parts[2]}:{parts[3]}"
 
 
 def licence_of(path: Path) -> str | None:
-    """Look up the licence of a file in the library's cache, if its repository is one of `RECOMMENDED`."""
+    """Look up the licence of a file in the cache, if its repository is one of `RECOMMENDED`."""
     name = hub_name(path) or ""
     found = (it.licence for it in RECOMMENDED.values() if name.startswith(f"{PREFIX}{it.repository}@"))
     return next(found, None)
 
 
 def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
-    """Fetch what the cache lacks of a network, the model last, so that a cached model is a whole one."""
+    """Fetch the files that the cache lacks. The model comes last, so that a cached model is complete."""
     import huggingface_hub
     from huggingface_hub.errors import HfHubHTTPError
 
@@ -135,7 +135,7 @@ def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
     )
     try:
         found = api.model_info(asked.repo, revision=asked.revision, timeout=TIMEOUT_S)
-    except Exception as error:  # The library's errors of a network that fails differ between its versions.
+    except Exception as error:  # Which errors the library raises without a connection depends on its version.
         if isinstance(error, HfHubHTTPError) and error.response.status_code in REFUSALS:
             raise
         return _cached(asked, api.endpoint, error)
@@ -151,7 +151,7 @@ def _fetched(asked: HubName, max_mb: float, on_event: Listener) -> Path:
         )
     for name in wanted:
         fetch(name, revision=commit, tqdm_class=_bar(f"fetching {name} of {asked.repo}", on_event))
-    # By the revision's own name, so that the cache knows its commit where there is no network.
+    # By the name of the revision, so that the cache can resolve it offline.
     path = Path(fetch(model, revision=asked.revision))
     if sizes:
         note = f"{hub_name(path) or asked.text}: {len(sizes)} files, {size_mb:.1f} MB"
@@ -172,17 +172,17 @@ def _model_among(asked: HubName, siblings: Iterable[str]) -> str:
     ]
     raise asked.error(
         f"no ONNX file (weights: {listed(sorted(weights))})",
-        "a repository with onnx/model.onnx, as those of Xenova and onnx-community; nothing else is fetched",
+        "a repository with onnx/model.onnx, such as those of Xenova and onnx-community",
     )
 
 
 def _is_part(name: str, model: str) -> bool:
-    """Tell by its name whether a file holds weights of a model: model.onnx_data, model.onnx_data_1, model.onnx.data."""
+    """Return whether a file holds weights of a model: model.onnx_data, model.onnx_data_1, model.onnx.data."""
     return any(re.fullmatch(re.escape(model + end) + r"(_\d+)?", name) for end in EXTERNAL)
 
 
 def _cached(asked: HubName, endpoint: str, error: Exception) -> Path:
-    """Find a network in the cache alone."""
+    """Find a network in the cache, without the hub."""
     import huggingface_hub
 
     for file in asked.files:
@@ -190,38 +190,34 @@ def _cached(asked: HubName, endpoint: str, error: Exception) -> Path:
         if isinstance(path, str):
             return Path(path)
     reason = (" ".join(str(error).split()) or type(error).__name__)[:200]
-    needed = "a network, or a cache that has it, as of a run before"
-    raise asked.error(f"no copy in the cache, and no way to {endpoint} ({reason})", needed)
+    needed = "a connection, or a copy from an earlier run"
+    raise asked.error(f"no copy in the cache, and {endpoint} failed ({reason})", needed)
 
 
 @contextmanager
 def _errors_of(asked: HubName) -> Iterator[None]:
-    """Say in one line what the hub refused."""
+    """Turn the errors of the hub into one line."""
     from huggingface_hub import constants, errors
 
     try:
         yield
     except errors.GatedRepoError:
-        terms = (
-            f"accept its terms at {constants.ENDPOINT}/{asked.repo} and log in by `hf auth login` or HF_TOKEN"
-        )
-        raise asked.error("a gated model", f"one that is open to you: {terms}") from None
+        terms = f"accept its terms at {constants.ENDPOINT}/{asked.repo} and log in with `hf auth login` or HF_TOKEN"
+        raise asked.error("a gated model", f"access to it: {terms}") from None
     except errors.RepositoryNotFoundError:
-        needed = "the name of a public one, or a login by `hf auth login` or HF_TOKEN"
-        raise asked.error(f"no such model at {constants.ENDPOINT}, or a private one", needed) from None
+        needed = "a public one, or a login with `hf auth login` or HF_TOKEN"
+        raise asked.error(f"no such model at {constants.ENDPOINT}, or it is private", needed) from None
     except errors.RevisionNotFoundError:
         raise asked.error(f"no revision {asked.revision!r}", "a branch, a tag or a commit") from None
     except InputError:
         raise
-    except (
-        Exception
-    ) as error:  # What else may fail is the network, the disk or one of the library's libraries.
+    except Exception as error:  # The connection, the disk or a dependency of the library.
         reason = (" ".join(str(error).split()) or type(error).__name__)[:300]
         raise InputError(f"{asked.text}: could not be fetched: {reason}") from None
 
 
 def _bar(doing: str, on_event: Listener) -> type[Any]:
-    """Make the class of a progress bar, as the library takes it, that tells a listener how far a file is."""
+    """Make a progress bar class for the library that reports the progress of a download to a listener."""
     from tqdm import tqdm
 
     class Bar(tqdm):  # type: ignore[misc]
@@ -236,9 +232,9 @@ def _bar(doing: str, on_event: Listener) -> type[Any]:
             on_event(Progress(f"{doing}: {self.num_done / MEGABYTE:.1f}{of} MB"))
 
         def update_transfer(self, n: float | None = 1) -> None:
-            """Do not count what is sent in compressed chunks once more: the library asks for it by this name."""
+            """Ignore compressed chunks, which `update` counts already; the library calls this method."""
 
         def set_transfer_postfix_str(self, *args: Any, **about: Any) -> None:
-            """Show no speed."""
+            """Ignore the transfer speed."""
 
     return Bar

@@ -1,4 +1,4 @@
-"""Labels of a camera's images from a network."""
+"""Image labels from a network."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from semcal_cli.labelling.model import (
     Model,
     card_of,
     cloud_model,
-    picture_model,
+    image_model,
     point_model,
     wrong_key,
 )
@@ -26,26 +26,26 @@ from semcal_cli.labelling.network import Network
 from semcal_cli.labelling.views import Fitting, Image, make_views
 
 SHOWN = (640, 480)
-"""Columns and rows of the image on which a network is tried that takes any size."""
+"""Columns and rows of the test image for a network that takes any size."""
 MIDDLE_GRAY = 128
 
 MAX_SHARES = 255
-"""Most classes of a file of probabilities."""
+"""Largest number of classes in a file of probabilities."""
 SAME_SHAPE = 0.1
-"""Largest difference between the strides of an output along rows and along columns, as a share of the larger one."""
+"""Largest relative difference between the strides of an output along rows and columns."""
 SUM_TOLERANCE = 1e-2
-"""Largest difference from 1 of the sum of probabilities, which may be of 16 bits."""
+"""Largest deviation from 1 of the sum of probabilities, which may be 16-bit floats."""
 GRAY = np.array([0.114, 0.587, 0.299])
 """Weights of blue, green and red in grey: ITU-R BT.601."""
 
 Scores: TypeAlias = list[npt.NDArray[np.float32]]
-"""Scores of the classes in the cells of each view, (C, h, w) or (h, w, C)."""
+"""Class scores of each view, (C, h, w) or (h, w, C)."""
 Sampled: TypeAlias = tuple[Scores, npt.NDArray[np.uint8], npt.NDArray[np.float32], bool]
-"""Scores, the index among them and the place there of each pixel, and whether classes stand first."""
+"""Scores, the index and the position of each pixel in them, and whether classes are the first axis."""
 
 
 class ImageLabeller:
-    """Labels images of one camera; several threads may use it at a time."""
+    """Labels images of one camera. Threads may share it."""
 
     def __init__(
         self, model: Model[CompleteImageCard], camera: Camera, *, is_rectified: bool = False
@@ -76,27 +76,28 @@ class ImageLabeller:
             image: (H, W, 3) of the camera.
 
         Returns:
-            (H, W) ids; `_core.NO_ID` where the network does not see.
+            (H, W) ids; `_core.NO_ID` where no view shows the pixel.
 
         Raises:
-            InputError: the network fails, or its output cannot be labels.
+            InputError: the network fails, or its output is not labels.
         """
         outputs = self._run(image)
         if self.model.card.kind == "ids":
             found = self._ids_of_pixels(outputs)
         else:
+            sampled = self._scores(outputs)
             with about(self.model.network.path):
-                found = _core.classes_of_scores(*self._scores(outputs))
+                found = _core.classes_of_scores(*sampled)
         return np.asarray(found, np.uint16).reshape(self.camera.height, self.camera.width)
 
     def shares(self, image: Image) -> npt.NDArray[np.uint8]:
-        """Label an image with the share of each class, in 1/255, as a calibration reads them.
+        """Label an image with class probabilities, in 1/255, as a calibration reads them.
 
         Returns:
-            (H, W, C); zeros where the network does not see.
+            (H, W, C); zeros where no view shows the pixel.
 
         Raises:
-            InputError: as `ids`, or the network gives ids, or more classes than a file of probabilities may have.
+            InputError: as for `ids`, or the network gives ids or too many classes for a file of probabilities.
         """
         path, kind = self.model.network.path, self.model.card.kind
         if kind == "ids":
@@ -107,7 +108,7 @@ class ImageLabeller:
             raise InputError(
                 f"--probabilities: found {num_classes} classes of {path}, needed at most {MAX_SHARES}"
             )
-        # Probabilities go from 0 to 1, and have the sum 1 in each cell.
+        # Probabilities are between 0 and 1, and add up to 1 in each cell.
         are_logits = kind == "logits" or (
             kind is None
             and any(
@@ -122,7 +123,7 @@ class ImageLabeller:
         return np.asarray(found, np.uint8).reshape(self.camera.height, self.camera.width, num_classes)
 
     def tensor(self, view: Image) -> npt.NDArray[Any]:
-        """Bring a view (h, w, 3) to the network's input, a batch of one."""
+        """Convert a view (h, w, 3) to the network's input, a batch of one."""
         card = self.model.card
         if card.color == "gray":
             planes = [(view @ GRAY).round().astype(np.uint8)]
@@ -145,11 +146,11 @@ class ImageLabeller:
             classes, masks = (output[name] for name in names)
             if classes.ndim != 3 or masks.ndim != 4 or classes.shape[1] != masks.shape[1]:
                 found = f"classes of {classes.shape} and masks of {masks.shape}"
-                raise network.unfit(found, "as many of both")
+                raise network.unfit(found, "the same number of queries in both")
         return [joined_masks(output, self.model.card.mask_size) for output in outputs]
 
     def _scores(self, outputs: Sequence[npt.NDArray[Any]]) -> Sampled:
-        """Arrange outputs as scores of classes, and find where each pixel reads them."""
+        """Arrange outputs as class scores, and find the position of each pixel in them."""
         network, shapes = self.model.network, {output.shape for output in outputs}
         shape = next(iter(shapes))
         if len(shapes) > 1 or len(shape) != 4 or shape[0] != 1:
@@ -171,13 +172,13 @@ class ImageLabeller:
         scores = [np.ascontiguousarray(output[0], np.float32) for output in outputs]
         mosaic = self.views.mosaic
         if mosaic is None or (columns, rows) != self.views.size:
-            # The cells of coarse scores do not meet those of other tiles: each pixel reads one tile.
+            # Coarse cells of different tiles do not coincide, so each pixel reads one tile.
             return scores, self.views.views, self._places_on(columns, rows), are_first
         planes = scores if are_first else [np.moveaxis(each, 2, 0) for each in scores]
         return mosaic.joined(planes), mosaic.images, mosaic.places, True
 
     def _are_classes_first(self, shape: tuple[int, int, int]) -> bool:
-        """Tell by the strides of rows and columns, which agree, where the classes stand."""
+        """Find the axis of the classes: rows and columns have the same stride."""
         if self.model.card.kind == "masks":
             return True
         columns, rows = self.views.size
@@ -189,11 +190,11 @@ class ImageLabeller:
         first, last = covers(shape[1], shape[2]), covers(shape[0], shape[1])
         if not first and not last:
             found = f"output of 1 x {' x '.join(map(str, shape))} for {rows} x {columns} pixels"
-            raise self.model.network.unfit(found, "rows and columns of one stride")
+            raise self.model.network.unfit(found, "the same stride for rows and columns")
         return first and not (last and self.model.card.layout == "channels_last")
 
     def _ids_of_pixels(self, outputs: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint16]:
-        """Pick the id of the cell of each pixel."""
+        """Look up the id of each pixel in the nearest cell."""
         network, ids = self.model.network, []
         for output in outputs:
             axes = [size for size in output.shape if size != 1]
@@ -212,11 +213,11 @@ class ImageLabeller:
 def joined_masks(
     outputs: Mapping[str, npt.NDArray[Any]], size: Sequence[int] | None = None
 ) -> npt.NDArray[np.float32]:
-    """Join classes and masks of queries to probabilities (1, C, h, w): Cheng et al., Mask2Former, 2022.
+    """Combine the classes and masks of queries to probabilities (1, C, h, w): Cheng et al., Mask2Former, 2022.
 
     Args:
-        outputs: Logits of the classes (1, Q, C + 1), the last of which is none, and of the masks (1, Q, h, w).
-        size: Columns and rows to which the masks are scaled before; None for their own.
+        outputs: Logits of the classes (1, Q, C + 1), the last of which means "none", and of the masks (1, Q, h, w).
+        size: Columns and rows to which the masks are scaled first; None for their own.
     """
     import cv2
 
@@ -230,19 +231,19 @@ def joined_masks(
 
 
 def describe_model(network: Network, card: str | None) -> list[tuple[str, str]]:
-    """Describe what is understood of a network, in pairs of a word and a sentence, and try it if it is for images.
+    """Describe how a network is understood, as pairs of a label and a text, and try it if it takes images.
 
-    Arguments and errors are those of `picture_model`.
+    Arguments and errors are those of `image_model`.
     """
     stated, _ = card_of(network, card)
     if isinstance(stated, CloudCard):
         return cloud_model(network, card).describe()
     if isinstance(stated, PointCard):
         return point_model(network, card).describe()
-    model = picture_model(network, card)
+    model = image_model(network, card)
     width, height = SHOWN if model.card.size is None else model.card.size
     K = ((float(width), 0.0, width / 2.0), (0.0, float(width), height / 2.0), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
     ids = ImageLabeller(model, camera).ids(np.full((height, width, 3), MIDDLE_GRAY, np.uint8))
     found = ", ".join(map(str, np.unique(ids)[:8]))
-    return [*model.describe(), ("tried", f"labels of a grey image of {width} x {height}: ids {found}")]
+    return [*model.describe(), ("tried", f"a grey image of {width} x {height} gets ids {found}")]

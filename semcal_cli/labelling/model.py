@@ -1,4 +1,4 @@
-"""A network that is joined with its card: what its file says, what the card adds, and what is left to guess."""
+"""A network with its card: what the file says, what the card adds, and what remains to be guessed."""
 
 from __future__ import annotations
 
@@ -26,37 +26,38 @@ from semcal_cli.labelling.network import Network, Port
 from semcal_cli.labelling.sidecars import read_sidecars
 
 SHOWN_NAMES = 6
+"""Number of class names that `--show` prints."""
 IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""Mean and standard deviation of ImageNet's red, green and blue, by which most networks normalise."""
+"""ImageNet's mean and standard deviation of red, green and blue, which most networks use."""
 BYTE = 1.0 / 255.0
 MAX_SCALED = 2.0
-"""Largest mean or standard deviation of pixels that are scaled to 1, with some room for unusual ones."""
+"""Largest plausible mean or standard deviation of pixels from 0 to 1."""
 MAX_NETWORK_PIXELS = 1 << 25
-"""Most pixels of a network's image."""
+"""Largest number of pixels of a network's image."""
 CHANNELS = (1, 3)
 AXES = {"channels_first": (1, 2, 3), "channels_last": (3, 1, 2)}
-"""Axes of the channels, the rows and the columns in each layout of a batch."""
+"""Axes of the channels, rows and columns in each layout of a batch."""
 PLAIN = ("logits", "output", "out", "output_0", "pred", "prediction", "semantic_logits")
-"""Names of the one output that matters, in order, where a network has several."""
+"""Names of the output to read if a network has several, in order of preference."""
 MASKS = ("class_queries_logits", "masks_queries_logits")
-"""Names of the two outputs of Mask2Former and its like."""
+"""Names of the two outputs of Mask2Former and similar networks."""
 CELLS = ("coors", "voxel_coors", "inverse_map")
-"""Inputs of FRNet beside its points: the cell of each point, the cells that have any, and the place of each point's."""
+"""Inputs of FRNet besides the points: the cell of each point, the occupied cells, and each point's index among them."""
 AnyStated: TypeAlias = ImageCard | PointCard | CloudCard
 AnyCard = TypeVar("AnyCard", CompleteImageCard, PointCard, CloudCard)
 
 
 @dataclass(frozen=True, eq=False)
 class Model(Generic[AnyCard]):
-    """A network, and what its file and its card say of it."""
+    """A network, and what its file and its card say about it."""
 
     network: Network
     card: AnyCard
-    """Card in which nothing is left open that is needed."""
+    """Card with all that is needed filled in."""
     card_path: Path
-    """File of the card, or of the model without one."""
+    """File of the card, or of the model if there is no card."""
     outputs: tuple[str, ...]
-    """Names of the outputs that are read."""
+    """Names of the outputs to read."""
     classes: Mapping[str, tuple[int, ...]]
     """Ids of each name; empty without names."""
     ignore: tuple[int, ...]
@@ -70,7 +71,7 @@ class Model(Generic[AnyCard]):
         return self.card.licence or licence_of(self.network.path)
 
     def describe(self) -> list[tuple[str, str]]:
-        """Describe what was understood, in pairs of a word and a sentence."""
+        """Describe how the network is understood, as pairs of a label and a text."""
         read = " and ".join(self.outputs)
         if isinstance(self.card, CompleteImageCard):
             read += f" as {self.card.kind or 'logits or probabilities'}"
@@ -89,38 +90,37 @@ class Model(Generic[AnyCard]):
         ]
 
 
-def picture_model(network: Network, card: str | None) -> Model[CompleteImageCard]:
-    """Join a network for images with its card.
+def image_model(network: Network, card: str | None) -> Model[CompleteImageCard]:
+    """Combine an image network with its card.
 
     Args:
         network: The network.
-        card: Name or file of the card; None for the one beside the model, MODEL.yaml, if it is there.
+        card: Name or file of the card; None for MODEL.yaml beside the model, if it exists.
 
     Raises:
-        InputError: the card is missing, wrong or of a network for sweeps, or the network contradicts it.
+        InputError: the card is missing, wrong or for sweeps, or the network contradicts it.
     """
     stated, card_path = card_of(network, card)
     if isinstance(stated, PointCard | CloudCard):
-        raise network.unfit("the card of a network for sweeps", "one for images")
+        raise network.unfit("a card for sweeps", "one for images")
     joining = _Joining(network, stated or ImageCard(semcal_image_model=1), card_path)
     found = joining.read_input()
     joining.check_constants()
     outputs, kind = joining.read_outputs()
     classes, ignore = read_classes(joining.card, card_path)
     if not classes:
-        joining.guesses.append("classes have no names: ids are kept as they are; give classes in a card")
+        joining.guesses.append("classes have no names, and ids stay as they are; a card can name them")
     complete = CompleteImageCard(**{**dict(joining.card), **found, "kind": kind})
     return Model(network, complete, card_path, outputs, classes, ignore, tuple(joining.guesses))
 
 
 def point_model(network: Network, card: str | None) -> Model[PointCard]:
-    """Join a network for range images with its card; arguments and errors are those of `picture_model`."""
+    """Combine a network for range images with its card; arguments and errors are those of `image_model`."""
     stated, card_path = card_of(network, card)
     if not isinstance(stated, PointCard):
-        needed = "one with --point-card"
-        raise network.unfit("no card of a network for sweeps (semcal_point_model: 1)", needed)
+        raise network.unfit("no card for sweeps (semcal_point_model: 1)", "one beside it, or --point-card")
     if others := network.others():
-        raise network.unfit(f"further inputs {', '.join(others)}", "a range image alone")
+        raise network.unfit(f"additional inputs {', '.join(others)}", "only a range image")
     port, wanted = network.input, (1, len(stated.channels), stated.rows, stated.columns)
     fits = len(port.shape) == 4 and all(
         size in (None, need) for size, need in zip(port.shape, wanted, strict=True)
@@ -135,14 +135,14 @@ def point_model(network: Network, card: str | None) -> Model[PointCard]:
 
 
 def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
-    """Join a network that takes points with its card; arguments and errors are those of `picture_model`."""
+    """Combine a network that takes points with its card; arguments and errors are those of `image_model`."""
     stated, card_path = card_of(network, card)
-    assert isinstance(stated, CloudCard)  # where it is asked for
+    assert isinstance(stated, CloudCard)  # callers have checked it
     names = {port.name for port in network.inputs}
     known = set() if stated.frustum is None else set(CELLS)
     if unknown := sorted(names - known - {network.points.name}):
-        needed = "points alone" if stated.frustum else f"points alone, or frustum: and {', '.join(CELLS)}"
-        raise network.unfit(f"further inputs {', '.join(unknown)}", needed)
+        needed = "only points" if stated.frustum else f"only points, or frustum: with {', '.join(CELLS)}"
+        raise network.unfit(f"additional inputs {', '.join(unknown)}", needed)
     if missing := sorted(known - names):
         raise wrong_key(card_path, "frustum", "a grid", f"none: {network.path} has no input {missing[0]}")
     port, count = network.points, len(stated.channels)
@@ -157,7 +157,11 @@ def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
 
 
 def card_of(network: Network, name: str | None) -> tuple[AnyStated | None, Path]:
-    """Read the card of a network, or the files of transformers beside it, and give its file, or that of the network."""
+    """Read the card of a network, or the transformers files beside it.
+
+    Returns:
+        The card, or None, and its file, or that of the network.
+    """
     path = find_card(name, network.path)
     if path is None:
         return read_sidecars(network) or (None, network.path)
@@ -165,12 +169,12 @@ def card_of(network: Network, name: str | None) -> tuple[AnyStated | None, Path]
 
 
 def wrong_key(card_path: Path, key: str, found: object, needed: object) -> InputError:
-    """Make the error of a key of a card that its network contradicts."""
+    """Make the error about a key of a card that the network contradicts."""
     return InputError(f"{card_path}: {key}: {mismatch(found, needed)}")
 
 
 def _named_output(network: Network, card: Card, card_path: Path) -> str | None:
-    """Find the output that a card names, or the only one; None if there are several and it names none."""
+    """Find the output that the card names, or the only one; None if there are several and the card names none."""
     names = [port.name for port in network.outputs]
     if card.output is not None and card.output not in names:
         raise wrong_key(card_path, "output", repr(card.output), f"one of: {', '.join(names)}")
@@ -178,14 +182,14 @@ def _named_output(network: Network, card: Card, card_path: Path) -> str | None:
 
 
 class _Joining:
-    """A network for images and its card, and what had to be guessed between the two."""
+    """An image network and its card, and what had to be guessed."""
 
     def __init__(self, network: Network, card: ImageCard, card_path: Path) -> None:
         self.network, self.card, self.card_path = network, card, card_path
         self.guesses: list[str] = []
 
     def read_input(self) -> dict[str, Any]:
-        """Complete the card's keys about the input by its shape."""
+        """Complete the keys about the input from its shape."""
         port = self.network.input
         if len(port.shape) != 4 or port.dtype not in ("float32", "float16", "float64", "uint8"):
             raise self.network.unfit(f"input {port}", "four axes of float or uint8: a batch of images")
@@ -205,16 +209,16 @@ class _Joining:
         return {"layout": layout, "size": size, "color": color, "scale": scale, **each}
 
     def check_constants(self) -> None:
-        """Check that the card gives each further input its numbers."""
+        """Check that the card states the values of each additional input."""
         names = self.network.others()
         if open_ones := [name for name in names if name not in self.card.constants]:
-            needed = "an image alone, or their whole numbers as constants in a card"
-            raise self.network.unfit(f"further inputs {', '.join(open_ones)}", needed)
+            needed = "only an image, or constants for them in a card"
+            raise self.network.unfit(f"additional inputs {', '.join(open_ones)}", needed)
         if unknown := [name for name in self.card.constants if name not in names]:
             raise self._wrong("constants", unknown[0], f"one of: {', '.join(names) or 'none'}")
 
     def read_outputs(self) -> tuple[tuple[str, ...], Kind | None]:
-        """Choose the outputs that are read, and what they are."""
+        """Choose the outputs to read, and their kind."""
         card, ports = self.card, {port.name: port for port in self.network.outputs}
         has_masks = set(MASKS) <= set(ports)
         if card.kind == "masks" or (card.kind is None and card.output is None and has_masks):
@@ -225,16 +229,16 @@ class _Joining:
         name = _named_output(self.network, card, self.card_path)
         if name is None:
             name = next((name for name in PLAIN if name in ports), next(iter(ports)))
-            self.guesses.append(f"of the outputs, {name!r} is the one that matters")
+            self.guesses.append(f"the output to read is {name!r}")
         return (name,), card.kind or self._kind_of(ports[name])
 
     def _kind_of(self, port: Port) -> Kind | None:
-        """Tell ids from scores by the type and the axes of an output; None for scores."""
+        """Tell ids from scores by the type and axes of an output; None for scores."""
         if port.dtype.startswith(("int", "uint")):
             return "ids"
         if not port.dtype.startswith("float"):
-            raise self.network.unfit(f"output {port}", "scores or ids of classes")
-        # Some runtimes leave the axes of an output open altogether.
+            raise self.network.unfit(f"output {port}", "class scores or ids")
+        # Some exporters state no axes at all.
         if port.shape and len(port.shape) != 4:
             raise self.network.unfit(f"output {port}", "four axes of scores, or ids as whole numbers")
         return None
@@ -242,11 +246,11 @@ class _Joining:
     def _layout(self, port: Port) -> str:
         possible = [layout for layout, axes in AXES.items() if port.shape[axes[0]] in CHANNELS]
         if not possible:
-            self.guesses.append("channels stand before rows and columns: the model leaves them open")
+            self.guesses.append("channels come before rows and columns: the model does not say")
         return next(iter(possible or AXES))
 
     def _size(self, columns: int | None, rows: int | None) -> tuple[int, int] | None:
-        """Join the size of the input with that of the card."""
+        """Combine the size of the input with that of the card."""
         wanted = self.card.size or (None, None)
         for name, found, needed in (("columns", columns, wanted[0]), ("rows", rows, wanted[1])):
             if found is not None and needed not in (None, found):
@@ -261,17 +265,17 @@ class _Joining:
         if columns is not None or rows is not None or self.card.fit == "tiles":
             raise self._wrong("size", "none", f"columns and rows for {self.network.input}")
         if self.card.short_side is None:
-            self.guesses.append(f"the size is the image's, up to a multiple of {MULTIPLE}")
+            self.guesses.append(f"the size is that of the image, rounded up to a multiple of {MULTIPLE}")
         return None
 
     def _normalisation(
         self, color: Color, num_channels: int
     ) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
-        """Complete the scale, the mean and the standard deviation of pixels."""
+        """Complete the scale, mean and standard deviation of pixels."""
         card = self.card
         is_stated = (card.scale, card.mean, card.std) != (None, None, None)
         if self.network.input.dtype == "uint8":
-            # A network of 8 bits takes pixels from 0 to 1 as the bytes that stand for them.
+            # An 8-bit network takes bytes where its card speaks of pixels from 0 to 1.
             is_plain = card.scale == BYTE and not any(card.mean or ()) and set(card.std or (1.0,)) == {1.0}
             if is_stated and not is_plain:
                 raise self._wrong("scale, mean, std", "some", f"none: {self.network.path} takes uint8 pixels")
@@ -285,7 +289,7 @@ class _Joining:
                 )
                 raise self._wrong(name, f"{max(numbers):g}", needed)
         if card.color is None and num_channels == 3:
-            self.guesses.append("colours are red, green, blue")
+            self.guesses.append("colours are in the order red, green, blue")
         scale = BYTE if card.scale is None else card.scale
         if is_stated:
             return scale, card.mean or (0.0,), card.std or (1.0,)

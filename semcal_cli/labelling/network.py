@@ -1,4 +1,4 @@
-"""A network from an ONNX file, run by onnxruntime and by nothing else."""
+"""An ONNX network, run by onnxruntime and nothing else."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     import onnxruntime
 
 NUMPY_NAMES = {"float": "float32", "double": "float64"}
-"""NumPy's names of ONNX's types, where they differ."""
+"""NumPy names of ONNX types, where the two differ."""
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
-"""Providers by the names of the devices."""
+"""Execution providers by device."""
 SILENT = 4
-"""Severity from which onnxruntime writes to stderr: never, since its errors are raised, too."""
+"""Log level at which onnxruntime writes nothing to stderr; its errors are raised as well."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Port:
     name: str
     """Name in the model."""
     shape: tuple[int | None, ...]
-    """Sizes of the axes; None for one that takes any."""
+    """Sizes of the axes; None for an axis of any size."""
     dtype: str
-    """NumPy's name of the type."""
+    """NumPy name of the type."""
 
     def __str__(self) -> str:
         sizes = " x ".join("any" if size is None else str(size) for size in self.shape)
@@ -49,35 +49,35 @@ class Network:
     path: Path
     """File of the model."""
     session: onnxruntime.InferenceSession
-    """Session that runs it; several threads may."""
+    """Session that runs it. Threads may share it."""
     inputs: tuple[Port, ...]
-    """Its inputs, in order."""
+    """Inputs, in order."""
     outputs: tuple[Port, ...]
-    """Its outputs, in order."""
+    """Outputs, in order."""
 
     @property
     def input(self) -> Port:
-        """The first input that may be an image or a range image, or else the first of all."""
+        """The first input with four axes, as of images and range images, or else the first input."""
         return next((port for port in self.inputs if len(port.shape) == 4), self.inputs[0])
 
     @property
     def points(self) -> Port:
-        """The input named `points`, or else the first one."""
+        """The input named `points`, or else the first input."""
         return next((port for port in self.inputs if port.name == "points"), self.inputs[0])
 
-    def others(self, *known: str) -> list[str]:
-        """Names of the inputs beside `input` and those that are known."""
-        return [port.name for port in self.inputs if port.name not in (self.input.name, *known)]
+    def others(self) -> list[str]:
+        """List the names of all inputs but `input`."""
+        return [port.name for port in self.inputs if port.name != self.input.name]
 
     def unfit(self, found: object, needed: object) -> InputError:
-        """Make the error of a network that is not one that is needed."""
+        """Make the error of a network that does not fit."""
         return InputError(f"{self.path}: {mismatch(found, needed)}")
 
     def as_ids(self, output: npt.NDArray[Any]) -> npt.NDArray[np.uint16]:
-        """Take an output as ids of classes.
+        """Read an output as class ids.
 
         Raises:
-            InputError: a number is no id.
+            InputError: a number is not an id.
         """
         low, high = output.min(), output.max()
         if low < 0 or high >= _core.NO_ID:
@@ -87,31 +87,32 @@ class Network:
     def run(
         self, tensors: Mapping[str, npt.NDArray[Any]], names: Sequence[str]
     ) -> Mapping[str, npt.NDArray[Any]]:
-        """Run the network on a tensor for each input, and give the outputs of these names.
+        """Run the network on one tensor for each input, and return the outputs with these names.
 
         Raises:
-            InputError: the network fails, as on a size that it cannot take.
+            InputError: the network fails, for example on a size that it does not accept.
         """
         types = {port.name: port.dtype for port in self.inputs}
         try:
             given = {name: tensor.astype(types[name], copy=False) for name, tensor in tensors.items()}
             found = self.session.run(list(names), given)
-        except Exception as error:  # onnxruntime has an exception of its own for each kind of failure.
+        except Exception as error:  # onnxruntime has its own exception for each kind of failure.
             shapes = " and ".join(" x ".join(map(str, tensor.shape)) for tensor in tensors.values())
             raise InputError(f"{self.path}: failed on an input of {shapes}: {_reason(error)}") from None
         return dict(zip(names, map(np.asarray, found), strict=True))
 
 
 def open_network(path: Path, device: str = "cpu", num_threads: int | None = None) -> Network:
-    """Open a model; its weights may lie in files beside it, and nowhere else.
+    """Open a model. Its weights may be in files beside it, and nowhere else.
 
     Args:
         path: File of the model, .onnx.
         device: cpu or cuda.
-        num_threads: Threads of a run; None for all cores.
+        num_threads: Number of threads of a run; None for all cores.
 
     Raises:
-        InputError: the file is missing or no model, onnxruntime or the device is missing, or there is no input.
+        InputError: the file is missing or is not a model, onnxruntime or the device is missing, or the model has no
+            input.
     """
     check_installed(str(path), "onnxruntime", "label")
     import onnxruntime
@@ -121,21 +122,21 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
     provider = PROVIDERS[device]
     if provider not in onnxruntime.get_available_providers():
         raise InputError(
-            f"--device {device}: found an onnxruntime without {provider}, needed one with it, as onnxruntime-gpu"
+            f"--device {device}: found an onnxruntime without {provider}, needed one with it, such as onnxruntime-gpu"
         )
     options = onnxruntime.SessionOptions()
     options.log_severity_level = SILENT
-    # Threads that wait for the next image leave the cores to what is done between images.
+    # Threads that wait for the next image leave the cores to the work between images.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if num_threads is not None:
         options.intra_op_num_threads = num_threads
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
     except Exception as error:
-        raise InputError(f"{path}: found no model that onnxruntime can open: {_reason(error)}") from None
+        raise InputError(f"{path}: is not a model that onnxruntime can open: {_reason(error)}") from None
     inputs, outputs = (tuple(map(_port, ports)) for ports in (session.get_inputs(), session.get_outputs()))
     if not inputs:
-        raise InputError(f"{path}: found no input, needed one: an image, a range image or points")
+        raise InputError(f"{path}: found no input, needed an image, a range image or points")
     return Network(path, session, inputs, outputs)
 
 

@@ -1,4 +1,4 @@
-"""How far the labels of two networks agree, as a labelled drive notes it."""
+"""Disagreement between the image labels of two networks, recorded in the labelled drive."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.writing import write_text
 
 COLUMNS, ROWS = 480, 270
-"""Evenly spread pixels of each image that are compared, so that a long drive fits into memory."""
+"""Grid of pixels compared in each image, so that a long drive fits into memory."""
 
 
 def second_file(path: Path) -> Path:
-    """Name the drive.yaml with the labels of a second network beside that with those of the first."""
+    """Name the drive.yaml with the labels of the second network, beside that of the first."""
     return path.with_stem(f"{path.stem}_2")
 
 
 def note_second(path: Path, second: Path) -> SecondLabels:
-    """Note in a labelled drive the one with the labels of a second network, and how far the two differ.
+    """Record in a labelled drive the drive with the labels of a second network, and how far the two differ.
 
     Raises:
         InputError: labels cannot be read.
@@ -42,11 +42,11 @@ def note_second(path: Path, second: Path) -> SecondLabels:
 def disagreement(first: Drive, second: Drive) -> float | None:
     """Compute the share of pixels to which two drives of the same images give different classes.
 
-    Equal sets of names are compared by name. Otherwise each class of the side that shows more of them stands for the
-    class of the other that it meets most.
+    Classes are compared by name if both drives have the same names. Otherwise each class of the drive that shows more
+    classes is matched to the class of the other that it overlaps most.
 
     Returns:
-        The share among pixels with a class on both sides, to four digits; None if there are none.
+        The share among pixels that have a class in both drives, to four digits; None if there are none.
     """
     common = {frame.points for frame in first.frames} & {frame.points for frame in second.frames}
     sides = []
@@ -69,7 +69,7 @@ def disagreement(first: Drive, second: Drive) -> float | None:
 
 
 def _classes(drive: Drive) -> tuple[npt.NDArray[np.int64], list[str]]:
-    """Places of the classes of evenly spread pixels among their names; -1 where a pixel has none."""
+    """Read the class of each compared pixel, as an index into the names; -1 where a pixel has none."""
     ids = read_thumbnails(drive, COLUMNS, ROWS).astype(np.int64)
     named = drive.classes.image if drive.classes is not None else {}
     of_names = named or {str(value): (value,) for value in np.unique(ids).tolist()}

@@ -1,6 +1,6 @@
-"""The card of a network that comes with transformers' own files: config.json and preprocessor_config.json.
+"""Cards from the files of transformers: config.json and preprocessor_config.json.
 
-Newer versions of transformers write processor_config.json instead of the second, with the same keys one level deeper.
+Newer versions write processor_config.json instead of the second, with the same keys one level deeper.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from semcal_cli.labelling.network import Network
 
 CONFIG, PREPROCESSOR, PROCESSOR = "config.json", "preprocessor_config.json", "processor_config.json"
 OF_IMAGES = "image_processor"
-"""Key of processor_config.json for what is done with images."""
+"""Key of processor_config.json for the image processor."""
 TASK = "task_inputs"
-"""Input of OneFormer for what it is to do."""
+"""Input of OneFormer that states its task."""
 SEMANTIC = (49406, 518, 10549, 533, 29119, 1550, 49407)
-"""Tokens by CLIP's vocabulary of "the task is semantic", as transformers' OneFormerProcessor asks; zeros follow."""
+"""Tokens of "the task is semantic" in CLIP's vocabulary, as transformers' OneFormerProcessor; zeros follow."""
 TASK_LENGTH = 77
-"""Number of tokens, if the network takes any: `task_seq_len` of OneFormer's usual config.json."""
+"""Number of tokens, if the network takes any number: `task_seq_len` in OneFormer's usual config.json."""
 CHANNELS = (1, 3)
 ONNX_FOLDER = "onnx"
-"""Folder of a repository in which its ONNX files lie; the sidecars lie one above."""
+"""Folder of the ONNX files in a repository; the sidecars are in the folder above."""
 DENSE = "ForSemanticSegmentation"
 QUERIES = ("ForUniversalSegmentation", "MaskFormerForInstanceSegmentation")
-"""Ends of the names of architectures with classes and masks of queries."""
+"""Suffixes of the architectures with classes and masks of queries."""
 BY_EDGE = ("MaskFormer", "Mask2Former", "OneFormer", "MobileViT", "MobileNet")
-"""Starts of the names of architectures for which a size that is one number is that of the shorter side."""
+"""Prefixes of the architectures whose `size`, if it is one number, is that of the shorter side."""
 RESAMPLES = ("nearest", "lanczos", "bilinear", "bicubic", "box", "hamming")
-"""Pillow's ways to scale an image by their numbers in a preprocessor_config.json."""
+"""Pillow filters by their numbers in a preprocessor_config.json."""
 MASK_SIZE = (384, 384)
-"""Columns and rows to which transformers' post-processing of Mask2Former scales masks, whatever the image."""
+"""Columns and rows to which transformers' post-processing of Mask2Former scales all masks."""
 PLACEHOLDER = re.compile(r"LABEL_\d+")
-"""A name that transformers gives where a model has none."""
+"""Placeholder of transformers for a class without a name."""
 NOTHING = {
     "car mount",
     "ego vehicle",
@@ -51,17 +51,17 @@ NOTHING = {
     "unlabelled",
     "void",
 }
-"""Names of classes that carry no information, with any table."""
+"""Names of classes that carry no information, in any class table."""
 
 
 class _Lenient(BaseModel):
-    """The keys that matter of a file of transformers; there are many others."""
+    """The keys that are used of a transformers file, which has many others."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False, defer_build=True)
 
 
 def _as_edges(size: Any) -> Any:
-    """Lay out a size given as one number, or as rows and columns, as a mapping."""
+    """Convert a size given as one number, or as rows and columns, to a mapping."""
     if isinstance(size, list) and len(size) == 2:
         return {"height": size[0], "width": size[1]}
     if isinstance(size, int) and not isinstance(size, bool):
@@ -86,7 +86,7 @@ class Config(_Lenient):
 
 
 class Preprocessor(_Lenient):
-    """preprocessor_config.json. What is null is as if it were absent."""
+    """preprocessor_config.json. Null means absent."""
 
     do_resize: bool | None = None
     size: Size | None = None
@@ -107,10 +107,10 @@ class Preprocessor(_Lenient):
 
 
 def read_sidecars(network: Network) -> tuple[ImageCard, Path] | None:
-    """Read the card of a network from the files of transformers beside it, or above its folder `onnx`.
+    """Read the card of a network from the transformers files beside it, or above its folder `onnx`.
 
     Returns:
-        The card and the config.json; None if there is none that is transformers'.
+        The card and the path of config.json; None if there is none, or it is not of transformers.
 
     Raises:
         InputError: a file is wrong, or the architecture is not one for semantic segmentation.
@@ -142,7 +142,7 @@ def read_sidecars(network: Network) -> tuple[ImageCard, Path] | None:
 
 
 def _preprocessor(path: Path) -> Preprocessor | None:
-    """Read what transformers does with images from the files beside its config.json; None if none says."""
+    """Read how transformers prepares images, from the files beside its config.json; None if none says."""
     beside, newer = path.with_name(PREPROCESSOR), path.with_name(PROCESSOR)
     if beside.exists():
         return validate(Preprocessor, read_document(beside), beside)
@@ -152,7 +152,7 @@ def _preprocessor(path: Path) -> Preprocessor | None:
 
 
 def _classes(config: Config, path: Path) -> dict[str, Any]:
-    """Group the ids of each name, and ignore what a class table with these names ignores."""
+    """Group ids by name, and ignore what a class table with these names ignores."""
     names: dict[int, str] = {}
     for key, name in (config.id2label or {}).items():
         if not key.isascii() or not key.isdigit():
@@ -180,7 +180,7 @@ def _plain(name: str) -> str:
 
 
 def _layout(network: Network) -> str:
-    """Channels stand first in transformers' networks, even where these leave all sizes open."""
+    """Read the layout; transformers networks that state no sizes take channels first."""
     is_last = len(network.input.shape) == 4 and network.input.shape[1] not in (None, *CHANNELS)
     return "channels_last" if is_last else "channels_first"
 
@@ -197,14 +197,14 @@ def _output(network: Network, architecture: str) -> dict[str, Any]:
 
 
 def _numbers(found: Preprocessor, architecture: str) -> dict[str, Any]:
-    """State the scale, the mean, the standard deviation and the order of the colours."""
+    """Read the scale, the mean, the standard deviation and the order of the colours."""
     flips = found.do_flip_channel_order
     keys: dict[str, Any] = {
         "color": "bgr" if (flips is None and "MobileViT" in architecture) or flips else "rgb"
     }
     normalises = found.do_normalize is not False and "MobileViT" not in architecture
     if normalises and (found.image_mean is None or found.image_std is None):
-        return keys  # what is left open is guessed, and the guess is told
+        return keys  # the rest is guessed, and the guess is printed
     factor = 1.0 / 255.0 if found.rescale_factor is None else found.rescale_factor
     keys["scale"] = 1.0 if found.do_rescale is False else factor
     if normalises:
@@ -213,7 +213,7 @@ def _numbers(found: Preprocessor, architecture: str) -> dict[str, Any]:
 
 
 def _masks(found: Preprocessor, architecture: str) -> dict[str, Any]:
-    """State the size to which transformers' post-processing scales the masks of queries, where it does."""
+    """Read the size to which transformers' post-processing scales the masks of queries, if it does."""
     if architecture.startswith("Mask2Former"):
         return {"mask_size": MASK_SIZE}
     size = found.size or {}
@@ -223,12 +223,12 @@ def _masks(found: Preprocessor, architecture: str) -> dict[str, Any]:
 
 
 def _has_size(network: Network) -> bool:
-    """Tell whether a network states its own size: rows and columns stand together in each layout."""
+    """Return whether a network states its size: rows and columns are neighbours in each layout."""
     return sum(size is not None and size > 4 for size in network.input.shape) >= 2
 
 
 def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str, Any]:
-    """State how an image comes to the network's size, which is that of the network itself where it has one."""
+    """Read how an image is brought to the network's size. A size that the network itself states counts."""
     if found.do_resize is False:
         return {}
     keys = _fit(found.size or {}, found, architecture)
@@ -241,7 +241,7 @@ def _size(found: Preprocessor, architecture: str, network: Network) -> dict[str,
 
 
 def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dict[str, Any]:
-    """Say in the keys of a card how transformers brings an image to a size; it is never cropped."""
+    """Express in the keys of a card how transformers resizes an image; crops are left out."""
     if "height" in size and "width" in size:
         return _fit_by_sides(size["width"], size["height"], found)
     side, longest = size.get("one"), found.max_size
@@ -258,7 +258,7 @@ def _fit(size: Mapping[str, int], found: Preprocessor, architecture: str) -> dic
 
 
 def _fit_by_sides(width: int, height: int, found: Preprocessor) -> dict[str, Any]:
-    """Say in the keys of a card how an image comes to a width and a height, or, as DPT's, near them."""
+    """Express in the keys of a card a resize to a width and a height, or near them, as DPT's."""
     multiple = found.ensure_multiple_of or 1
     if found.keep_aspect_ratio:
         return {"size": [width, height], "fit": "aspect", "multiple": multiple}

@@ -1,4 +1,4 @@
-"""The two sides of a frame that networks label, each with the files that it writes."""
+"""The two sides of a frame that can be labelled, with the files that each writes."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from semcal_cli.labelling.model import Model
 from semcal_cli.labelling.sweeps import KIND_IDS, SweepLabeller, segment_labels
 
 NO_ID = int(_core.NO_ID)
-"""Id of a pixel or a point without a label."""
+"""Id of pixels and points without a label."""
 NO_BYTE = 255
-"""The same in label images of 8 bits."""
+"""The same in 8-bit label images."""
 RARE = ("constants", "mask_size", "multiple", "overlap", "resample")
-"""Keys of a card on which labels depend, and which stand in a record only where they are not the default."""
+"""Keys of a card on which labels depend, and which a record holds only if they are not the default."""
 Classes: TypeAlias = Mapping[str, tuple[int, ...]]
 """Ids of each name; empty without names."""
 
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """Labels of images or of points, as files of a drive."""
+    """Image labels or point labels, as files of a drive."""
 
     key: Literal["image_labels", "point_labels"]
     """Key of a frame's label file."""
@@ -53,22 +53,22 @@ class Side:
     ignore: tuple[int, ...]
     """Ids that carry no information."""
     settings: Mapping[str, object]
-    """All that the labels depend on besides the file that is labelled."""
+    """Everything that the labels depend on besides the labelled file."""
     label: Callable[[Drive, Frame], bytes]
-    """Computes the content of the label file of a frame. Raises an InputError if the file to label is missing or wrong,
-    or the network fails."""
+    """Computes the content of the label file of a frame. Raises InputError if the file to label is missing or wrong, or
+    the network fails."""
     is_whole: Callable[[Drive, Path], bool]
-    """Tells whether a label file is there and whole."""
+    """Returns whether a label file exists and is complete."""
     origin: str | None = None
-    """Name and commit of the network on the hub, if it is from there."""
+    """Name and commit of a network from the hub; None for other networks."""
     folder: str | None = None
-    """Name of the folder of the label files; None for the key."""
+    """Name of the folder for the label files; None for the key."""
     network: LabelNetwork | None = None
-    """The network that labels; None where there is none."""
+    """Network that makes the labels; None without one."""
 
 
-def picture_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> Side:
-    """Make the side of label images from a network, or of its probabilities.
+def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> Side:
+    """Make the side of image labels, as ids or as class probabilities, from a network.
 
     Raises:
         InputError: the model cannot be read.
@@ -98,11 +98,11 @@ def picture_side(labeller: ImageLabeller, *, has_probabilities: bool = False) ->
 
     def label(drive: Drive, frame: Frame) -> bytes:
         path = drive.file_of(frame, "image", "an image")
-        picture = read_image(path, drive.camera.size)
+        image = read_image(path, drive.camera.size)
         with about(path):
             if has_probabilities:
-                return _archive(labeller.shares(picture))
-            ids = labeller.ids(picture)
+                return _archive(labeller.shares(image))
+            ids = labeller.ids(image)
         is_small = NO_BYTE not in named and ids[ids != NO_ID].max(initial=0) < NO_BYTE
         if is_small:
             ids = np.where(ids == NO_ID, NO_BYTE, ids).astype(np.uint8)
@@ -165,9 +165,14 @@ def _point_side(
     *,
     no_return: int,
 ) -> Side:
-    """Make a side of point labels; `no_return` is the id of entries of a file that are no points.
+    """Make a side of point labels.
 
-    `label_points` gives labels (N,) in SemanticKITTI's layout for the points of a sweep.
+    Args:
+        classes: Ids of each name.
+        ignore: Ids that carry no information.
+        settings: Everything that the labels depend on besides the sweep.
+        label_points: Computes labels (N,) in SemanticKITTI's layout for the points of a sweep.
+        no_return: Label of entries of a file that are not points.
     """
 
     def label(drive: Drive, frame: Frame) -> bytes:
@@ -179,20 +184,20 @@ def _point_side(
         return labels.tobytes()
 
     def is_whole(_: Drive, path: Path) -> bool:
-        # It is written as a whole or not at all.
+        # The file is written completely or not at all.
         return path.exists() and path.stat().st_size > 0 and path.stat().st_size % 4 == 0
 
     return Side("point_labels", "points", ".label", classes, ignore, settings, label, is_whole)
 
 
 def _record(model: Model[Any]) -> LabelNetwork:
-    """Name a network as a drive and a result do."""
+    """Describe a network as drives and results record it."""
     path = model.network.path
     return LabelNetwork(name=hub_name(path) or path.name, sha256=hash_model(path), licence=model.licence)
 
 
 def hash_model(path: Path) -> dict[str, str]:
-    """Compute the SHA-256 of a model, and of the files beside it that its bytes name: those of its weights.
+    """Compute the SHA-256 of a model and of its weight files: the files beside it whose names it contains.
 
     Raises:
         InputError: a file cannot be read.
@@ -204,10 +209,10 @@ def hash_model(path: Path) -> dict[str, str]:
 
 
 def _archive(shares: npt.NDArray[np.uint8]) -> bytes:
-    """Write probabilities (H, W, C) to an `.npz`, which a calibration reads."""
+    """Write probabilities (H, W, C) in 1/255 as the `.npz` that a calibration reads."""
     array, archive = io.BytesIO(), io.BytesIO()
     np.lib.format.write_array(array, shares, allow_pickle=False)
-    # A fixed date, so that the same labels are the same bytes.
+    # A fixed date makes the same labels the same bytes.
     member = zipfile.ZipInfo("probabilities.npy", (1980, 1, 1, 0, 0, 0))
     with zipfile.ZipFile(archive, "w") as file:
         file.writestr(member, array.getvalue(), zipfile.ZIP_DEFLATED)

@@ -1,4 +1,4 @@
-"""Labels of sweeps: from a network for range images or points, or by geometry alone."""
+"""Point labels from a network for range images, or from geometry alone."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from semcal_cli.labelling.model import Model, card_of, cloud_model, point_model
 from semcal_cli.labelling.network import Network
 
 OWN_PIXEL = NeighborsConfig(count=1, search=1)
-"""Neighbours of a point that takes the class of its own pixel."""
+"""Neighbours of a point that simply takes the class of its own pixel."""
 KIND_IDS = {"ground": 1, "objects": 2}
-"""Ids of the kinds of segments in written labels; 0 is none."""
+"""Ids of the kinds of segments in label files; 0 means none."""
 INSTANCE_BITS = 16
-"""Bits of a written label below those of the instance: SemanticKITTI's layout."""
+"""Number of bits of a label below those of the instance: SemanticKITTI's layout."""
 
 
 class SweepLabeller:
-    """Labels sweeps with a network; several threads may use it at a time."""
+    """Labels sweeps with a network for range images. Threads may share it."""
 
     def __init__(self, model: Model[PointCard]) -> None:
         """Plan the range image.
@@ -48,7 +48,7 @@ class SweepLabeller:
             (N,) ids; `_core.NO_ID` outside the range image.
 
         Raises:
-            InputError: the cloud lacks a field that the network wants, or the network fails or gives no labels.
+            InputError: the cloud lacks a field that the network needs, or the network or its output is wrong.
         """
         card = self.model.card
         rings = self._field(cloud.ring, "ring") if card.row_by == "ring" else None
@@ -62,7 +62,7 @@ class SweepLabeller:
         return self.view.carry_back(projection, cloud.points, pixels, neighbors)
 
     def tensor(self, cloud: Cloud, points: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
-        """Make the network's input (1, C, rows, columns) of the point of each pixel (P,)."""
+        """Make the network's input (1, C, rows, columns) from the index of the point in each pixel (P,)."""
         card = self.model.card
         is_filled = points != _core.NO_PIXEL
         taken = points[is_filled]
@@ -82,7 +82,7 @@ class SweepLabeller:
         return planes.reshape(1, len(planes), card.rows, card.columns)
 
     def _pixels(self, output: npt.NDArray[Any]) -> npt.NDArray[np.uint16]:
-        """Classes (P,) of the pixels from scores (1, C, rows, columns) or ids."""
+        """Read the classes of the pixels (P,) from scores (1, C, rows, columns) or ids."""
         network, size = self.model.network, (self.model.card.rows, self.model.card.columns)
         if output.ndim == 4 and output.shape[0] == 1 and output.shape[1] > 1 and output.shape[2:] == size:
             if not np.isfinite(output).all():
@@ -96,14 +96,14 @@ class SweepLabeller:
 
     def _field(self, values: npt.NDArray[Any] | None, name: str) -> npt.NDArray[Any]:
         if values is None:
-            raise InputError(f"found points without {name}, which {self.model.network.path} wants")
+            raise InputError(f"found points without {name}, which {self.model.network.path} needs")
         return values
 
 
 def segment_labels(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
-    """Label the points (N, 3) of a sweep by its geometry: the kind in the lower 16 bits, the segment in the upper ones.
+    """Label the points (N, 3) of a sweep by geometry: the kind in the lower 16 bits, the segment in the upper 16.
 
-    Segments are numbered from 1; 0 is none.
+    Segments are numbered from 1; 0 means none.
     """
     (sweep,) = _core.segment_sweeps([points], SegmentationConfig())
     kinds = np.append(np.where(sweep.kinds == _core.GROUND, KIND_IDS["ground"], KIND_IDS["objects"]), 0)
@@ -113,7 +113,7 @@ def segment_labels(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
 
 
 def sweep_labeller(network: Network, card: str | None) -> SweepLabeller | CloudLabeller:
-    """Make what labels sweeps by a network, which takes range images or points as its card says.
+    """Make the labeller for a network, which takes range images or points, as its card says.
 
     Arguments and errors are those of `point_model`.
     """

@@ -1,7 +1,7 @@
-"""The images that a network sees: a camera's image, rectified or not, brought to the network's size.
+"""The images that a network sees: a camera's image, rectified or not, at the network's size.
 
-Each pixel of the camera's image knows the view that shows it best, and its place there, so that what the network says
-of the views is carried back in one step.
+Each pixel of the camera's image has the view that shows it best and its position there, so that the output for the
+views is mapped back in one step.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
 Draw: TypeAlias = Callable[[Image], Image]
 Places: TypeAlias = npt.NDArray[np.float64]
-"""(N, 2) column and row of each pixel of the camera's image in another image; an integer is a pixel centre."""
+"""(N, 2) column and row of each camera pixel in another image; integers are pixel centres."""
 
 MAX_VIEWS = 250
-"""Most views of an image."""
+"""Largest number of views of an image."""
 ONE_VIEW_DEG = 55.0
-"""Largest angle from the optical axis, in degrees, that a single rectified image shows."""
+"""Largest angle from the optical axis that a single rectified image shows, degrees."""
 FACE_DEG = 50.0
-"""Half of the field of view of a face of the cube that rectifies wider lenses: faces overlap by ten degrees."""
+"""Half the field of view of the cube faces that rectify wider lenses, degrees; faces overlap by ten degrees."""
 FACES = tuple(
     np.asarray(cv2.Rodrigues(np.array(turn))[0].round(), np.float64)
     for turn in (
@@ -39,59 +39,59 @@ FACES = tuple(
         *((sign * 0.5 * math.pi, 0.0, 0.0) for sign in (1.0, -1.0)),
     )
 )
-"""R_face_camera (3, 3) of the faces of a cube: front, right, back, left, below, above."""
+"""R_face_camera (3, 3) of the cube faces: front, right, back, left, below, above."""
 MAX_RECTIFIED = 2.0
-"""Largest size of a rectified image, in widths and heights of the camera's."""
+"""Largest size of a rectified image, relative to the camera's."""
 
 
 class Shown(NamedTuple):
-    """An image made of the camera's: as it is or rectified, or a part of that in the network's size."""
+    """An image made from the camera's: the image itself or rectified, or a part of it at the network's size."""
 
     size: tuple[int, int]
     """Columns and rows."""
     draw: Draw
     places: Places
-    """Places of the camera's pixels; NaN where this image does not show them."""
+    """Positions of the camera's pixels; NaN where this image does not show them."""
     merit: npt.NDArray[np.float64]
-    """(N,) how well this image shows each pixel of the camera's; minus infinity where it does not."""
+    """(N,) how well this image shows each camera pixel; minus infinity where it does not."""
     start: tuple[int, int] = (0, 0)
     """Column and row at which a tile begins in the image that it is cut from."""
 
 
 @dataclass(frozen=True)
 class Fitting:
-    """How an image comes to the network's size."""
+    """How an image is brought to the network's size."""
 
     size: tuple[int, int]
     """Columns and rows of each view."""
     fit: Fit
     padding: Sequence[int]
-    """Blue, green and red of what is beyond an image."""
+    """Blue, green and red of the padding."""
     overlap: float
-    """Least share of a tile that its neighbour shows, too."""
+    """Smallest overlap of neighbouring tiles, as a fraction of a tile."""
     resample: Resample | None = None
-    """How an image is scaled; None for the mean where it shrinks, and linearly where it grows."""
+    """Pillow filter; None for area averaging to shrink and bilinear to enlarge."""
     scaled: Callable[[tuple[int, int]], tuple[int, int]] = lambda size: size
-    """Gives the columns and rows to which an image is scaled before it is cut into tiles, of its own."""
+    """Computes the columns and rows to which an image is scaled before it is cut into tiles."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mosaic:
-    """Images that are cut into tiles, whose scores are joined again."""
+    """Images that are cut into tiles, and how to merge the scores of the tiles."""
 
     sizes: tuple[tuple[int, int], ...]
     """Columns and rows of each image."""
     tiles: tuple[tuple[int, tuple[int, int]], ...]
-    """Image of each view, and the column and row at which the view begins there."""
+    """The image that each view is a tile of, and the column and row at which it starts there."""
     images: npt.NDArray[np.uint8]
-    """(N,) the image that shows each pixel of the camera's image best, or `_core.NO_VIEW`."""
+    """(N,) the image that shows each camera pixel best, or `_core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
     """(N, 2) the pixel's place there."""
 
     def joined(self, scores: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
-        """Join scores (C, h, w) of each view to (C, H, W) of each image: the mean where tiles overlap.
+        """Merge the scores (C, h, w) of the views to those (C, H, W) of the images: the mean where tiles overlap.
 
-        This is how transformers (`merge_image_patches` of EoMT's processor) and MMSegmentation join windows.
+        As transformers (`merge_image_patches` of EoMT's processor) and MMSegmentation merge windows.
         """
         sums = [np.zeros((len(scores[0]), rows, columns), np.float32) for columns, rows in self.sizes]
         counts = [np.zeros((rows, columns), np.float32) for columns, rows in self.sizes]
@@ -103,28 +103,28 @@ class Mosaic:
             counts[image][down, across] += 1.0
         for total, count in zip(sums, counts, strict=True):
             total /= np.maximum(count, 1.0)
-            # No pixel reads what no tile shows; equal shares keep probabilities what they are.
+            # No pixel reads cells without a tile; equal values keep probabilities probabilities.
             total[:, count == 0.0] = 1.0 / len(total)
         return sums
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What a network sees of a camera's image."""
+    """The images that a network sees of a camera's image."""
 
     draws: tuple[Draw, ...]
-    """Functions that make the views of the camera's image."""
+    """Functions that make the views from the camera's image."""
     size: tuple[int, int]
     """Columns and rows of each view."""
     views: npt.NDArray[np.uint8]
-    """(N,) the view that shows each pixel of the camera's image best, or `_core.NO_VIEW`."""
+    """(N,) the view that shows each camera pixel best, or `_core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
     """(N, 2) the pixel's place there."""
     mosaic: Mosaic | None = None
     """The images that the views are tiles of; None if no image is cut into several."""
 
     def places_on(self, columns: int, rows: int, *, align_corners: bool) -> npt.NDArray[np.float32]:
-        """Places (N, 2) on a grid that covers a view: at any stride, so that borders or outermost centres agree."""
+        """Compute positions (N, 2) on a coarser grid over a view, whose borders or outermost centres are the view's."""
         (width, height), grid = self.size, np.array([columns, rows], np.float32)
         size = np.array([width, height], np.float32)
         if align_corners:
@@ -137,11 +137,11 @@ def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views
 
     Args:
         camera: The camera, with its lens.
-        fitting: How an image comes to the network's size.
+        fitting: How an image is brought to the network's size.
         is_rectified: Whether the network sees images without the lens's distortion.
 
     Raises:
-        InputError: tiles would be too many.
+        InputError: there would be too many tiles.
     """
     if is_rectified:
         sources = list(_rectified(camera))
@@ -183,12 +183,12 @@ def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views
 
 
 def _nowhere(num_pixels: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
-    """Make the views and places of pixels that no view shows."""
+    """Make the views and positions of pixels that no view shows."""
     return np.full(num_pixels, _core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
 
 
 def _reaches(tile: Shown, places: Places) -> bool:
-    """Tell whether scores of a tile are interpolated at some of the places (N, 2) in the image that it is cut from."""
+    """Return whether a tile has cells that are interpolated at positions (N, 2) in the image that it is cut from."""
     start = np.array(tile.start)
     return bool(((places > start - 1) & (places < start + tile.size)).all(axis=1).any())
 
@@ -207,7 +207,7 @@ def _rectified(camera: Camera) -> Iterator[Shown]:
     rays = lens.unproject(_pixels(camera))
     inside = np.isfinite(rays).all(axis=1)
     if not inside.any():
-        raise InputError("--rectify: found a lens that reaches no pixel, needed another")
+        raise InputError("--rectify: found a lens that sees none of its pixels, needed another")
     focal, forward = lens.pixels_per_radian, np.clip(rays[inside, 2].min(), -1.0, 1.0)
     if math.degrees(math.acos(forward)) > ONE_VIEW_DEG:
         side = max(round(2.0 * math.tan(math.radians(FACE_DEG)) * focal), 1)
@@ -215,7 +215,7 @@ def _rectified(camera: Camera) -> Iterator[Shown]:
         for R_face_camera in FACES:
             yield _pinhole(lens, rays, R_face_camera, focal, center, (side, side))
         return
-    # All that the camera sees, of the same scale on the optical axis if that is not too large.
+    # The whole field of view, at the same scale on the optical axis unless the image gets too large.
     slopes = rays[inside, :2] / rays[inside, 2:]
     low, high = slopes.min(axis=0), slopes.max(axis=0)
     most = MAX_RECTIFIED * np.array([camera.width, camera.height])
@@ -236,7 +236,7 @@ def _pinhole(
     columns, rows = size
     u, v = np.meshgrid((np.arange(columns) - center[0]) / focal, (np.arange(rows) - center[1]) / focal)
     taken = lens.project(np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera)
-    # What the lens does not reach takes the colour of a corner.
+    # Pixels outside the lens's field of view take the colour of a corner.
     taken = np.where(np.isfinite(taken), taken, -1e4).reshape(rows, columns, 2)
     across, down = taken[..., 0].astype(np.float32), taken[..., 1].astype(np.float32)
     rays_face = rays_camera @ R_face_camera.T
@@ -247,7 +247,7 @@ def _pinhole(
     merit = np.where(shown & (forward > 0.0), forward, -np.inf)
 
     def draw(image: Image) -> Image:
-        # An image all round goes on beyond its border, by less than a pixel.
+        # A panorama continues beyond its border, by less than a pixel.
         drawn = cv2.remap(image, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(drawn, np.uint8)
 
@@ -258,7 +258,7 @@ def _pinhole(
 
 
 def _parts(source: Shown, fitting: Fitting) -> Iterator[Shown]:
-    """Yield the network's images of an image, or of its parts."""
+    """Yield the network's images of an image or of its tiles."""
     (width, height), (columns, rows) = source.size, fitting.size
     if fitting.fit == "tiles":
         tile = min(columns, width), min(rows, height)
@@ -275,7 +275,7 @@ def _parts(source: Shown, fitting: Fitting) -> Iterator[Shown]:
 
 
 def _starts(length: int, side: int, overlap: float) -> list[int]:
-    """First pixels of tiles of a side along a length, evenly spread; one for all if it is longer."""
+    """Return the first pixels of evenly spread tiles along a length; one tile if it covers all."""
     if length <= side:
         return [0]
     count = math.ceil((length - side) / ((1.0 - overlap) * side)) + 1
@@ -290,14 +290,14 @@ def _part(
     corner: tuple[int, int],
     fitting: Fitting,
 ) -> Shown:
-    """Make the network's image of the part of an image that begins at `start`; columns stand first.
+    """Make the network's image of the part of an image that starts at `start`; columns come first.
 
-    The part is scaled from `extent` pixels to `scaled` ones, and begins at `corner` there.
+    The part is scaled from `extent` to `scaled` pixels, and placed at `corner`.
     """
     (left, top), (width, height), size = start, extent, fitting.size
     places = source.places - np.array(start)
     inside = ((places >= -0.5) & (places < np.array(extent) - 0.5)).all(axis=1)
-    # The part whose border is farthest away shows a pixel best; the image's own border is no part's.
+    # The tile whose border is farthest away shows a pixel best; the border of the whole image does not count.
     to_start = np.where(np.array(start) == 0, np.inf, places + 0.5)
     to_end = np.where(np.add(start, extent) >= source.size, np.inf, np.array(extent) - 0.5 - places)
     merit = np.where(inside, np.minimum(to_start, to_end).min(axis=1), -np.inf)

@@ -35,7 +35,7 @@ from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses, pose_from_mounting
 from semcal_cli.labelling.images import ImageLabeller
-from semcal_cli.labelling.model import picture_model
+from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.network import open_network
 from semcal_cli.pipeline import calibrate
 
@@ -189,7 +189,7 @@ def calibrated(labelled: Path, truth: Path, cue: str) -> tuple[str, tuple[float,
 def times(name: str, model: Path, drive: Path) -> tuple[str, ...]:
     """Row of the network's own time, and of all that is done before and after it, for an image: medians."""
     document = read_drive(drive)
-    opened = picture_model(open_network(model), None)
+    opened = image_model(open_network(model), None)
     labeller = ImageLabeller(opened, document.camera)
     own, whole = [], []
     picture = read_image(document.resolve(str(document.frames[0].image)))

@@ -30,7 +30,7 @@ from benchmark import script, street, table
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.reading import read_needed_image
 from semcal_cli.labelling.images import ImageLabeller
-from semcal_cli.labelling.model import picture_model
+from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.network import open_network
 
 SEED = 7
@@ -264,19 +264,19 @@ def main(*, width: int = 1024, only: str = "") -> Iterator[str]:
     yield f"transformers {transformers.__version__}, an image {width} pixels wide."
 
 
-def compared(name: str, make: Callable[[], Network], picture: np.ndarray, folder: Path) -> tuple[str, ...]:
+def compared(name: str, make: Callable[[], Network], image: np.ndarray, folder: Path) -> tuple[str, ...]:
     """Make the row of a network, or say why there is none."""
     torch.manual_seed(SEED)
     folder.mkdir()
     network, processor = make()
     randomise(network)
-    inputs = processor(images=np.ascontiguousarray(picture[..., ::-1]), return_tensors="pt")
+    inputs = processor(images=np.ascontiguousarray(image[..., ::-1]), return_tensors="pt")
     with torch.no_grad():
         outputs = Outputs(network, inputs["pixel_values"])
-        expected = theirs(outputs, processor, inputs, picture.shape[:2])
+        expected = theirs(outputs, processor, inputs, image.shape[:2])
     try:
         export(outputs, processor, inputs["pixel_values"][:1], folder)
-        found = ours(folder / "model.onnx", picture)
+        found = ours(folder / "model.onnx", image)
     except Exception as error:
         reason = " ".join(str(error).split())[:160]
         return name, f"not compared: {reason}", "", ""
@@ -318,12 +318,12 @@ def export(outputs: Outputs, processor: Any, pixels: torch.Tensor, folder: Path)
     processor.save_pretrained(folder)
 
 
-def ours(path: Path, picture: np.ndarray) -> np.ndarray:
+def ours(path: Path, image: np.ndarray) -> np.ndarray:
     """Label an image by semcal."""
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     K = ((1.0 * width, 0.0, width / 2.0), (0.0, 1.0 * width, height / 2.0), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
-    return ImageLabeller(picture_model(open_network(path), None), camera).ids(picture)
+    return ImageLabeller(image_model(open_network(path), None), camera).ids(image)
 
 
 if __name__ == "__main__":
