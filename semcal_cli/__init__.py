@@ -77,6 +77,8 @@ _MODULES = {
 }
 """Where the public names are defined."""
 
+__all__ = [*_MODULES, "__version__"]
+
 
 def __getattr__(name: str) -> object:
     """Look a public name up on first use."""
@@ -91,4 +93,4 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     """List the public names."""
-    return [*_MODULES, "__version__"]
+    return __all__
