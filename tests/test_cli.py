@@ -270,6 +270,18 @@ from semcal_cli.__main__ import main; main()
     assert done.stderr.strip() == ("" if library == "click" else "stopped")
 
 
+def test_the_name_of_the_distribution_is_no_import(tmp_path: Path) -> None:
+    """Beside a clone, Python would else make an empty namespace of its folder."""
+    (tmp_path / "semcal").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", "import semcal"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stderr.splitlines()[-1] == (
+        "ImportError: semcal: found the name of the distribution, needed that of its import: "
+        "import semcal_cli as semcal"
+    )
+
+
 def test_the_package_is_a_program() -> None:
     done = subprocess.run(
         [sys.executable, "-I", "-m", "semcal_cli", "--version"], capture_output=True, text=True
