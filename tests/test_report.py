@@ -86,8 +86,8 @@ def test_reasons_of_a_file_without_topics_are_shown_without_links(made: Path) ->
 def test_a_bare_transform_is_shown_without_a_verdict(street: Path, tmp_path: Path) -> None:
     page = page_of(street, street, tmp_path)
     assert "<h1>Not assessed</h1>" in page
-    assert "semcal verify tells whether it holds" in page
-    assert "From stage to stage" not in page
+    assert "semcal verify checks whether it holds" in page
+    assert "Stage by stage" not in page
 
 
 def test_the_page_says_where_its_figures_are_not_those_of_the_calibration(
@@ -101,14 +101,14 @@ def test_the_page_says_where_its_figures_are_not_those_of_the_calibration(
         return read_report_input(drive.model_copy(update={"frames": tuple(frames)}), made / "c.yaml").notices
 
     labels[0].write_bytes(labels[0].read_bytes() + b"\0")
-    changed = f"Since it was computed, files were changed: image_labels/{labels[0].name}."
+    changed = f"Files have changed since it was computed: image_labels/{labels[0].name}."
     assert notices(drive.frames) == (changed,)
     assert notices(drive.frames[:3])[0].startswith("Of the 4 frames it was computed from, 3 are in ")
     for path in labels:
         path.write_bytes(path.read_bytes() + b"\0")
     others = notices(drive.frames)
     assert notices(renamed) == others
-    assert others[0].startswith("The calibration was computed from other frames, of ")
+    assert others[0].startswith("The calibration was computed from other frames, those of ")
 
 
 def test_a_verdict_is_not_carried_to_other_data(made: Path, street: Path) -> None:
@@ -137,7 +137,7 @@ def test_a_rival_s_answer_is_called_one(made: Path) -> None:
     record = read_calibration(made / "c.yaml")
     settings = record.settings.model_copy(update={"options": {**record.settings.options, "soic": {}}})
     rival = record.model_copy(update={"settings": settings})
-    assert verdict_of(rival).sentence.startswith("This is SOIC's answer")
+    assert verdict_of(rival).sentence.startswith("This is the result of SOIC")
     assert "SOIC" not in verdict_of(record).sentence
 
 
@@ -272,11 +272,9 @@ def test_a_rejected_polish_is_said_to_be(made: Path, street: Path, tmp_path: Pat
     rejected = {"polish": record.polish.model_copy(update=worse), "uncertainty": None}
     write_calibration(record.model_copy(update=rejected), tmp_path / "c.yaml")
     page = page_of(street, tmp_path / "c.yaml", tmp_path)
-    assert "held-out data agree less after the polish, by 0.3000 +- 0.0500 nats" in page
+    assert "held-out data agree worse after the polish, by 0.3000 +- 0.0500 nats" in page
     assert "polished <small>rejected</small>" in page
-    assert (
-        "The polish was not kept: data that it did not use lost by it (-0.3000 \u00b1 0.0500 nats)." in page
-    )
+    assert "The polish was not kept: held-out data lost information (-0.3000 \u00b1 0.0500 nats)." in page
 
 
 def test_words_state_the_uncertainty(report: ReportInput) -> None:
@@ -312,7 +310,7 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
         assert 0.94 < within.mean() < 0.995
     assert weak == "Weak in roll: +- 0.30 degrees; add frames."
     (nothing,) = uncertainty_sentences(record.model_copy(update={"uncertainty": None}), camera)
-    assert nothing.startswith("Nothing is known of its error")
+    assert nothing.startswith("Its error is unknown")
 
 
 def test_a_page_states_no_interval_that_is_not_believed(made: Path, street: Path, tmp_path: Path) -> None:
@@ -326,6 +324,6 @@ def test_a_page_states_no_interval_that_is_not_believed(made: Path, street: Path
         write_calibration(each, tmp_path / "c.yaml")
         pages.append(page_of(street, tmp_path / "c.yaml", tmp_path))
     assert read_calibration(tmp_path / "c.yaml").uncertainty == record.uncertainty
-    shown = ("(95 %)", "pixels at 10 m", "two standard errors are", 'class="band"', "1 pixel and fx and fy")
+    shown = ("(95 %)", "pixels at 10 m", "two standard errors:", 'class="band"', "1 pixel and fx and fy")
     assert [[text in page for text in shown] for page in pages] == [[True] * 5, [False] * 5]
     assert [NOT_BELIEVED in page for page in pages] == [False, True]

@@ -126,7 +126,7 @@ def test_the_slider_moves_the_line(
     off = turned_off(made, tmp_path, 2.0)
     write_report(read_report_input(read_drive(street), made / "c.yaml", off), tmp_path / "r.html")
     browser.get((tmp_path / "r.html").as_uri())
-    assert "pixels in the median" in browser.find_element(By.CSS_SELECTOR, ".look p").text
+    assert "Points move by a median of" in browser.find_element(By.CSS_SELECTOR, ".look p").text
     slider = browser.find_element(By.CSS_SELECTOR, ".picture input")
     before = browser.find_element(By.CSS_SELECTOR, ".picture .before")
     assert "50%" in before.value_of_css_property("clip-path")

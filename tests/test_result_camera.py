@@ -125,11 +125,11 @@ def test_the_page_shows_the_found_camera(
     found = invoke("report", wrong_drive, file, "-o", page)
     assert said(right, file) in told(found)
     text = page.read_text()
-    assert "kept: on data that was held out they gain 0.0123 \u00b1 0.0010 nats." in text
+    assert "kept: held-out data gain 0.0123 \u00b1 0.0010 nats." in text
     fx = right.K[0][0]
     cells = ("fx", f"{1.03 * fx:.2f} px", f"{fx:.2f} px", "&plusmn; 0.42 px", "yes")
     assert "".join(cells) in re.sub(r"</?td[^>]*>", "", text)
-    assert "<td>not determined: it stays as given</td>" in text
+    assert "<td>no, kept as given</td>" in text
 
 
 def test_each_stage_is_shown_by_the_camera_that_it_was_found_with(
@@ -177,7 +177,7 @@ def test_a_camera_that_was_not_kept_is_not_used(
     assert apply_result(rejected, drive, "c.yaml") == (drive, ())
     (sentence,) = camera_sentences(rejected)
     assert sentence == (
-        "The intrinsics were estimated together with the pose, but not kept: on data that was held out they gain "
+        "The intrinsics were estimated together with the pose, but not kept: held-out data gain "
         "0.0123 +- 0.0010 nats; the transform belongs to the camera of the drive."
     )
 
@@ -227,7 +227,7 @@ def test_a_page_says_whose_camera_is_that_of_the_other_transform(
     found = invoke("report", wrong_drive, other, "--against", file, "-o", tmp_path / "r.html")
     assert said(right, file) in told(found)
     notice = said(right, file).removeprefix("camera").strip()
-    assert f"In images of {file}, the camera is {notice}." in (tmp_path / "r.html").read_text()
+    assert f"In the images of {file}, the camera is {notice}." in (tmp_path / "r.html").read_text()
 
 
 def test_zeros_that_a_lens_ends_with_make_it_no_other_one(right: Camera) -> None:
@@ -257,7 +257,7 @@ def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> N
     rejected = clock().model_copy(update={"is_kept": False})
     assert apply_result(late.model_copy(update={"clock": rejected}), drive, "c.yaml") == (drive, ())
     on_time = drive.model_copy(update={"time_offset_s": 0.0})
-    line = f"that of {drive.path}: stamps of images are right (c.yaml: 5.0 ms)"
+    line = f"that of {drive.path}: image stamps are right (c.yaml: 5.0 ms)"
     found = apply_result(late.model_copy(update={"clock": rejected}), on_time, "c.yaml")
     assert found == (on_time, (("clock", line),))
 
@@ -312,8 +312,8 @@ def test_the_summary_lists_intrinsics_and_clock(record: Calibration, right: Came
     start = lines.index(f"intrinsics       fx {fx:.2f} +- 0.42 px (drive: {1.03 * fx:.2f})")
     assert lines[start + 1 : start + 5] == [
         f"                 fy {fy:.2f} +- 0.50 px (drive: {1.03 * fy:.2f})",
-        f"                 cx not determined: it stays at {cx:.6g} px",
-        "                 kept: on data that was held out they gain 0.0123 +- 0.0010 nats",
+        f"                 cx not determined: kept at {cx:.6g} px",
+        "                 kept: held-out data gain 0.0123 +- 0.0010 nats",
         "clock            images are 23.1 ms later than their stamps say, +- 1.2 ms",
     ]
 
@@ -333,7 +333,7 @@ def test_nothing_that_was_determined_is_said_in_words(record: Calibration, right
 def test_intervals_include_what_is_not_known_of_an_estimated_K(record: Calibration, right: Camera) -> None:
     assert any(
         sentence.endswith(
-            "K was estimated together with the pose, and the intervals include what is not known of it."
+            "K was estimated together with the pose, and the intervals include its uncertainty."
         )
         for sentence in uncertainty_sentences(record, right)
     )

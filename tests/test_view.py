@@ -252,7 +252,7 @@ def test_frames_and_colours_change(page: webdriver.Chrome) -> None:
 def test_save_and_end_ends_the_server(page: webdriver.Chrome, server: ViewServer) -> None:
     page.find_element(By.ID, "end").click()
     assert server.ended.wait(timeout=10)
-    wait(page, lambda: "can be closed" in page.find_element(By.TAG_NAME, "body").text)
+    wait(page, lambda: "The server has stopped" in page.find_element(By.TAG_NAME, "body").text)
 
 
 def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, session: Session) -> None:

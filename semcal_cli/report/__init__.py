@@ -1,4 +1,4 @@
-"""A calibration as one page that needs no network: verdict, numbers to copy, images, and how sure it is and why."""
+"""A calibration as one page that works offline: verdict, transform to copy, images, and uncertainty."""
 
 from semcal_cli.report.input import ReportInput, make_report_input, read_report_input
 from semcal_cli.report.page import write_report

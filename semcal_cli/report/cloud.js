@@ -1,14 +1,14 @@
-// Show points and cameras in 3-D, in the LiDAR frame. `data` has the points, their colours by meaning, and one camera
-// or several; `choice` is the list of the meanings. Elements of class cloud-label beside the canvas name the cameras.
+// Show points and cameras in 3-D, in the LiDAR frame. `data` holds the points, their colours by meaning, and one or more
+// cameras; `choice` is the list of meanings. Elements of class cloud-label next to the canvas name the cameras.
 function showCloud(canvas, data, choice) {
   // The drawing is kept, so that it can be printed.
   const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
   if (!gl) {
-    canvas.replaceWith("This browser shows no 3-D images: WebGL is not available.");
+    canvas.replaceWith("This browser cannot show the points in 3-D: WebGL is not available.");
     choice.disabled = true;
     return;
   }
-  canvas.addEventListener("webglcontextlost", () => canvas.replaceWith("The 3-D image was lost: reload the page."));
+  canvas.addEventListener("webglcontextlost", () => canvas.replaceWith("The 3-D view was lost: reload the page."));
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const centimetres = new Int16Array(bytes(data.positions_cm).buffer);
   const positions = Float32Array.from(centimetres, (x) => x / 100);
@@ -72,7 +72,7 @@ function showCloud(canvas, data, choice) {
   const lines = buffer(new Float32Array(edges));
   const lineColors = buffer(new Uint8Array(edgeColors));
 
-  // From behind the camera and above it, in the direction that it looks; of several, from behind the LiDAR.
+  // The view is from behind and above the camera, in its direction; with several cameras, from behind the LiDAR.
   const [first] = cameras, isOne = cameras.length === 1, axis = first.optical_axis;
   const start = isOne
     ? { yaw: Math.atan2(axis[1], axis[0]), pitch: 0.35, distance: 14 }

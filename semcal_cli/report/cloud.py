@@ -1,4 +1,4 @@
-"""A sweep and cameras for the 3-D view: points that a camera sees have colours, the others are grey."""
+"""A sweep and cameras for the 3-D view: points that a camera sees are coloured, the others are grey."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from semcal_cli.report.points import at_pixels, packed, points_in_image, thinned
 
 Rgb = tuple[int, int, int]
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
-"""Largest number of points kept that a camera sees, and of points that none sees."""
+"""Largest number of points that a camera sees, and of other points, to keep."""
 MAX_RANGE_M = 120.0
 """Largest range of the points that the view shows."""
 GREY = 92
 WHITE = 255, 255, 255
 FRUSTUM_M = 1.0
-"""Length of the drawn edges of a camera's view."""
+"""Length of the drawn edges of a camera frustum."""
 
 
 @dataclass(frozen=True)
 class CameraInView:
-    """A camera as the page's script draws it, in the LiDAR frame, metres."""
+    """A camera for the script of the page, in the LiDAR frame, metres."""
 
     name: str
     color: Rgb
     camera_center: list[float]
     optical_axis: list[float]
     corners: list[list[float]]
-    """Ends of the edges of the camera's view; empty if the lens does not reach the corners of the image."""
+    """Corners of the camera frustum; empty if the lens does not reach the corners of the image."""
 
     @classmethod
     def placed(cls, name: str, color: Rgb, camera: Camera, T_camera_lidar: Pose) -> CameraInView:
@@ -56,13 +56,13 @@ class CameraInView:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points and cameras, in the LiDAR frame; arrays as base64 for the page's script."""
+    """Points and cameras in the LiDAR frame; arrays as base64 for the script of the page."""
 
     frame: str
     positions_cm: str
     """int16, little-endian, (N, 3)."""
     colors: dict[str, str]
-    """uint8 red, green, blue, (N, 3), by the meaning of the colours."""
+    """uint8 red, green, blue, (N, 3), by meaning."""
     cameras: list[CameraInView]
     legends: dict[str, dict[str, str]] = field(default_factory=dict)
     """Colour of each visible class, as #rrggbb, by the meaning of the colours."""
@@ -82,7 +82,7 @@ def make_cloud(
         points: (N, 3), metres, LiDAR frame.
         is_seen: (N,) whether a camera sees a point.
         colored: Indices (M,) of points, and their colours (M, 3), red, green, blue, by the meaning of the colours.
-        cameras: Cameras that are drawn.
+        cameras: Cameras to draw.
     """
     shown = np.unique(np.concatenate([indices for indices, _ in colored.values()]))
     others = thinned(~is_seen & (np.linalg.norm(points, axis=1) < MAX_RANGE_M), MAX_OTHERS)
@@ -99,7 +99,7 @@ def make_cloud(
 def frame_cloud(report: ReportInput) -> Cloud:
     """Colour a frame's points by the label of the pixel they project onto, by their own label, and by the image.
 
-    The frame is the first one that has an image, else the first of all.
+    The frame is the first one with an image, or the first one if none has an image.
     """
     observations, T, frames = report.observations, report.T_camera_lidar, report.drive.frames
     number = next((i for i, frame in enumerate(frames) if frame.image is not None), 0)

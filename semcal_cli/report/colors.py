@@ -1,4 +1,4 @@
-"""Colours of points and of pixels, by what they say: class, edge, depth, agreement or segment."""
+"""Colours of points and pixels by their meaning: class, edge, depth, agreement or segment."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CARLA_COLORS = {
     "rail_track": (230, 150, 140),
     "guard_rail": (180, 165, 180),
 }
-# Red, green, blue, of the classes of the cue edges. Larger steps are brighter; range is told from intensity by the hue.
+# Red, green, blue of the classes of the cue edges. Larger steps are brighter; the hue separates range from intensity.
 NO_EDGE_NAME = "no edge"
 STEP_COLORS = {
     "intensity step 1": (0, 85, 140),
@@ -64,7 +64,7 @@ STEP_COLORS = {
 }
 GRADIENT_COLORS = {f"gradient {level}": (28 * level, 40 + 30 * level, 60 + 22 * level) for level in range(8)}
 KNOWN_COLORS = {**CARLA_COLORS, NO_EDGE_NAME: (110, 110, 110), **STEP_COLORS, **GRADIENT_COLORS}
-# Red, green, blue. Okabe and Ito's colours without black, then some of Tol's: told apart by the colour-blind.
+# Red, green, blue. Okabe and Ito's colours without black, then some of Tol's, which the colour-blind can distinguish.
 QUALITATIVE_COLORS = (
     (230, 159, 0),
     (86, 180, 233),
@@ -88,7 +88,7 @@ SATURATION = 0.65
 GROUND_COLORS = ((150, 150, 150), (185, 185, 185), (220, 220, 220))
 NO_SEGMENT_COLOR = (70, 70, 70)
 EDGE_LEGEND: Legend = {"edge in the image": (210, 210, 210)}
-"""What is drawn into the image beneath edges of sweeps."""
+"""What is drawn in the image below the edges of sweeps."""
 # Red, green, blue, of Okabe and Ito's.
 AGREEMENT_COLORS = {
     "agree": (0, 158, 115),
@@ -98,12 +98,12 @@ AGREEMENT_COLORS = {
 AGREES, DISAGREES, HIDDEN, NO_PAIR = range(4)
 """Indices in `AGREEMENT_COLORS`, and that of points without a label on either side."""
 DEPTHS_M = (2.0, 100.0)
-"""Depths at which the colours begin and end, on a logarithmic scale; the legend names some between."""
+"""Depths at the ends of the colour scale, which is logarithmic; the legend names some in between."""
 DEPTH_STEPS_M = (2, 5, 10, 20, 50, 100)
 
 
 def class_colors(names: Sequence[str]) -> Colors:
-    """Choose the colour of each class: that of its name, as of CARLA's, else the next of a list, then of the hues."""
+    """Choose the colour of each class: that of its name in CARLA, else the next of a list, then of the hues."""
     unknown = [name for name in names if name not in KNOWN_COLORS]
     colors = KNOWN_COLORS | {name: _rgb(number) for number, name in enumerate(unknown)}
     return np.array([colors[name] for name in names], np.uint8).reshape(-1, 3)[:, ::-1]
@@ -128,7 +128,7 @@ def palettes(observations: Observations) -> tuple[Colors, Colors]:
 def painted(
     classes: npt.NDArray[np.uint8], palette: Colors, empty: tuple[int, int, int] = (0, 0, 0)
 ) -> npt.NDArray[np.uint8]:
-    """Colour classes (...) by a palette: (..., 3); those without a class have the colour `empty`."""
+    """Colour classes (...) by a palette: (..., 3); entries without a class get the colour `empty`."""
     table = np.full((NO_CLASS + 1, 3), empty, np.uint8)
     table[: len(palette)] = palette
     return table[classes]
@@ -142,31 +142,31 @@ def hex_color(blue_green_red: Sequence[int]) -> str:
 def segment_colors(segmented: _core.SegmentedSweep) -> tuple[Colors, Legend]:
     """Choose the colour of each point of a sweep (N, 3) by its segment, and the legend.
 
-    Each object has a colour of its own, as far as the eye tells them apart. Cells of the ground are grey.
+    Each object has its own colour, as far as the eye can distinguish them. Cells of the ground are grey.
     """
     rgb = [
         GROUND_COLORS[index % len(GROUND_COLORS)] if kind == _core.GROUND else _rgb(index)
         for index, kind in enumerate(segmented.kinds.tolist())
     ]
     palette = np.array([*rgb, NO_SEGMENT_COLOR], np.uint8)[:, ::-1]
-    legend = {"ground": GROUND_COLORS[1], "objects, a colour each": _rgb(0), "no segment": NO_SEGMENT_COLOR}
+    legend = {"ground": GROUND_COLORS[1], "objects, one colour each": _rgb(0), "no segment": NO_SEGMENT_COLOR}
     colors = palette[np.minimum(segmented.ids, segmented.num_segments)]
     return colors, {name: color[::-1] for name, color in legend.items()}
 
 
 def coloring_of(observations: Observations) -> Literal["class", "edge"]:
-    """Choose what colours say of points with classes: steps, as the cue edges finds them, or any other classes."""
+    """Choose the meaning of the colours of points with classes: edge for steps of the cue edges, else class."""
     names = set(observations.point_class_names)
     return "edge" if names and names <= {NO_EDGE_NAME, *STEP_COLORS} else "class"
 
 
 def first_coloring(observations: Observations) -> Coloring:
-    """Choose what a page shows first: depth of segments, whose classes, ground and objects, tell nothing of a pose."""
+    """Choose what a page shows first: depth for segments, whose two classes say nothing about a pose."""
     return "depth" if observations.has_segments else coloring_of(observations)
 
 
 def is_edge(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-    """Mask (N,) of the points beside which range or intensity steps, by their classes (N,)."""
+    """Mask (N,) of the points next to a step in range or intensity, by their classes (N,)."""
     return np.asarray((classes != NO_EDGE) & (classes != NO_CLASS))
 
 
@@ -181,14 +181,14 @@ class Palette(NamedTuple):
     """Colours of what else is drawn."""
 
     def legend(self, present: npt.NDArray[np.integer] | None = None) -> Legend:
-        """Colours of the named numbers, of those that occur (N,) if they are given, and of what else is drawn."""
+        """Colours of the named numbers, only of those present (N,) if given, and of what else is drawn."""
         shown = self.numbers.values() if present is None else set(np.unique(present).tolist())
         named = {name: number for name, number in self.numbers.items() if number in shown}
         return {name: tuple(self.colors[number].tolist()) for name, number in named.items()} | self.others
 
 
 def palette_of(observations: Observations, by: Coloring) -> Palette:
-    """Choose the colours of points by what they say; segments have none of their own."""
+    """Choose the colours of points by their meaning; segments have none of their own."""
     if by == "depth":
         levels = depth_levels(np.array(DEPTH_STEPS_M, np.float64)).tolist()
         numbers = {f"{step} m": level for step, level in zip(DEPTH_STEPS_M, levels, strict=True)}
@@ -200,7 +200,7 @@ def palette_of(observations: Observations, by: Coloring) -> Palette:
 
 
 class PageColors(NamedTuple):
-    """Colours between which a page can choose, by what they say: class or edge, depth, and agreement."""
+    """Colours that a page offers, by their meaning: class or edge, depth, and agreement."""
 
     tables: dict[str, list[list[int] | None]]
     """Red, green and blue by number; None for what is not drawn."""
@@ -213,7 +213,7 @@ def page_colors(observations: Observations, classes: npt.NDArray[np.uint8]) -> P
     coloring, found = coloring_of(observations), PageColors({}, {})
     present = classes[classes != NO_EDGE] if coloring == "edge" else classes
     choices: tuple[Coloring, ...] = (coloring, "depth", "agreement")
-    if observations.has_segments:  # which share of them agrees falls as the pose gets better
+    if observations.has_segments:  # the share that agrees falls as the pose improves
         choices = ("depth", coloring)
     for by in choices:
         palette = palette_of(observations, by)
@@ -226,12 +226,12 @@ def page_colors(observations: Observations, classes: npt.NDArray[np.uint8]) -> P
 
 
 def depth_levels(ranges_m: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-    """Level (N,) of each distance from the camera, on a logarithmic scale: 255 near by, 0 far away."""
+    """Level (N,) of each distance from the camera, on a logarithmic scale: 255 nearby, 0 far away."""
     near, far = np.log(DEPTHS_M)
     share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
     return np.asarray(np.rint(255.0 * (1.0 - share)), np.uint8)
 
 
 def level_colors(levels: npt.NDArray[np.uint8]) -> Colors:
-    """Colours (N, 3) of levels (N,): blue, green, red; red near by, blue far away."""
+    """Colours (N, 3) of levels (N,): blue, green, red; red nearby, blue far away."""
     return np.asarray(cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Drawings by matplotlib, in one style: in a page they take the page's colours and letters, by its style sheet."""
+"""Drawings by matplotlib in one style; in a page, the style sheet sets their colours and fonts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VARIABLES = {
     BAD: "--bad-ink",
     OPEN: "--open-ink",
 }
-"""Variable of the page's style sheet for each colour, whose value is another one on a dark screen."""
+"""Variable of the style sheet for each colour, whose value differs in dark mode."""
 STYLE: dict[Any, Any] = {
     "font.size": 11.0,
     "text.color": SOFT,
@@ -46,34 +46,34 @@ STYLE: dict[Any, Any] = {
     "xtick.bottom": False,
     "ytick.left": False,
     "legend.frameon": False,
-    # What is drawn depends neither on chance nor on the clock.
+    # The output depends neither on chance nor on the clock.
     "svg.hashsalt": "semcal",
 }
 DPI = 120
 POINTS_PER_INCH = 72.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 16.0, 12.0, 36.0
-"""Margins about the lines of a drawing in a page, pixels."""
+"""Margins around the axes of a drawing in a page, pixels."""
 LETTER = 6.5
 """Width of a letter, pixels."""
 NUM_MEASURED = 16
-"""Number of names that are measured."""
+"""Number of names whose width is measured."""
 APART = 8.0
-"""Least room between names, pixels."""
+"""Minimum gap between names, pixels."""
 
 
 def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None], top: float = TOP) -> Markup:
-    """Draw one diagram for a page, as an element of it.
+    """Draw one diagram as an element of a page.
 
-    What is drawn with a `gid` stands in a group of that class.
+    Artists with a `gid` become a group of that class.
 
     Args:
         name: What the diagram shows, in words.
         size: Width and height in pixels, which the page may scale.
         draw: Draws on the axes.
-        top: Margin above the lines, pixels.
+        top: Margin above the axes, pixels.
     """
     width, height = size
-    # Ids of parts are hashes of their content: drawings of one page need hashes of their own.
+    # Ids are hashes of the content: each drawing in a page needs its own salt.
     with _styled({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify": False}):
         figure = _figure(width, height)
         lines = (width - LEFT - RIGHT) / width, (height - BOTTOM - top) / height
@@ -81,11 +81,11 @@ def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None],
         figure.patch.set_visible(False)
         draw(axes)
         text = _saved(figure, "svg").decode()
-    # Before the drawing stands a style sheet, which would hold for the whole page; no part is asked for by its id.
+    # The style sheet before the drawing would apply to the whole page, and ids are not used.
     content = text[text.index('<g id="figure_1">') : text.rindex("</svg>")]
     content = re.sub(r'<g id="[^"]*_\d+">', "<g>", content)
     content = re.sub(r'<g id="([a-z]+)">', r'<g class="\1">', content)
-    # The page has its own letters, and hundredths of a pixel cannot be seen.
+    # The page has its own font, and hundredths of a pixel are invisible.
     content = re.sub(r" font-family: [^;]*;", "", content)
     content = re.sub(r' [dxy]="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), content)
     for color, variable in VARIABLES.items():
@@ -97,7 +97,7 @@ def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None],
 def picture(
     draw: Callable[[Figure], None], size: tuple[float, float], format: Literal["png", "svg"]
 ) -> bytes:
-    """Draw a figure of a size in inches, as a file of its own."""
+    """Draw a figure of a size in inches as a separate file."""
     with _styled({"figure.constrained_layout.use": True, "svg.fonttype": "path"}):
         figure = _figure(*(POINTS_PER_INCH * each for each in size))
         draw(figure)
@@ -105,7 +105,7 @@ def picture(
 
 
 def _styled(more: dict[Any, Any]) -> Any:
-    """Context in which neither the user's settings nor anything else change a drawing."""
+    """Context in which the user's settings do not change a drawing."""
     import matplotlib as mpl
 
     return mpl.rc_context({**mpl.rcParamsDefault, **STYLE, **more})
@@ -134,9 +134,9 @@ def draw_intervals(
     label: str = "",
     is_crowded: bool = False,
 ) -> None:
-    """Draw values (N,) as dots, and their intervals as bars, which are pale in a crowd, where they overlap.
+    """Draw values (N,) as dots and their intervals as bars, which are pale where they are crowded.
 
-    The bars are one line with gaps, which takes a tenth of the room of many lines.
+    The bars are one line with gaps, a tenth of the size of many lines.
     """
     gaps = np.full(len(x), np.nan)
     ends = np.column_stack([values - half_widths, values + half_widths, gaps])
@@ -146,11 +146,11 @@ def draw_intervals(
 
 
 def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str]) -> None:
-    """Name as many places (N,) along the horizontal axis as have room, the first and the last among them."""
+    """Label as many places (N,) along the horizontal axis as fit, including the first and the last."""
     scale = POINTS_PER_INCH / axes.figure.dpi
     middles = scale * axes.transData.transform(np.column_stack([places, places]))[:, 0]
     room = _widest(axes, places, names) + APART
-    # The last name ends at its place where it would be cut.
+    # The last name ends at its place if it would be cut off.
     is_shifted = middles[-1] + room / 2.0 > scale * axes.figure.bbox.width
     middles[-1] -= room / 2.0 * is_shifted
     wanted = np.linspace(middles[0], middles[-1], max(1, int((middles[-1] - middles[0]) / room)) + 1)
@@ -161,7 +161,7 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
         if middles[i] - middles[chosen[-1]] < room:
             if i != last or len(chosen) == 1:
                 continue
-            chosen.pop()  # for the last name there is room
+            chosen.pop()  # makes room for the last name
         chosen.append(i)
     axes.set_xticks(places[chosen])
     texts = axes.set_xticklabels([names[i] for i in chosen], parse_math=False)
@@ -170,7 +170,7 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
 
 
 def _widest(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str]) -> float:
-    """Measure the widest of names as they stand below the horizontal axis, pixels; the longest ones are measured."""
+    """Measure the widest name below the horizontal axis, in pixels, among the longest ones."""
     axes.set_xticks(places[:1])  # another place would widen the axis
     (text,) = axes.set_xticklabels([""], parse_math=False)
     scale, widths = POINTS_PER_INCH / axes.figure.dpi, []
@@ -181,5 +181,5 @@ def _widest(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str]) -
 
 
 def short_names(names: Sequence[str], longest: int = 14) -> list[str]:
-    """Take names as they are, or numbers from 1 if one has more than this number of letters."""
+    """Return the names, or numbers from 1 if a name is longer than this."""
     return list(names) if max(map(len, names)) <= longest else [str(i + 1) for i in range(len(names))]

@@ -36,9 +36,9 @@ NUM_PIXEL_CLASSES = 3
 """Number of pixel classes that are named for each class of points."""
 
 SPANS = (0.1,) * 3 + (0.5,) * 3
-"""Least distances that curves reach to either side of the pose, metres and degrees."""
+"""Minimum reach of the curves to either side of the pose, metres and degrees."""
 SPAN_SIGMAS = 4.0
-"""Standard errors that a curve reaches at least to either side of the pose."""
+"""Minimum reach of a curve to either side of the pose, in standard errors."""
 NUM_SAMPLES = 13
 """Number of samples over the whole curve."""
 NUM_NEAR, NEAR_SIGMAS = 5, 2.0
@@ -47,12 +47,12 @@ NUM_NEAR, NEAR_SIGMAS = 5, 2.0
 SIZE, FRAMES_SIZE = (320.0, 200.0), (640.0, 220.0)
 HEADROOM = 0.08
 MIN_BAND = 0.003
-"""Least half width of the drawn interval, as a share of the curve's reach; a narrower one could not be seen."""
+"""Minimum half width of the drawn interval, relative to the reach of the curve, so that it can be seen."""
 MAX_SPANS = 50.0, 5.0
-"""Largest offset that is drawn, centimetres and degrees; farther ones stand at the edge."""
+"""Largest offset that is drawn, centimetres and degrees; larger ones are drawn at the edge."""
 LEAST_SPAN = 1e-3
 APART = 0.22, 0.01
-"""Largest distance between the bars of two axes, as a share of the width of a frame, and of that of all."""
+"""Largest distance between the bars of two axes, relative to the width of one frame and of all frames."""
 
 
 @dataclass(frozen=True)
@@ -109,17 +109,17 @@ def _agreeing(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Plot:
-    """A drawing under its name."""
+    """A drawing with its name."""
 
     name: str
     svg: Markup
     note: str = ""
-    """What is read off it, in words."""
+    """What it shows, in words."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Mutual information along one axis of the camera while the other axes stay."""
+    """Mutual information along one axis of the camera, with the other axes fixed."""
 
     name: str
     unit: str
@@ -143,7 +143,7 @@ def information_curves(
 
     Args:
         observations: Labelled points and label images.
-        T_camera_lidar: (4, 4), the pose in the middle of the curves.
+        T_camera_lidar: (4, 4) pose in the middle of the curves.
         uncertainty: Uncertainty of the pose, if it is known.
     """
     sigmas: list[float | None] = [None] * 6
@@ -165,14 +165,14 @@ def information_curves(
 def _offsets(least_span: float, sigma: float | None) -> npt.NDArray[np.float64]:
     """Offsets (n,) of the samples along an axis, in metres or degrees: evenly spaced, and denser near the pose."""
     span = max(least_span, SPAN_SIGMAS * (sigma or 0.0))
-    # An axis that is as good as exactly known has no scale of its own.
+    # An axis that is practically exact has no scale of its own.
     near = NEAR_SIGMAS * (sigma if sigma is not None and sigma > EXACT else 0.02 * span)
     wide = np.linspace(-span, span, NUM_SAMPLES)
     return np.sort(np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)]))
 
 
 def curve_plots(curves: Sequence[Curve]) -> list[Plot]:
-    """Draw curves with one scale of information, so that sharp and flat ones compare."""
+    """Draw curves on one scale of information, so that sharp and flat ones can be compared."""
     low = min(float(curve.nats.min()) for curve in curves)
     high = max(float(curve.nats.max()) for curve in curves)
     margin = HEADROOM * (high - low) or 1.0
@@ -193,14 +193,14 @@ def _curve_plot(curve: Curve, low: float, high: float) -> Plot:
 
     # The optimum gets as many digits as the spacing of the samples near the pose has.
     digits = max(0, -math.floor(math.log10(float(np.diff(curve.offsets).min()))))
-    note = f"highest near {curve.optimum:+.{digits}f} {curve.unit}"
+    note = f"maximum near {curve.optimum:+.{digits}f} {curve.unit}"
     if curve.sigma is not None:
-        note += f", two standard errors are {2.0 * curve.sigma:.2g} {curve.unit}"
+        note += f", two standard errors: {2.0 * curve.sigma:.2g} {curve.unit}"
     return Plot(curve.name, page_svg(curve.name, SIZE, draw), note)
 
 
 def frames_plots(found: FrameOffsets, names: Sequence[str]) -> list[Plot]:
-    """Draw the offsets of frames, whose names are given: of the camera's position, and of its rotation."""
+    """Draw the offsets of the camera's position and rotation in each of the named frames."""
     return [
         _frames_plot("camera centre, cm", slice(0, 3), 100.0, MAX_SPANS[0], found, names),
         _frames_plot("rotation, degrees", slice(3, 6), 1.0, MAX_SPANS[1], found, names),
@@ -216,7 +216,7 @@ def _frames_plot(
     )
     reach = np.nanmax(np.abs(np.vstack([offsets, of_parts])), initial=0.0)
     wide = np.nanmax(np.abs(offsets) + half_widths, initial=0.0)
-    # An interval that is much wider than all offsets does not flatten them.
+    # Intervals much wider than all offsets are cut, so that they do not flatten the offsets.
     span = min(max(min(wide, 4.0 * reach), reach, LEAST_SPAN), max_span)
     frames = np.arange(len(names), dtype=np.float64)
 

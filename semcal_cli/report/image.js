@@ -1,4 +1,4 @@
-// Points on images: each frame's points are packed once, and drawn by class or edge, by depth or by agreement.
+// Points on images: the points of each frame are unpacked once, and coloured by class or edge, depth or agreement.
 const Points = (() => {
   const NOT_SEEN = 255, NO_PAIR = 3, HIDDEN = 2, DISAGREES = 1;
   const COLUMNS_PER_RADIUS = 640;
@@ -22,7 +22,7 @@ const Points = (() => {
   });
   const tables = (palette) => Object.fromEntries(Object.entries(palette).map(([name, table]) => [name, packedColors(table)]));
 
-  // Color of a point, or 0 if the choice does not show it.
+  // Colour of a point, or 0 if the choice does not show it.
   const color = (points, pose, i, choice, colors) => {
     const kind = pose.kinds[i];
     if (choice === "agreement") return kind < NO_PAIR ? colors.agreement[kind] : 0;
@@ -32,7 +32,7 @@ const Points = (() => {
     return colors[choice][points.classes[i]] || 0;  // by class or edge
   };
 
-  // Draws onto a canvas the part of the image that `window` names: left, upper end, width and height in pixels.
+  // Draw the points in a window of the image: left, top, width and height in pixels.
   function draw(canvas, points, number, choice, colors, window) {
     const ratio = Math.min(devicePixelRatio || 1, 2);
     canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));

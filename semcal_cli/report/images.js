@@ -1,4 +1,4 @@
-// The images of a page: they are drawn when they come into sight, and again when the meaning of colours changes.
+// The images of a page, which are drawn when they come into view, and again when the colours change.
 (() => {
   const data = JSON.parse(document.getElementById("pictures-data").textContent);
   const colors = Points.tables(data.palette);
@@ -12,7 +12,7 @@
     return unpacked.get(number);
   };
 
-  // What an image shows: the frame, and the part of it in pixels.
+  // The part of its frame that an image shows, in pixels.
   const windowOf = (picture) => {
     const { width, height, window } = picture.dataset;
     const [left, top, wide, high] = window ? window.split(" ").map(Number) : [0, 0, 1, 1];

@@ -1,4 +1,4 @@
-"""Images of frames for a page, whose script draws the points on them."""
+"""Images of frames for a page, on which its script draws the points."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from semcal_cli.threads import thread_pool
 
 MAX_FRAMES = 20
 MAX_IMAGE_BYTES, MAX_POINT_BYTES = 1_600_000, 1_400_000
-"""Largest size of all images, and of all points, together; as base64 text they are a third longer."""
+"""Largest total size of the images, and of the points; base64 makes them a third longer."""
 MAX_BYTES = 250_000
 """Largest size of one image."""
 MAX_POINTS = 24_000
 """Largest number of points of an image."""
 BEST_SHARES = 3
-"""Shares of the bytes that the best image gets, which stands first and large."""
+"""Shares of the bytes for the best image, which comes first and is large."""
 MAX_COLUMNS, MIN_COLUMNS = 1280, 64
 QUALITY, EFFORT = 60, 2
 """Settings of WebP's encoder."""
 SHRINK = 0.95
 """Factor on the width of an image; its bytes fall a little slower than its pixels."""
 SEEN_PX = 2.0
-"""Displacement below which nothing can be seen to move."""
+"""Displacement below which no motion is visible."""
 CELLS, WINDOW = 30, (3, 5)
-"""Cells across an image in which disagreeing points are counted, and rows and columns of the magnified part."""
+"""Number of cells across an image in which disagreeing points are counted, and cells of the magnified part."""
 MIN_DISAGREEING = 8
-"""Least number of disagreeing points in a part that is magnified."""
+"""Minimum number of disagreeing points in a magnified part."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Picture:
     width: int
     height: int
     ground: Literal["photograph", "labels", "edges"]
-    """What it shows: the label image where a drive has no image, and the image's edges with those of sweeps."""
+    """What it shows: a photograph, the label image if there is none, or edges for the cue edges."""
     uri: str
     agreements: tuple[float | None, ...]
     """Share of the visible points that agree, by drawn pose."""
@@ -67,32 +67,32 @@ class Crop:
 
     picture: Picture
     window: tuple[float, float, float, float]
-    """Left and upper end, width and height, as shares of the image."""
+    """Left, top, width and height, relative to the image."""
     num_disagreeing: int
     num_judged: int
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Images of evenly spaced frames, at the poses under their captions."""
+    """Images of evenly spaced frames with the points at each captioned pose."""
 
     captions: tuple[str, ...]
-    """What the poses are called. If points cannot be seen to move between them, only the last one is drawn."""
+    """Captions of the poses. Only the last pose is drawn if no motion between them is visible."""
     best: Picture
     """The image on which most points agree."""
     by: Coloring
-    """What colours say at first."""
+    """Meaning of the colours at first."""
     others: tuple[Picture, ...]
     """All others, in the order of the drive."""
     worst: Crop | None
-    """The part of all images in which most points disagree; None of edges, of which many have no partner anywhere."""
+    """The part of all images in which most points disagree; None for edges, many of which have no counterpart."""
     moved_px: tuple[float, float] | None
-    """Median and 95 % quantile of the pixels by which points move between the poses; None for one pose."""
+    """Median and 95 % quantile of the movement of points between the poses, pixels; None for one pose."""
     colors: PageColors
 
     @property
     def is_moved(self) -> bool:
-        """Whether points can be seen to move between the poses."""
+        """Whether the motion of points between the poses is visible."""
         return self.moved_px is not None and self.moved_px[1] >= SEEN_PX
 
     @property
@@ -134,7 +134,7 @@ def make_images(overlays: Overlays) -> Pictures:
 
 
 def _best(found: Sequence[FramePoints]) -> int:
-    """Find the frame on which most points agree, of those that do not show much less than others."""
+    """Find the frame on which most points agree, among those that show enough points."""
     shown = [points.poses[-1] for points in found]
     enough = 0.5 * float(np.median([points.num_judged for points in shown]))
     return max(
@@ -144,7 +144,7 @@ def _best(found: Sequence[FramePoints]) -> int:
 
 
 def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) -> Picture:
-    """Make the image of a frame, which may take a share of the bytes of all."""
+    """Make the image of a frame, given its share of the total bytes."""
     drive, observations = overlays.drive, overlays.observations
     ground: Literal["photograph", "labels", "edges"] = "edges"
     if coloring_of(observations) == "edge":
@@ -214,7 +214,7 @@ def _webp(image: Image, columns: int) -> bytes:
     size = (columns, max(1, round(columns * height / width)))
     small = image if columns == width else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     content = io.BytesIO()
-    # OpenCV has no choice of the effort, and takes twice the time for five per cent fewer bytes.
+    # OpenCV cannot set the effort, and takes twice as long for five per cent fewer bytes.
     pillow = PIL.Image.fromarray(cv2.cvtColor(small, cv2.COLOR_BGR2RGB))
     pillow.save(content, "WEBP", quality=QUALITY, method=EFFORT)
     return content.getvalue()

@@ -34,7 +34,7 @@ class Before(NamedTuple):
     drive: Drive
     """The drive with the camera and the clock that the transform belongs to."""
     changes: tuple[tuple[str, str], ...] = ()
-    """Where these and the drive's own differ: `camera` or `clock`, and what is used instead of what."""
+    """Where these differ from the drive's own: `camera` or `clock`, and a line that says how."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ class ReportInput:
     begun: Drive
     """The drive with the camera and the clock that the calibration began with."""
     changes: tuple[tuple[str, str], ...]
-    """Where these and those of the other transform differ from the drive's own: `camera` or `clock`, and what is used
-    instead of what."""
+    """Where these and those of the other transform differ from the drive's own: `camera` or `clock`, and a line that
+    says how."""
     observations: Observations
     """Points and images; with a rolling shutter, each point at the moment of its line at the transform."""
     is_of_record: bool
     """Whether the calibration was computed from these frames and this camera."""
     notices: tuple[str, ...]
-    """Sentences for the reader on the origin of the figures."""
+    """Sentences for the reader about the origin of the figures."""
 
     def overlays(self, max_frames: int) -> Overlays:
         """Images of evenly spaced frames: before, if there is a transform to compare with, and after."""
@@ -84,15 +84,15 @@ class ReportInput:
 
 
 def read_report_input(drive: Drive, calibration: Path, against: Path | None = None) -> ReportInput:
-    """Read a transform of any known format and the frames it was computed from, or else those that differ most.
+    """Read a transform in any known format, and the frames it was computed from, or else those that differ most.
 
     Args:
         drive: Drive whose frames are shown.
-        calibration: A calibration of semcal's, or a transform of any known format.
-        against: A transform to compare with; None takes the calibration's first stage, if it is another one.
+        calibration: A calibration by semcal, or a transform in any known format.
+        against: A transform to compare with; None takes the first stage of the calibration, if that is another pose.
 
     Raises:
-        InputError: a file is missing, wrong, or leaves something open.
+        InputError: a file is missing, wrong or ambiguous.
         CalibrationError: one side's labels carry a single class.
     """
     before = None
@@ -118,7 +118,7 @@ def make_report_input(
         name: Name of the transform.
         T_camera_lidar: (4, 4).
         record: Calibration that semcal wrote with the transform, if there is one.
-        before: Transform to compare with; None takes the record's first stage, if it is another one.
+        before: Transform to compare with; None takes the first stage of the record, if that is another pose.
 
     Raises:
         InputError: a file is missing or wrong.
@@ -136,11 +136,10 @@ def make_report_input(
     notices += staying
     if before is not None:
         notices += [
-            f"In images of {before.caption}, the {label} is {line}." for label, line in before.changes
+            f"In the images of {before.caption}, the {label} is {line}." for label, line in before.changes
         ]
         changes = (*before.changes, *changes)
-    # Frames are read with the first cue by which the pose was refined, and no other: pixels of one cue share no
-    # information with points of another.
+    # Only the first cue that refined the pose is read: pixels of one cue share no information with points of another.
     sweeps = Sweeps()
     cues = cues_applied(record, AUTO, drive, with_features=True)
     cues = maximised(chosen(cues, drive, sweeps))[:1]
@@ -167,7 +166,7 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
         return tuple(getattr(frame, key) for key in keys)
 
     names = {files(frame) for frame in record.input.frames}
-    named: dict[tuple[str | None, ...], Frame] = {}  # a frame that is listed again is read once
+    named: dict[tuple[str | None, ...], Frame] = {}  # a frame that is listed twice is read once
     for frame in drive.frames:
         if files(frame) in names:
             named.setdefault(files(frame), frame)
@@ -176,7 +175,7 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
     if all(changed & set(filter(None, each)) for each in named):
         notice = (
-            f"The calibration was computed from other frames, of {record.input.drive}; figures and images are of "
+            f"The calibration was computed from other frames, those of {record.input.drive}; figures and images show "
             f"{drive.path}."
         )
         return None, [notice]
@@ -184,5 +183,5 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     if len(named) != len(names):
         notices.append(f"Of the {len(names)} frames it was computed from, {len(named)} are in {drive.path}.")
     if changed:
-        notices.append(f"Since it was computed, files were changed: {listed(sorted(changed))}.")
+        notices.append(f"Files have changed since it was computed: {listed(sorted(changed))}.")
     return used, notices

@@ -1,4 +1,4 @@
-"""One transform in every notation that people ask for."""
+"""One transform in all common notations."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Notation:
 
 
 MOUNTING = (
-    "degrees: how the camera is mounted, its body frame (x forward, y left, z up) in the LiDAR frame, "
-    "R = Rz(yaw) Ry(pitch) Rx(roll), as --init-rpy-xyz takes them"
+    "degrees, of the camera's body frame (x forward, y left, z up) in the LiDAR frame, "
+    "R = Rz(yaw) Ry(pitch) Rx(roll), as for --init-rpy-xyz"
 )
 
 
@@ -70,13 +70,13 @@ def T_notation(T_camera_lidar: Pose) -> Notation:
 def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Notation]:
     """Write a transform in each text format that needs no other information.
 
-    Matrices in formats that state no direction are T_camera_lidar. Intrinsics stand beside it where a format has a
-    place for them and a name for the lens.
+    Matrices in formats without a direction are T_camera_lidar. Intrinsics are included where a format can hold them and
+    has a name for the lens.
     """
     found = []
     for format in FORMATS:
         for camera in (intrinsics, None):
-            # Poses beside others of a rig go into a file of the user's, and NumPy's file is no text.
+            # Formats that edit an existing file are left out, and so is NumPy's, which is not text.
             with suppress(InputError, UnicodeDecodeError):
                 options = FormatOptions(direction="lidar-to-camera", intrinsics=camera)
                 text = format.write(T_camera_lidar, options).decode()
@@ -87,7 +87,7 @@ def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Notati
 
 
 def matrix_text(T: Pose) -> str:
-    """Write a transform, a row on each line."""
+    """Write a transform, one row on each line."""
     return "\n".join(_aligned(row) for row in T)
 
 

@@ -1,4 +1,4 @@
-"""Drawings of LiDAR points and of labels on camera images."""
+"""Drawings of LiDAR points and labels on camera images."""
 
 from __future__ import annotations
 
@@ -44,27 +44,27 @@ from semcal_cli.report.points import Seen, View, frame_points, goes_together, ki
 Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
 WIDE = 2.0
-"""Ratio of width to height from which images are put above each other."""
+"""Ratio of width to height from which images are stacked vertically."""
 
 BACKGROUND_STRENGTH = 0.6
 BACKGROUND_GRAY = 0.6
-"""Share of an image's colour that is taken out, so that only the dots have strong colours."""
+"""Fraction of the colour that is removed from an image, so that only the dots have strong colours."""
 LABEL_STRENGTH = 0.5
 LABEL_SHARE = 0.55
-"""Share of the labels' colours in an image under its labels."""
+"""Weight of the label colours in an image with labels."""
 COLUMNS_PER_DOT_RADIUS = 640
 TEXT_COLOR = (235, 235, 235)
 MARGIN_COLOR = (32, 32, 32)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_HEIGHT = 22
-"""Pixels of the font's capitals at scale 1."""
+"""Height of the font's capitals at scale 1, pixels."""
 
 GREY_STRENGTH = 0.25
-"""Strength of the image beneath its edges, which is there to find one's way."""
+"""Strength of the image below its edges, for orientation."""
 BLUR_PX = 1.0
-"""Blur of the image, pixels: an eye wants sharper edges than sparse rays do."""
+"""Blur of the image, pixels: the eye prefers sharper edges than sparse rays need."""
 EDGE_STRENGTH = 170.0
-"""Grey value that the strongest edges add: bright, but not so bright that dots on them are lost."""
+"""Grey value that the strongest edges add: bright, but dots on them remain visible."""
 STRONGEST = 0.99
 """Quantile of the gradients of an image from which an edge is drawn at full strength."""
 
@@ -75,7 +75,7 @@ def overlay_paths(folder: Path, count: int) -> list[Path]:
 
 
 def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
-    """Read the image of a frame, and tell whether it is a photograph: without one, it is the label image in colours.
+    """Read the image of a frame, and whether it is a photograph; without one, colour the label image instead.
 
     Raises:
         InputError: the frame has neither, or its image is wrong.
@@ -90,7 +90,7 @@ def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Im
 
 
 def edge_image(drive: Drive, frame: Frame) -> Image:
-    """Draw the edges of a frame's image in white on the image, which is dark and grey: (H, W, 3).
+    """Draw the edges of a frame's image in white on the darkened grey image, (H, W, 3).
 
     Raises:
         InputError: the frame has no image, or it is wrong.
@@ -104,10 +104,10 @@ def edge_image(drive: Drive, frame: Frame) -> Image:
 
 @dataclass(frozen=True)
 class Overlays:
-    """Drawings of the frames of a drive with their points, at each pose under its caption, with a legend.
+    """Drawings of the frames of a drive with their points at each captioned pose, with a legend.
 
-    A frame without an image shows its label image instead. The poses stand beside each other; those of wide images
-    stand above each other.
+    A frame without an image shows its label image instead. Poses are placed side by side; with wide
+    images, they are stacked.
     """
 
     drive: Drive
@@ -117,11 +117,11 @@ class Overlays:
     poses: Mapping[str, Pose]
     """T_camera_lidar (4, 4) by caption; at least one."""
     by: Coloring = "class"
-    """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's are
-    found together more often than by chance at the last pose; the segment of the sweep that it is part of; or how far
-    range or intensity steps beside it, on the edges of the image, by observations of the cue edges."""
+    """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's occur
+    together more often than by chance at the last pose; its segment of the sweep; or the step in range or intensity
+    next to it, on the edges of the image, which needs observations of the cue edges."""
     others: Mapping[str, Observations] = field(default_factory=dict)
-    """The same frames by the captions of poses that belong to another camera or clock: see `applied.seen_as`."""
+    """The same frames for poses of another camera or clock, by caption: see `applied.seen_as`."""
 
     @property
     def views(self) -> dict[str, View]:
@@ -129,7 +129,7 @@ class Overlays:
         return {name: View(self.others.get(name, self.observations), T) for name, T in self.poses.items()}
 
     def write_all(self, folder: Path) -> Iterator[Path]:
-        """Write the PNG of every frame into a folder, which is made, and give each path when it is written.
+        """Write the PNG of every frame into a folder, which is created, and yield each path once it is written.
 
         Raises:
             InputError: the folder cannot be made, or a frame cannot be drawn (see `write`).
@@ -157,7 +157,7 @@ class Overlays:
         return frame_names([frame.points for frame in self.drive.frames])
 
     def strip(self, frame: int, caption: str) -> str:
-        """Name a frame, how many of its points agree at the pose of a caption, and the pose."""
+        """Caption a frame: its name, the share of its points that agree at a pose, and the name of the pose."""
         words = [self.frame_names[frame]]
         if self.observations.point_class_names and self.observations.image_class_names:
             (points,) = frame_points([self.views[caption]], frame, self.together).poses
@@ -244,7 +244,7 @@ def _dimmed(image: Image) -> Image:
 
 
 def edges_by_strength(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:
-    """Indices of the points with an edge: steps in intensity, then steps in range, the strongest of either last."""
+    """Indices of the points with an edge: steps in intensity, then in range, the strongest of each last."""
     found = np.flatnonzero(is_edge(classes))
     return found[np.argsort(classes[found], kind="stable")]
 
@@ -258,7 +258,7 @@ def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) 
     is_disk = du**2 + dv**2 <= (radius + 0.5) ** 2
     u, v = pixels[:, :1] + du[is_disk], pixels[:, 1:] + dv[is_disk]
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    # Dots are assigned in the order of the points, so that the last one on a pixel stays.
+    # Dots are assigned in the order of the points: the last one on a pixel remains.
     canvas[v[inside], u[inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[inside]
     return canvas
 
@@ -269,13 +269,13 @@ def draw_labels(
     classes: Mapping[str, Sequence[int]],
     ignored: Sequence[int],
 ) -> Image:
-    """Draw an image beside itself under the colours of its labels, with a legend of the classes that it shows.
+    """Draw an image next to a copy coloured by its labels, with a legend of the classes in it.
 
     Args:
         image: (H, W, 3) blue, green, red.
         ids: (H, W) ids of the pixels.
         classes: Ids of each name; empty without names.
-        ignored: Ids that carry no information, which get no colour.
+        ignored: Ids without information, which get no colour.
 
     Returns:
         (H', W', 3) blue, green, red.
@@ -284,7 +284,7 @@ def draw_labels(
     num_pixels = dict(zip(found.tolist(), counts.tolist(), strict=True))
     names = {value: name for name, values in classes.items() for value in values}
     shown = [value for value in num_pixels if value not in ignored and (value in names or not names)]
-    # Colours of all classes, so that they do not depend on what an image shows.
+    # All classes get colours, so that these do not depend on what an image shows.
     every = list(classes) or [str(value) for value in shown]
     colors = dict(zip(every, class_colors(every), strict=True))
     drawn = image.copy()
@@ -300,7 +300,7 @@ def draw_labels(
 
 
 def before_after(images: Mapping[str, Image], *, stacked: bool = False) -> Image:
-    """Put images of one size beside (or above) each other, in order, each under its caption."""
+    """Put images of one size side by side, or stack them, in order, each with its caption."""
     widths = [image.shape[1] for image in images.values()]
     width = max(widths) if stacked else sum(widths)
     captioned = [add_caption(image, caption, width) for caption, image in images.items()]
@@ -308,7 +308,7 @@ def before_after(images: Mapping[str, Image], *, stacked: bool = False) -> Image
 
 
 def add_caption(image: Image, caption: str, shown_width: int) -> Image:
-    """Put a line of text above an image, sized for the width of all that is shown."""
+    """Put a line of text above an image, sized for the total width."""
     scale, line = _text_size(shown_width)
     strip = _filled(line, image.shape[1])
     _write(strip, caption, (line // 2, 0), scale, line)
@@ -344,7 +344,7 @@ def _filled(height: int, width: int) -> Image:
 
 
 def _write(strip: Image, text: str, corner: tuple[int, int], scale: float, line: int) -> None:
-    """Write text into the line whose upper left corner is given."""
+    """Write text into a line, given its upper left corner."""
     x, y = corner
     thickness = max(1, round(line / 24))
     cv2.putText(strip, text, (x, y + round(0.7 * line)), FONT, scale, TEXT_COLOR, thickness, cv2.LINE_AA)

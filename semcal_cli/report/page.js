@@ -7,7 +7,7 @@ for (const button of document.querySelectorAll("button.copy")) {
     try {
       await navigator.clipboard.writeText(source.textContent);
     } catch {
-      // Pages from a plain http server have no clipboard: the selection is copied instead.
+      // Pages from a plain HTTP server cannot use the clipboard, so the selection is copied instead.
       getSelection().selectAllChildren(source);
       copied = document.execCommand("copy");
     }
@@ -20,7 +20,7 @@ for (const button of document.querySelectorAll("button.copy")) {
   });
 }
 
-// Printed, what is folded is opened.
+// Folded parts are printed, too.
 addEventListener("beforeprint", () => {
   for (const details of document.querySelectorAll("details:not([open])")) {
     details.open = true;

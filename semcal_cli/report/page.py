@@ -52,7 +52,7 @@ RESULTS = (".yaml", ".yml", ".json")
 FOUND = "found on this drive"
 """Caption of the pose that a verification found."""
 BEYOND, FARTHEST = 1.25, 6.0
-"""Multiple of the farthest offset that bars reach to either side, and largest multiple of what is allowed."""
+"""Reach of the bars to either side, relative to the farthest offset, and its limit, relative to the allowed offset."""
 
 
 def write_report(
@@ -66,7 +66,7 @@ def write_report(
         progress: Called with a description of each step.
 
     Raises:
-        InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
+        InputError: an image is missing or wrong, or the file cannot be written. An existing file then stays unchanged.
     """
     observations, T, record = report.observations, report.T_camera_lidar, report.record
     agreement, before = _core.agreement(observations.core, T), None
@@ -110,7 +110,7 @@ def write_report(
 
 
 def _next_steps(report: ReportInput) -> Rows:
-    """Say what to do with a calibration; nothing with another file, or on other frames."""
+    """Say what to do with a calibration; empty for another file, or on other frames."""
     if report.record is None or not report.is_of_record or Path(report.name).suffix not in RESULTS:
         return []
     return after_calibration(report.record, Path(report.name))
@@ -119,7 +119,7 @@ def _next_steps(report: ReportInput) -> Rows:
 def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, Any]:
     """Draw what the page shows, by the names of its template."""
     observations, T, record, parts = report.observations, report.T_camera_lidar, report.record, _parts(report)
-    # What is mostly Python takes the time in which something else is in the core or in an encoder.
+    # Python code runs while other work is in the core or in an encoder.
     with ThreadPoolExecutor(1) as pool:
         pool.submit(import_module, "matplotlib.figure")
         progress("drawing points on images")
@@ -153,14 +153,14 @@ def _registration(report: ReportInput) -> str | None:
 
 
 def _parts(report: ReportInput) -> tuple[DrivePart, ...]:
-    """Parts of the drive that fit a pose each, if the calibration was computed from the frames that are shown."""
+    """Parts of the drive with their own poses, if the calibration was computed from the frames shown."""
     parts = () if report.record is None or not report.is_of_record else report.record.parts
     is_whole = sum(part.num_frames for part in parts) == report.observations.num_frames
     return parts if is_whole else ()
 
 
 def _reach_of_hypotheses(record: Calibration) -> tuple[float, float]:
-    """Range of the information of mountings less its bias, with one standard error to either side."""
+    """Range of the information of mountings minus its bias, with one standard error to either side."""
     found = [
         (each.mutual_information_nats - each.bias_nats, each.sigma_nats or 0.0) for each in record.hypotheses
     ]
@@ -170,7 +170,7 @@ def _reach_of_hypotheses(record: Calibration) -> tuple[float, float]:
 
 
 def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
-    """Put the transform that was verified and the one that was found beside each other, on evenly spaced frames."""
+    """Put the verified transform and the one that was found side by side, on evenly spaced frames."""
     few = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
     poses = {initial_pose.name: initial_pose.T_camera_lidar, FOUND: found.T_camera_lidar}
     of_estimate = few.drive.model_copy(update={"time_offset_s": found.time_offset_s})
@@ -190,7 +190,7 @@ def write_verification(found: Verification, data: LoadedDrive, initial_pose: Ini
         path: HTML file to write.
 
     Raises:
-        InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
+        InputError: an image is missing or wrong, or the file cannot be written. An existing file then stays unchanged.
     """
     name, record = initial_pose.name, initial_pose.record
     staying = apply_result(record, data.drive, name)

@@ -1,4 +1,4 @@
-"""Points of a frame on its image: where they land, which are hidden, and whether their classes agree."""
+"""Points of a frame on its image: where they project, which are hidden, and whether their classes agree."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from semcal_cli.report.colors import (
 NOT_SEEN = 255
 """Kind of a point outside the image."""
 TOP = 65_535
-"""Largest number of the packed positions: that of the image's longer side."""
+"""Largest value of packed positions, at the end of the image's longer side."""
 
 
 class Seen(NamedTuple):
@@ -56,13 +56,13 @@ def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camer
 
 
 class View(NamedTuple):
-    """A pose, and the observations as the camera and the clock see them that it belongs to."""
+    """A pose, and the observations as seen by the camera and the clock that it belongs to."""
 
     observations: Observations
     T_camera_lidar: Pose
 
     def seen_in_frame(self, frame: int) -> Seen:
-        """Find the points of a frame that its image shows, each on the line that is exposed then."""
+        """Find the points of a frame in its image, each at the moment its row is exposed."""
         points = points_at(self.observations, frame, self.T_camera_lidar)
         return points_in_image(points, self.T_camera_lidar, self.observations.camera)
 
@@ -72,7 +72,7 @@ class View(NamedTuple):
 
 
 def goes_together(agreement: _core.Agreement) -> npt.NDArray[np.bool_]:
-    """Mask of the classes of points (rows) and of pixels that are found together more often than by chance."""
+    """Mask of the classes of points (rows) and of pixels that occur together more often than by chance."""
     return over_chance(agreement.joint) > 1.0
 
 
@@ -127,7 +127,7 @@ class PosePoints(NamedTuple):
 
 
 class FramePoints(NamedTuple):
-    """Points of a frame that some pose puts into the image, farthest first."""
+    """Points of a frame that at least one pose puts into the image, farthest first."""
 
     indices: npt.NDArray[np.intp]
     """(N,) index of each point in its cloud."""
@@ -135,10 +135,10 @@ class FramePoints(NamedTuple):
     """(N,) class of each point."""
     poses: tuple[PosePoints, ...]
     by_edge: bool = False
-    """Whether classes are steps beside the points."""
+    """Whether classes are steps next to the points."""
 
     def thinned(self, count: int) -> FramePoints:
-        """Keep at most this number of points, evenly spaced in their order; those with an edge before all others."""
+        """Keep at most `count` points, evenly spaced in their order, preferring those with an edge."""
         is_first = is_edge(self.classes) if self.by_edge else np.zeros(len(self.classes), bool)
         first = thinned(is_first, count)
         kept = np.sort(np.concatenate([first, thinned(~is_first, count - len(first))]))
@@ -146,7 +146,7 @@ class FramePoints(NamedTuple):
         return FramePoints(self.indices[kept], self.classes[kept], poses, self.by_edge)
 
     def moved_px(self) -> npt.NDArray[np.float64]:
-        """Distances, in pixels, between the first and the last pose, of points that both show."""
+        """Distances in pixels between the first and the last pose, of points visible at both."""
         first, last = self.poses[0], self.poses[-1]
         both = first.is_visible & last.is_visible
         return np.asarray(np.linalg.norm(last.positions[both] - first.positions[both], axis=1))
@@ -172,12 +172,12 @@ def frame_points(views: Sequence[View], frame: int, together: npt.NDArray[np.boo
     Args:
         views: Poses, and the same points and label images as their cameras see them.
         frame: Number of the frame, from 0.
-        together: Classes of points (rows) and of pixels that go together, as `goes_together` tells.
+        together: Classes of points (rows) and of pixels that go together, as `goes_together` returns.
     """
     observations = views[-1].observations
     cloud = observations.clouds[frame]
     seen = [view.seen_in_frame(frame) for view in views]
-    # Farthest first at the last pose, after what only another pose shows.
+    # Farthest first at the last pose, after points that only another pose shows.
     order = seen[-1].indices
     for each in seen[:-1]:
         order = np.concatenate([each.indices[~np.isin(each.indices, order)], order])

@@ -28,26 +28,26 @@ from semcal_cli.report.overlay import Image, add_caption, overlay_paths
 from semcal_cli.result.calibration import Calibration
 
 AROUND_DEG = 10.0
-"""The shift is searched within this angle of the pose: the registration is good to a few degrees."""
+"""Angle around the pose within which the shift is searched. The registration is good to a few degrees."""
 WIDTH = 1280
 """Columns of an image."""
 NUM_LINES = 60
 """Number of correspondences that are drawn."""
 MIN_STRIP_ROWS = 120
-"""Rows of a spherical image in an image, at least; few channels would hardly be seen."""
+"""Minimum number of rows of a strip, so that a sweep of few channels can be seen."""
 EMPTY_COLOR = (24, 24, 24)
 """Blue, green and red of pixels without a class."""
 LINE_COLOR = (235, 235, 235)
 CAPTIONS = (
     "sweep: labels by azimuth and elevation",
     "camera: zoomed labels at the best shift",
-    "correspondences, down to the camera's labels",
+    "correspondences with the label image",
 )
 
 
 @dataclass(frozen=True)
 class RegistrationImages:
-    """The registration of the frames that the search looks at near a pose, to be drawn frame by frame."""
+    """The registration near a pose of the frames that the search uses, drawn frame by frame."""
 
     observations: Observations
     registration: Registration
@@ -59,7 +59,7 @@ class RegistrationImages:
     def near(
         cls, observations: Observations, T_camera_lidar: Pose, config: InitializationConfig
     ) -> RegistrationImages:
-        """Register the label images of the search anew within `AROUND_DEG` of a pose (4, 4), as its rotation says.
+        """Register the label images of the search again, within `AROUND_DEG` of the rotation of a pose (4, 4).
 
         Raises:
             CalibrationError: sweeps and images do not overlap there.
@@ -73,7 +73,7 @@ class RegistrationImages:
 
     @classmethod
     def of_record(cls, observations: Observations, record: Calibration) -> RegistrationImages | None:
-        """Register anew near the first stage of a calibration; None if it began at a given pose or nothing overlaps."""
+        """Register again near the first stage of a calibration; None if it started at a pose or nothing overlaps."""
         if not any(each.num_pairs is not None for each in record.hypotheses):
             return None
         options = record.settings.options.get("initialization")

@@ -1,7 +1,7 @@
 """A drive and its poses as a file of the Rerun viewer: sweeps, images and cameras along time.
 
-The world is the LiDAR's frame. Each pose is a camera of its own there, which can be switched on and off; the image
-and its labels hang on the last one. Lenses that are no pinhole are drawn as one with the same K.
+The world is the LiDAR frame. Each pose is a separate camera in it, which can be switched on and off; the image and its
+labels belong to the last one. Lenses other than a pinhole are drawn as a pinhole with the same K.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import palettes
 
 LIDAR, CAMERAS = "lidar", "lidar/cameras"
-"""Entities of the LiDAR's frame, under which all others stand, and of the cameras in it."""
+"""Entities of the LiDAR frame, the root of all others, and of the cameras in it."""
 FRAME, TIME = "frame", "time"
-"""Timelines: the index of the frame, and the stamp of its sweep where there is one."""
+"""Timelines: the index of the frame, and the stamp of its sweep if there is one."""
 FRUSTUM_M = 1.0
-"""Distance of the image's plane from the camera."""
+"""Distance of the image plane from the camera."""
 MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 UNKNOWN_COLOR = (128, 128, 128)
 POINT_RADIUS_PX = 1.5
 
 
 def cameras_of(extrinsic: Extrinsic, begun: Camera, used: Camera) -> dict[str, tuple[Pose, Camera]]:
-    """List the poses of a calibration with the cameras that they belong to, by the names of these.
+    """List the poses of a calibration by name, with the cameras that they belong to.
 
-    They are its hypotheses, its stages in order, and its result. A transform of another format is the result alone.
+    They are its hypotheses, its stages in order, and its result. A transform in another format is the only one.
 
     Args:
         extrinsic: The calibration.
-        begun: Camera that the calibration began with.
+        begun: Camera that the calibration started with.
         used: Camera that the result belongs to, and the stage that estimated it.
     """
     calibration, result = extrinsic.record, {"result": (extrinsic.T_camera_lidar, used)}
@@ -60,12 +60,12 @@ def cameras_of(extrinsic: Extrinsic, begun: Camera, used: Camera) -> dict[str, t
 def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: Path) -> None:
     """Write a `.rrd`, as a whole or not at all.
 
-    Points have the colour of their class if all frames have labels of points and of images, else of their height.
-    With a rolling shutter, they stand where the line was exposed on which they lie at the last pose.
+    Points are coloured by class if all frames have labels on both sides, else by height. With a rolling shutter, they
+    are moved to the moment when their row at the last pose was exposed.
 
     Args:
         drive: The drive, whose frames are all written.
-        cameras: T_camera_lidar (4, 4), metres, and camera by name; the image hangs on the last. May be empty.
+        cameras: T_camera_lidar (4, 4), metres, and camera by name; the image belongs to the last. May be empty.
         path: File to write; its suffix is .rrd.
 
     Raises:
@@ -84,7 +84,7 @@ def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: 
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
     for name, (T, camera) in cameras.items():
         _log_camera(stream, name, T, camera)
-    # Without a pose, images lie in no space.
+    # Without a pose, images are not placed in space.
     entity = f"{CAMERAS}/{list(cameras)[-1]}" if cameras else "camera"
     point_colors, pixel_colors = palettes(observations)
     _log_classes(stream, f"{LIDAR}/points", observations.point_class_names, point_colors)
@@ -136,7 +136,7 @@ def _log_classes(stream: rr.RecordingStream, entity: str, names: Sequence[str], 
 def _picture(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
     """The image of a frame, in the bytes of its file where the viewer reads them."""
     if frame.image is None:
-        return rr.Clear(recursive=False)  # else the one before would stay
+        return rr.Clear(recursive=False)  # otherwise the previous one would stay
     file = drive.resolve(frame.image)
     media_type = MEDIA_TYPES.get(file.suffix.lower())
     if media_type is not None:

@@ -1,4 +1,4 @@
-"""What all pages have in common: the verdict at their head, and their templates, styles and scripts in one file."""
+"""What all pages share: the verdict at the top, and templates, styles and scripts in one file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENVIRONMENT = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-"""Templates by their place in the package."""
+"""Templates by their path in the package."""
 ENVIRONMENT.filters |= {"signed": lambda text: text.replace("+-", "\u00b1"), "counted": "{:,}".format}
 
 
@@ -32,11 +32,11 @@ class Reason(NamedTuple):
     sentence: str
     """What was found, and what to do about it."""
     address: str | None = None
-    """Where the documentation explains it; None if it has no entry."""
+    """Address of the documentation that explains it; None if it has no entry."""
 
 
 def linked(reasons: Sequence[str], topics: Sequence[str]) -> tuple[Reason, ...]:
-    """Link reasons to their entries in the documentation; without topics, as in older files, none is linked."""
+    """Link reasons to their entries in the documentation; older files have no topics, so nothing is linked."""
     addresses = map(entry_address, topics) if topics else repeat(None, len(reasons))
     return tuple(Reason(*each) for each in zip(reasons, addresses, strict=True))
 
@@ -45,13 +45,13 @@ class Verdict(NamedTuple):
     """The verdict at the head of a page."""
 
     status: str
-    """A status of a calibration or a verdict of a verification, as the page is coloured."""
+    """Status of a calibration or verdict of a verification, which gives the page its colour."""
     title: str
     """The status in words."""
     sentence: str
     """What it means."""
     figures: str = ""
-    """How good the transform is: intervals, and pixels some way ahead."""
+    """How good the transform is: intervals, and pixels at some depth."""
     reasons: tuple[Reason, ...] = ()
     """What speaks against the transform."""
 
@@ -62,10 +62,10 @@ def render_page(
     """Fill a template with content, styles and scripts.
 
     Args:
-        template: Place of the template in the package, as all places.
-        scripts: Places of the scripts that it needs, after that of all pages.
-        style: Place of the style that it needs beside that of all pages.
-        content: What the template names.
+        template: Path of the template in the package, as all paths here.
+        scripts: Paths of the scripts that it needs, besides that of all pages.
+        style: Path of the style that it needs besides that of all pages.
+        content: Variables of the template.
     """
     styles = dict.fromkeys(("report/page.css", style))
     page = {"style": _source(*styles), "script": _source("report/page.js", *scripts)}
@@ -73,5 +73,5 @@ def render_page(
 
 
 def _source(*names: str) -> Markup:
-    """Read files, joined one after another."""
+    """Read and join files."""
     return Markup("\n").join(Markup((PACKAGE / name).read_text()) for name in names)

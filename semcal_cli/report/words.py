@@ -19,9 +19,11 @@ from semcal_cli.result.camera import clock_sentence, kept_sentence
 from semcal_cli.result.uncertainty import Uncertainty, figure, image_radius_px, stated_error
 
 DEPTHS_M = 10.0, 50.0
-"""Depths at which the error of a point's place in the image is stated."""
+"""Depths at which the error of a point in the image is stated."""
 TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
-NOT_BELIEVED = "No interval is stated of a transform that is not trusted: it may be off by far more."
+NOT_BELIEVED = (
+    "A transform that is not trusted has no interval here: it may be off by far more than the figures say."
+)
 
 
 def verdict(report: ReportInput) -> Verdict:
@@ -31,15 +33,15 @@ def verdict(report: ReportInput) -> Verdict:
         return Verdict(
             "not_assessed",
             TITLES["not_assessed"],
-            "The file holds a transform and nothing of how it was found. What follows was measured with it; "
-            "semcal verify tells whether it holds.",
+            "The file holds only a transform, not how it was found. The figures below were measured with it; "
+            "semcal verify checks whether it holds.",
         )
     if not report.is_of_record:
         return Verdict(
             "not_assessed",
             "Not assessed here",
-            f"Where it was computed it was found {record.status.replace('_', ' ')}. What follows was measured on other "
-            "data; semcal verify tells whether it holds there.",
+            f"On the data that it was computed from, it was {record.status.replace('_', ' ')}. The figures below were "
+            "measured on other data; semcal verify checks whether it holds there.",
             reasons=linked(record.reasons, record.topics),
         )
     return verdict_of(record)
@@ -48,14 +50,12 @@ def verdict(report: ReportInput) -> Verdict:
 def verdict_of(record: Calibration) -> Verdict:
     """Say whether the transform of a calibration may be used, and how good it is."""
     sentence = {
-        "trusted": "Nothing was found that speaks against it.",
+        "trusted": "Nothing speaks against it.",
         "not_trusted": "This speaks against it:",
-        "not_assessed": "It was not polished, so that nothing tells how sure it is.",
+        "not_assessed": "It was not polished, so its uncertainty is unknown.",
     }[record.status]
     if "soic" in record.settings.options:
-        sentence = (
-            f"This is SOIC's answer, made to be compared with; it cannot tell how sure it is. {sentence}"
-        )
+        sentence = f"This is the result of SOIC, for comparison; SOIC estimates no uncertainty. {sentence}"
     figures = ""
     if record.believed_uncertainty is not None:
         figures = stated_error(record.believed_uncertainty, record.used_camera)
@@ -66,14 +66,14 @@ def verdict_of(record: Calibration) -> Verdict:
 def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
     """Say how uncertain a pose is, and how far that moves points in the image."""
     if record.uncertainty is None:
-        return [f"Nothing is known of its error: {_why_unknown(record)}."]
+        return [f"Its error is unknown: {_why_unknown(record)}."]
     if record.believed_uncertainty is None:
         return [NOT_BELIEVED, *_of_seeds(record)]
     found = record.believed_uncertainty
     x, y, z = (100.0 * half for half in found.half_width_95_camera_center_m)
     pitch, yaw, roll = found.half_width_95_rotation_deg
     sentences = [
-        f"The camera is within {figure(x)} cm of the stated place to its right or left, {figure(y)} cm up or down, "
+        f"The camera is within {figure(x)} cm of the stated position to the left or right, {figure(y)} cm up or down, "
         f"and {figure(z)} cm forward or back; its rotation is within {figure(pitch)} degrees in pitch, "
         f"{figure(yaw)} in yaw and {figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
         *_in_the_image(found, camera),
@@ -83,41 +83,41 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         moved_cm = 100.0 * math.hypot(*found.label_bleed.camera_center_m)
         turned_deg = math.hypot(*found.label_bleed.rotation_deg)
         sentences.append(
-            f"If labels of all images bled by one pixel, the camera would come out {figure(moved_cm)} cm and "
-            f"{figure(turned_deg)} degrees elsewhere: more frames do not cure that, better labels do."
+            f"If labels bled by one pixel in all images, the camera would be off by {figure(moved_cm)} cm and "
+            f"{figure(turned_deg)} degrees. More frames do not reduce that, better labels do."
         )
     if found.intrinsics_cost is not None:
         moved_m, turned_deg = found.intrinsics_cost.together
         sentences.append(
-            f"If cx and cy were off by 1 pixel and fx and fy by 0.1 %, the camera would come out "
-            f"{figure(100.0 * moved_m)} cm and {figure(turned_deg)} degrees elsewhere. All frames share K, so "
-            f"more frames do not cure that: {_what_intervals_include(record)}."
+            f"If cx and cy were off by 1 pixel and fx and fy by 0.1 %, the camera would be off by "
+            f"{figure(100.0 * moved_m)} cm and {figure(turned_deg)} degrees. All frames share K, so more frames do "
+            f"not reduce that: {_what_intervals_include(record)}."
         )
     return [*sentences, *_of_seeds(record)]
 
 
 def _of_seeds(record: Calibration) -> list[str]:
-    """Say how far the poses of other seeds are away, if there are any."""
+    """Say how far the poses of other seeds differ, if there are any."""
     repeated = record.repeatability
     if repeated is None:
         return []
     far = f"{figure(100.0 * repeated.farthest_camera_center_m)} cm and {figure(repeated.farthest_rotation_deg)} degrees"
     failed = f"; {repeated.num_failed} gave no answer" if repeated.num_failed else ""
-    return [f"{repeated.num_seeds} seeds lead to poses up to {far} apart from it{failed}."]
+    return [f"The poses of {repeated.num_seeds} seeds differ from it by up to {far}{failed}."]
 
 
 def _what_intervals_include(record: Calibration) -> str:
     """Say which errors of K are part of the intervals."""
     if record.camera is not None and record.camera.is_kept:
-        return "K was estimated together with the pose, and the intervals include what is not known of it"
+        return "K was estimated together with the pose, and the intervals include its uncertainty"
     if record.camera is not None:
-        return "K was to be estimated and stays, and the intervals include what the frames leave open of it"
+        return "the estimate of K was not kept, and the intervals include what the frames leave open in K"
     if record.uncertainty is None or record.uncertainty.covariance_of_intrinsics is None:
-        return "the intervals take K as right"
+        return "the intervals assume that K is right"
     if record.input.camera.intrinsics_sigma is not None:
         return "the intervals include the stated errors of K"
     return (
-        "the intervals include errors of K of 0.1 % and 1 pixel, since the drive states no intrinsics_sigma"
+        "the intervals include errors of K of 0.1 % and 1 pixel, because the drive states no intrinsics_sigma"
     )
 
 
@@ -140,31 +140,31 @@ def frame_sentences(found: FrameOffsets, names: Sequence[str], num_parts: int) -
     if num_parts:
         fitted = "the pose of their part"
         sentences.append(
-            f"The frames fit {num_parts} poses: the dashed steps are those of the parts of the drive."
+            f"The frames fit {num_parts} poses: the dashed steps show those of the parts of the drive."
         )
     if determined.any():
         apart = (found.offsets - found.of_parts)[determined]
         scatter = np.sqrt((apart**2).mean(axis=0))
         far_cm, far_deg = 100.0 * float(np.linalg.norm(scatter[:3])), float(np.linalg.norm(scatter[3:]))
         beyond = np.flatnonzero(determined & ~is_within.all(axis=1)).tolist()
-        which = f" Others are of {listed(names[frame] for frame in beyond)}." if beyond else ""
+        which = f" The others belong to {listed(names[frame] for frame in beyond)}." if beyond else ""
         sentences.append(
-            f"{int(is_within.sum())} of {6 * int(determined.sum())} intervals contain {fitted}, about which the frames "
-            f"scatter by {figure(far_cm)} cm and {figure(far_deg)} degrees.{which}"
+            f"{int(is_within.sum())} of {6 * int(determined.sum())} intervals contain {fitted}, and the frames scatter "
+            f"around it by {figure(far_cm)} cm and {figure(far_deg)} degrees.{which}"
         )
     if not determined.all():
         nothing = listed(names[frame] for frame in np.flatnonzero(~determined).tolist())
-        sentences.append(f"Frames whose own labels determine no pose: {nothing}.")
+        sentences.append(f"Frames whose own labels do not determine a pose: {nothing}.")
     return sentences
 
 
 def runner_up_sentences(record: Calibration) -> list[str]:
-    """Say how far the best other mounting is behind; empty without another one."""
+    """Say how much worse the best other mounting is; empty without another one."""
     margin = record.quality.runner_up_margin
     if margin is None:
         return []
     return [
-        f"The best other mounting shares less information by {margin:.1f} standard errors; needed to be trusted are "
+        f"The best other mounting has {margin:.1f} standard errors less information; a trusted result needs at least "
         f"{MIN_RUNNER_UP_MARGIN:g}."
     ]
 
@@ -173,12 +173,12 @@ def polish_sentences(record: Calibration) -> list[str]:
     """Say what the polish gained on data that it did not use; empty if nothing was polished."""
     if record.polish is None:
         return []
-    kept, judged = "not kept", "lost by it"
+    kept, judged = "not kept", "lost information"
     if record.polish.accepted:
         lost = record.polish.held_out_gain_nats < 0.0
-        kept, judged = "kept", "lost no more than chance explains" if lost else "gained by it"
-    gain = _held_out(record, 1.0) or "not sure"
-    return [f"The polish was {kept}: data that it did not use {judged} ({gain})."]
+        kept, judged = "kept", "lost no more information than by chance" if lost else "gained information"
+    gain = _held_out(record, 1.0) or "standard error unknown"
+    return [f"The polish was {kept}: held-out data {judged} ({gain})."]
 
 
 def _why_unknown(record: Calibration) -> str:
@@ -189,11 +189,11 @@ def _why_unknown(record: Calibration) -> str:
         return "the labels do not determine the pose"
     lost = _held_out(record, -1.0)
     by = f", by {lost}" if lost else ""
-    return f"held-out data agree less after the polish{by}, so that the pose before it was kept"
+    return f"held-out data agree worse after the polish{by}, so the pose before it was kept"
 
 
 def _held_out(record: Calibration, sign: float) -> str:
-    """Gain of the polish on held-out data with its standard error; empty if it is not known how sure that is."""
+    """Gain of the polish on held-out data with its standard error; empty if the standard error is unknown."""
     assert record.polish is not None
     sigma = record.polish.held_out_sigma_nats
     unit = "AMI" if "segments" in maximised(recorded(record.settings.options.get("cues"))) else "nats"
@@ -202,13 +202,11 @@ def _held_out(record: Calibration, sign: float) -> str:
 
 
 def _in_the_image(found: Uncertainty, camera: Camera) -> list[str]:
-    """State where points straight ahead project; nothing can be said of a lens that folds on its optical axis."""
+    """State how far off points straight ahead project; empty for a lens that folds on its optical axis."""
     parts = []
     for depth_m in DEPTHS_M:
         radius_px = image_radius_px(found, camera, depth_m)
         if radius_px is None:
             return []
         parts.append(f"{figure(radius_px)} pixels at {depth_m:g} m")
-    return [
-        f"Points straight ahead land within {' and '.join(parts)} of their place, with the same confidence."
-    ]
+    return [f"Points straight ahead are off by at most {' and '.join(parts)}, with the same confidence."]

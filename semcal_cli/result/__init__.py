@@ -1,1 +1,1 @@
-"""The calibration, which is the result file of semcal."""
+"""The calibration, the result file of semcal."""

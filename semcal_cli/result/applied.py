@@ -1,6 +1,6 @@
-"""A drive as a result sees it: with the camera and the clock that were estimated together with its transform.
+"""A drive with the camera and the clock that a result estimated together with its transform.
 
-The poses of a result before that estimate belong to the camera and the clock that it began with.
+Earlier poses of the result belong to the camera and the clock that the calibration started with.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from semcal_cli.result.camera import camera_differences, offset_words
 
 
 class Applied(NamedTuple):
-    """A drive with the camera and the clock of a result, and where these and the drive's own differ."""
+    """A drive with the camera and the clock of a result, and where these differ from the drive's own."""
 
     drive: Drive
     changes: tuple[tuple[str, str], ...] = ()
-    """A label and a line for each difference: `camera` or `clock`, and what is used instead of what."""
+    """Label and line of each difference: `camera` or `clock`, and which one is used."""
 
     @property
     def sentences(self) -> list[str]:
@@ -34,11 +34,11 @@ class Applied(NamedTuple):
 def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied:
     """Give a drive the camera and the clock that a result estimated together with its transform.
 
-    An estimated camera with another lens or image size is of other images, so the drive keeps its own then, with
-    its clock. It also keeps both if the result estimated none, or did not keep them.
+    An estimated camera with another lens or image size belongs to other images; the drive then keeps its own camera and
+    clock. It also keeps both if the result estimated none, or did not keep them.
 
     Args:
-        record: The result; None, or one without a camera and a clock, leaves the drive as it is.
+        record: The result; None, or one without a camera and a clock, leaves the drive unchanged.
         drive: The drive.
         name: Name of the result's file.
     """
@@ -52,13 +52,13 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
 def cues_applied(
     record: Calibration | None, cues: tuple[CueName, ...], drive: Drive, *, with_features: bool = False
 ) -> tuple[CueName, ...]:
-    """Replace the cues `auto` by those that a result compared, as far as a drive has their files.
+    """Replace the cues `auto` by those that a result compared, if the drive has their files.
 
     Args:
-        record: The result; None leaves the cues as they are.
-        cues: The cues that are asked for.
+        record: The result; None leaves the cues unchanged.
+        cues: The requested cues.
         drive: The drive.
-        with_features: Whether features are taken, too, which have no classes.
+        with_features: Whether to include features, which have no classes.
     """
     if record is None or cues != AUTO:
         return cues
@@ -67,7 +67,7 @@ def cues_applied(
 
 
 def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:
-    """Say whose camera is used if that of the result's transform is another one than the drive's."""
+    """Say which camera is used if the result and the drive have different ones."""
     used, own = record.used_camera, drive.camera
     if not _is_of_same_images(used, own):
         kind = f"{used.model} of {used.width} x {used.height} pixels"
@@ -80,7 +80,7 @@ def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:
 
 
 def _clock_line(record: Calibration, drive: Drive, name: str) -> str | None:
-    """Say whose clock is used if that of the result's transform is known, and another one than the drive's."""
+    """Say which clock is used if that of the result is known and differs from the drive's."""
     used_s, own_s = record.used_offset_s, drive.time_offset_s
     if drive.motion is None or used_s is None or used_s == own_s:
         return None
@@ -90,12 +90,12 @@ def _clock_line(record: Calibration, drive: Drive, name: str) -> str | None:
 
 
 def as_begun(record: Calibration | None, drive: Drive) -> Drive:
-    """Give a drive the camera and the clock that a result began with: those of its poses before the joint estimate.
+    """Give a drive the camera and the clock of a result before the joint estimate.
 
-    The clock is that of the drive where the result does not hold the one that it began with.
+    The clock is that of the drive if the result does not state the one that it started with.
 
     Args:
-        record: The result; None, or one that kept neither another camera nor another clock, leaves the drive as it is.
+        record: The result; None, or one that kept neither another camera nor another clock, leaves the drive unchanged.
         drive: The drive, which may have another camera and another clock by now.
     """
     if record is None or not _fits(record, drive):
@@ -110,12 +110,12 @@ def as_begun(record: Calibration | None, drive: Drive) -> Drive:
 
 
 def seen_as(observations: Observations, own: Drive, other: Drive) -> Observations:
-    """Give observations of a drive as another camera of the same images sees them, by another clock.
+    """Convert observations to another camera of the same images and another clock.
 
     Args:
         observations: Points and images as the drive's camera and clock see them.
         own: The drive.
-        other: The same drive with another camera and another offset of the clock.
+        other: The same drive with another camera and another time offset.
     """
     if own.camera != other.camera:
         observations = replace(observations, camera=other.camera)
@@ -124,7 +124,7 @@ def seen_as(observations: Observations, own: Drive, other: Drive) -> Observation
 
 
 def _fits(record: Calibration, drive: Drive) -> bool:
-    """Whether the camera that a result estimated, if it kept one, is of the drive's images."""
+    """Whether the camera that a result estimated, if it kept one, belongs to the drive's images."""
     return not record.has_found_camera or _is_of_same_images(record.used_camera, drive.camera)
 
 

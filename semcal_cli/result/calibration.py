@@ -1,4 +1,4 @@
-"""The calibration, which semcal writes as YAML or JSON with the same content."""
+"""The calibration, written as YAML or JSON with the same content."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
@@ -37,7 +37,7 @@ from semcal_cli.result.sections import (
 from semcal_cli.result.uncertainty import Uncertainty
 
 AGREEMENT_TOLERANCE = 1e-6
-"""Largest difference between the forms in which a file states one pose, in metres or as matrix entries."""
+"""Largest difference between the forms of one pose in a file, in metres or matrix entries."""
 
 Status: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
 Topic = Annotated[str, Field(pattern=r"^[a-z]+(-[a-z]+)*$")]
@@ -48,7 +48,7 @@ class Projection(NamedTuple):
     """Points on the image of a camera."""
 
     pixels: NDArray[np.float64]
-    """(N, 2), (u, v), an integer is a pixel centre; NaN where the model of the lens does not hold."""
+    """(N, 2), (u, v), an integer is a pixel centre; NaN where the lens model does not hold."""
     is_in_front: NDArray[np.bool_]
     """(N,) whether the point lies before the camera: z > 0 in its frame."""
     is_in_image: NDArray[np.bool_]
@@ -68,9 +68,9 @@ class Calibration(StrictModel):
     reasons: Annotated[tuple[str, ...], length(0)]
     """Findings against the pose, as sentences with figures."""
     topics: Annotated[tuple[Topic, ...], length(0)] = ()
-    """Topic of each of the reasons: its entry in docs/troubleshooting.md. Absent in files that do not state them."""
+    """Topic of each reason: its entry in docs/troubleshooting.md. Absent in older files."""
     notes: Annotated[tuple[str, ...], length(0)] = ()
-    """Sentences that a person should know and that do not speak against the pose."""
+    """Sentences that the user should know but that do not speak against the pose."""
     rows_camera_lidar: StatedTransform = Field(alias="T_camera_lidar")
     """Transform from the LiDAR to the camera, p_camera = T_camera_lidar * p_lidar, in metres."""
     rows_lidar_camera: StatedTransform = Field(alias="T_lidar_camera")
@@ -82,11 +82,11 @@ class Calibration(StrictModel):
     uncertainty: Uncertainty | None = None
     """Uncertainty of the pose; null if the pose was not assessed or the data do not determine it."""
     camera: RefinedCamera | None = None
-    """Camera that was estimated together with the pose; null if its intrinsics were taken as right."""
+    """Camera that was estimated together with the pose; null if its intrinsics were assumed to be right."""
     clock: Clock | None = None
-    """Offset of the camera's clock; null if it was not estimated."""
+    """Time offset of the camera; null if it was not estimated."""
     repeatability: Repeatability | None = None
-    """Results with other seeds; null if only one seed was asked for."""
+    """Results with other seeds; null if there was only one seed."""
     quality: Quality
     """Agreement of the labels under the transform."""
     stages: dict[str, Stage]
@@ -100,7 +100,7 @@ class Calibration(StrictModel):
     input: Input
     """Files that were read, with their hashes."""
     settings: Settings
-    """Settings that change the answer."""
+    """Settings that affect the result."""
 
     @model_validator(mode="after")
     def _check_agreement(self) -> "Calibration":
@@ -120,7 +120,7 @@ class Calibration(StrictModel):
         return self
 
     def _check_camera(self) -> None:
-        """Check that what was estimated together with the pose is of the input, and of one size."""
+        """Check that the estimated camera belongs to the input, and that the sizes match."""
         if self.camera is None:
             return
         found, given = (
@@ -147,7 +147,7 @@ class Calibration(StrictModel):
 
     @property
     def pose(self) -> Pose:
-        """The same as `T_camera_lidar`, under the name that poses of hypotheses have, too."""
+        """The same as `T_camera_lidar`, under the name that hypotheses use."""
         return self.T_camera_lidar
 
     @property
@@ -159,7 +159,7 @@ class Calibration(StrictModel):
     def covariance(self) -> NDArray[np.float64] | None:
         """Covariance (6, 6) of xi = (rho, phi), in metres and radians, camera frame, left perturbation.
 
-        None where nothing is known of it. Of a pose that is not trusted it tells only what chance does to the pose.
+        None if it is unknown. For a pose that is not trusted, it covers chance alone.
         """
         return None if self.uncertainty is None else np.array(self.uncertainty.covariance)
 
@@ -170,20 +170,20 @@ class Calibration(StrictModel):
             points: (N, 3) or (N, 4) metres, LiDAR frame; a fourth column is ignored.
 
         Raises:
-            InputError: the points are no such array of numbers.
+            InputError: the points are not such an array of numbers.
         """
         array = np.asarray(points)
         check_array("points", array, POINTS)
         T, camera = self.T_camera_lidar, self.used_camera
         points_camera = np.ascontiguousarray(array[:, :3] @ T[:3, :3].T + T[:3, 3])
         pixels = core_camera(camera).project(points_camera)
-        with np.errstate(invalid="ignore"):  # What is no number is not inside.
+        with np.errstate(invalid="ignore"):  # NaN is not inside.
             is_inside = (pixels >= -0.5) & (pixels < np.array(camera.size) - 0.5)
         return Projection(pixels, points_camera[:, 2] > 0.0, np.asarray(is_inside.all(axis=1)))
 
     @property
     def believed_uncertainty(self) -> Uncertainty | None:
-        """Uncertainty as people are shown it: none of a transform that is not trusted, which may be off by far more."""
+        """Uncertainty to show; None for a transform that is not trusted, which may be off by far more."""
         return None if self.status == "not_trusted" else self.uncertainty
 
     @property
@@ -193,7 +193,7 @@ class Calibration(StrictModel):
 
     @property
     def has_found_clock(self) -> bool:
-        """Whether the transform belongs to an offset of the clock that was estimated together with it."""
+        """Whether the transform belongs to a time offset that was estimated together with it."""
         return self.clock is not None and self.clock.is_kept
 
     @property
@@ -203,7 +203,7 @@ class Calibration(StrictModel):
 
     @property
     def used_offset_s(self) -> float | None:
-        """Offset of the clock that the transform belongs to: the estimate, or that of the drive; None if not known."""
+        """Time offset that the transform belongs to: the estimate, or that of the drive; None if unknown."""
         if self.clock is None:
             return None
         return self.clock.time_offset_s if self.clock.is_kept else self.clock.given_s
@@ -250,7 +250,7 @@ def write_calibration(calibration: Calibration, path: Path | str) -> None:
     """Write a calibration as YAML or JSON, by the suffix.
 
     Raises:
-        InputError: the suffix is another one, or the file cannot be written. An existing file stays untouched then.
+        InputError: the suffix is another one, or the file cannot be written. An existing file then stays unchanged.
     """
     path = Path(path)
     write_text(calibration_text(calibration, output_format(path)), path)
@@ -267,7 +267,7 @@ def read_calibration(path: Path | str) -> Calibration:
 
 
 def pose_forms(T_camera_lidar: Pose) -> dict[str, Any]:
-    """Give the forms in which a file states one pose, by their keys."""
+    """Derive all forms of one pose in a file, by key."""
     return {
         "T_camera_lidar": tuple(map(tuple, T_camera_lidar.tolist())),
         "T_lidar_camera": tuple(map(tuple, inverse(T_camera_lidar).tolist())),
@@ -279,9 +279,9 @@ def pose_forms(T_camera_lidar: Pose) -> dict[str, Any]:
 def check_forms(
     T_camera_lidar: Pose, T_lidar_camera: ArrayLike, translation_m: ArrayLike, quaternion: ArrayLike
 ) -> None:
-    """Check that the forms in which a file states one pose agree, within `AGREEMENT_TOLERANCE`.
+    """Check that the forms of one pose in a file agree within `AGREEMENT_TOLERANCE`.
 
-    They are compared as they are stated: rounding may only be removed afterwards.
+    They are compared as stated; rounding is removed only afterwards.
 
     Args:
         T_camera_lidar: (4, 4), metres.

@@ -16,7 +16,7 @@ OF_DRIVE = "the transform belongs to the camera of the drive"
 
 JointEntry = Annotated[float, Field(ge=-1e40, le=1e40)]
 Offset = Annotated[float, Field(ge=-2.0, le=2.0)]
-"""Offset of two clocks, in seconds: of what a drive may say, with as much again."""
+"""Time offset, seconds: twice the range that a drive may state."""
 JointRows: TypeAlias = tuple[tuple[float, ...], ...]
 
 
@@ -35,7 +35,7 @@ def _check_line(text: str) -> str:
 
 
 def _check_interval(*, is_determined: bool, **ends: float | None) -> None:
-    """Check that an estimate has an interval exactly if it is determined."""
+    """Check that an estimate has an interval if and only if it is determined."""
     if {end is not None for end in ends.values()} != {is_determined}:
         is_so = "determined" if is_determined else "not determined"
         figures = " and ".join(f"{name} {end}" for name, end in ends.items())
@@ -48,13 +48,13 @@ class Intrinsic(StrictModel):
     given: Figure
     """Value of the drive's camera."""
     found: Figure
-    """Estimate; that of the drive's camera where the data do not determine it."""
+    """Estimate; the given value if the data do not determine it."""
     sigma: Width | None
-    """Standard error of the estimate; null where the data do not determine it."""
+    """Standard error of the estimate; null if the data do not determine it."""
     half_width_95: Width | None
-    """Half width of its 95 % interval, by Student's t; null where the data do not determine it."""
+    """Half width of its 95 % interval, by Student's t; null if the data do not determine it."""
     is_determined: bool
-    """Whether the data tell it more closely than what was known before."""
+    """Whether the data determine it better than it was known before."""
 
     @model_validator(mode="after")
     def _check_determined(self) -> Intrinsic:
@@ -83,9 +83,9 @@ class RefinedCamera(StrictModel):
         ]
         | None
     )
-    """Covariance of the pose's twist xi, in metres and radians, of the intrinsics in their order, and last of the
-    offset of the clock in seconds, if it was estimated and is determined; null if it could not be computed. It is about
-    the pose of the estimate, which is the transform only if it is kept."""
+    """Covariance of the twist xi of the pose, in metres and radians, then of the intrinsics in order, then of the time
+    offset in seconds, if it was estimated and is determined; null if it could not be computed. It holds at the pose of
+    the estimate, which is the transform only if the estimate is kept."""
 
     @model_validator(mode="after")
     def _check_names(self) -> RefinedCamera:
@@ -103,19 +103,19 @@ class RefinedCamera(StrictModel):
 
 
 class Clock(StrictModel):
-    """Offset of the camera's clock that was estimated together with the pose."""
+    """Time offset of the camera that was estimated together with the pose."""
 
     time_offset_s: Offset
-    """Time by which images are later than image_stamp says, in seconds; negative if they are earlier. It takes the
-    place of the drive's own offset, which it contains."""
+    """Time by which images are later than image_stamp says, in seconds; negative if they are earlier. It
+    replaces the offset of the drive, which it includes."""
     given_s: Offset | None = None
-    """Offset that the drive had when the calibration began, in seconds. Absent in files that do not state it."""
+    """Offset of the drive when the calibration started, in seconds. Absent in older files."""
     sigma_s: Width | None
     """Standard error of the estimate; null if it is not determined."""
     half_width_95_s: Width | None
     """Half width of the 95 % interval, by Student's t; null if it is not determined."""
     is_determined: bool
-    """Whether the drive's motion tells the offset."""
+    """Whether the motion of the drive determines the offset."""
     is_kept: bool
     """Whether the transform belongs to images that are later by the offset. If not, it belongs to those of the
     drive."""
@@ -129,9 +129,9 @@ class Clock(StrictModel):
         ]
         | None
     ) = None
-    """Covariance of the pose's twist xi, in metres and radians, and last of the offset in seconds, whatever the
-    intrinsics are if these were estimated, too; null if the offset is not determined. It is about the pose of the
-    estimate, which is the transform only if it is kept. Absent in files that do not state it."""
+    """Covariance of the twist xi of the pose, in metres and radians, then of the offset in seconds, marginalised over
+    the intrinsics if these were estimated, too; null if the offset is not determined. It holds at the pose of the
+    estimate, which is the transform only if the estimate is kept. Absent in older files."""
 
     @model_validator(mode="after")
     def _check_determined(self) -> Clock:
@@ -156,16 +156,16 @@ class IntrinsicText(NamedTuple):
     given: str
     found: str
     half_width: str
-    """Half width of the 95 % interval; empty where the data do not determine the intrinsic."""
+    """Half width of the 95 % interval; empty if the data do not determine the intrinsic."""
     unit: str
-    """` px` of those of K; the others have none."""
+    """` px` for those in K, empty for the others."""
 
     @property
     def line(self) -> str:
         """The intrinsic with its interval, and the value that the drive has."""
         if self.half_width:
             return f"{self.name} {self.found} +- {self.half_width}{self.unit} (drive: {self.given})"
-        return f"{self.name} not determined: it stays at {self.given}{self.unit}"
+        return f"{self.name} not determined: kept at {self.given}{self.unit}"
 
 
 def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
@@ -177,21 +177,21 @@ def intrinsic_texts(camera: RefinedCamera) -> list[IntrinsicText]:
         else:
             half = figure(each.half_width_95)
             digits = len(half.partition(".")[2])
-            # Adding zero leaves no -0.0000.
+            # Adding zero avoids -0.0000.
             given, found = (f"{round(value, digits) + 0.0:.{digits}f}" for value in (each.given, each.found))
         texts.append(IntrinsicText(name, given, found, half, " px" if name in OF_K else ""))
     return texts
 
 
 def kept_sentence(camera: RefinedCamera) -> str:
-    """Say whether the transform belongs to the found intrinsics, and what held-out data say of them."""
+    """Say whether the transform belongs to the found intrinsics, and what held-out data gain by them."""
     sigma = camera.held_out_sigma_nats
     gain = f"{camera.held_out_gain_nats:.4f}{'' if sigma is None else f' +- {sigma:.4f}'} nats"
     if camera.is_kept:
-        return f"kept: on data that was held out they gain {gain}"
+        return f"kept: held-out data gain {gain}"
     if not any(each.is_determined for each in camera.intrinsics.values()):
         return f"not kept: the data determine none of them; {OF_DRIVE}"
-    return f"not kept: on data that was held out they gain {gain}; {OF_DRIVE}"
+    return f"not kept: held-out data gain {gain}; {OF_DRIVE}"
 
 
 def clock_sentence(clock: Clock) -> str:
@@ -199,24 +199,28 @@ def clock_sentence(clock: Clock) -> str:
     if not clock.is_determined or clock.half_width_95_s is None:
         return clock.meaning
     interval = f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms"
-    return interval if clock.is_kept else f"{interval}; not kept: the transform belongs to the drive's stamps"
+    return (
+        interval
+        if clock.is_kept
+        else f"{interval}; not kept: the transform belongs to the stamps of the drive"
+    )
 
 
 def offset_words(time_offset_s: float) -> str:
     """Say by how much images are later or earlier than their stamps say."""
     if time_offset_s == 0.0:
-        return "stamps of images are right"
+        return "image stamps are right"
     side = "later" if time_offset_s > 0.0 else "earlier"
     return f"images are {1000.0 * abs(time_offset_s):.1f} ms {side} than their stamps say"
 
 
 def camera_differences(found: Camera, other: Camera, whose: str) -> list[str]:
-    """List what a camera has that another one has not; how well it is known makes it no other one.
+    """List the differences between two cameras, except for how well they are known.
 
     Args:
         found: The camera.
         other: The other camera.
-        whose: Name of the other one, which stands beside its figures.
+        whose: Name of the other camera, to put before its values.
     """
     values = {name: (intrinsic_value(found, name), intrinsic_value(other, name)) for name in OF_K}
     differences = [f"{name} {a:.6g} ({whose}: {b:.6g})" for name, (a, b) in values.items() if a != b]

@@ -1,4 +1,4 @@
-"""What to do next, as commands that a shell takes as they stand."""
+"""What to do next, as commands to paste into a shell."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from semcal_cli.result.calibration import Calibration
 
 Rows: TypeAlias = list[tuple[str, str]]
-"""Labels and texts."""
+"""Pairs of a label and a text."""
 TROUBLESHOOTING = f"{ADDRESS}/troubleshooting/"
-"""Address of the page that explains every doubt."""
+"""Address of the page that explains every finding."""
 
 
 def shell(*words: object) -> str:
@@ -26,12 +26,12 @@ def shell(*words: object) -> str:
 
 
 def drive_name(path: Path) -> Path:
-    """Name a drive by its folder, which is shorter, unless its file has a name of its own."""
+    """Name a drive by its folder, which is shorter, unless its file has another name than usual."""
     return path.parent if path.name == DRIVE_FILE else path
 
 
 def after_import(drive: Drive) -> str:
-    """Write the command that follows the import of a drive: a network labels images that have no labels."""
+    """Write the command that follows the import of a drive; a network labels images without labels."""
     first, name = drive.frames[0], drive_name(drive.path)
     if first.image_labels is None and first.image is None:
         return shell("inspect", name)
@@ -42,7 +42,7 @@ def after_import(drive: Drive) -> str:
 def after_calibration(calibration: Calibration, result: Path) -> Rows:
     """Say what to do with a calibration that was written to a file.
 
-    A result that is trusted is looked at, brought into a robot, and verified later.
+    A trusted result is looked at, converted for a robot, and verified later.
     """
     drive = drive_name(Path(os.path.normpath(result.parent / calibration.input.drive)))
     is_start = calibration.status == "not_assessed" and [*calibration.stages] == ["initial"]
@@ -59,6 +59,6 @@ def after_calibration(calibration: Calibration, result: Path) -> Rows:
         return [
             ("next", shell("overlay", drive, result, "-o", result.with_name(f"{result.stem}_overlay"))),
             ("for a robot", shell("convert", result, "--to", "ros2-static-transform")),
-            ("on a later drive", f"semcal verify tells whether {result.name} still holds"),
+            ("on a later drive", f"semcal verify checks whether {result.name} still holds"),
         ]
     return []

@@ -17,7 +17,7 @@ from semcal_cli.files.reading import hash_file
 from semcal_cli.result.sections import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
-"""Packages whose versions may change the answer, where they are installed."""
+"""Packages whose versions may affect the result, if they are installed."""
 
 
 def describe_input(
@@ -31,10 +31,10 @@ def describe_input(
 
     Args:
         drive: The drive.
-        init: File or drive of the initial pose, if there is one.
+        init: File or drive of the initial pose, if any.
         relative_to: Folder of the result. Paths are relative to it, except those of the drive's own files.
         keys: Keys of a frame's files that were read.
-        known: SHA-256 by the real paths of files; missing ones are added.
+        known: SHA-256 by the real paths of files; new ones are added.
 
     Raises:
         InputError: a file cannot be read.
@@ -62,12 +62,12 @@ def describe_input(
 
 
 def hash_named(drive: Drive, name: str, known: dict[str, str] | None = None) -> str:
-    """Compute the SHA-256 of a file of a drive, or of the array that stands in its place.
+    """Compute the SHA-256 of a file of a drive, or of the array in its place.
 
     Args:
         drive: The drive.
         name: Name of the file or of the array.
-        known: SHA-256 by the real paths of files; missing ones are added.
+        known: SHA-256 by the real paths of files; new ones are added.
 
     Raises:
         InputError: the file cannot be read.
@@ -78,7 +78,7 @@ def hash_named(drive: Drive, name: str, known: dict[str, str] | None = None) -> 
 
 
 def _networks(drive: Drive, keys: Sequence[str]) -> LabelNetworks | None:
-    """Take from a drive the networks that made the labels among the files that were read."""
+    """List the networks of a drive that made the labels among the files that were read."""
     made = drive.networks or LabelNetworks()
     sides = {"image": "image_labels", "points": "point_labels"}
     read = {side: getattr(made, side) for side, key in sides.items() if key in keys}
@@ -95,7 +95,7 @@ def hash_files(
     Args:
         paths: The files.
         relative_to: The folder.
-        known: SHA-256 by the real paths of files; missing ones are added.
+        known: SHA-256 by the real paths of files; new ones are added.
 
     Raises:
         InputError: a file cannot be read.
@@ -112,9 +112,9 @@ def _sha256(path: Path, known: dict[str, str]) -> str:
 
 
 def camera_hash(camera: Camera) -> str:
-    """Hash a camera's image size, intrinsics and lens, without the zeros it ends with, to 16 digits.
+    """Hash the image size, intrinsics and lens of a camera, without trailing zeros, to 16 digits.
 
-    How well the intrinsics are known makes no other camera.
+    How well the intrinsics are known does not matter.
     """
     camera = camera.model_copy(update={"intrinsics_sigma": None})
     document = without_last_zeros(camera).model_dump_json()
@@ -122,7 +122,7 @@ def camera_hash(camera: Camera) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Read the versions of semcal and of the libraries that compute."""
+    """Read the versions of semcal and its numerical libraries."""
     found = {}
     for name in LIBRARIES:
         with suppress(PackageNotFoundError):

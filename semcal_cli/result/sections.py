@@ -31,7 +31,7 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class InputFrame(StrictModel):
-    """Files of a frame that was used, as the drive names them."""
+    """Files of a frame that was used, as named in the drive."""
 
     points: FileName
     """File of the point cloud."""
@@ -57,22 +57,22 @@ class Input(StrictModel):
     frames: Annotated[tuple[InputFrame, ...], length(0)]
     """Frames that were used."""
     sha256: dict[str, Sha256]
-    """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is
-    named by its relative path. Images that only the check of labels looked at are left out. Of arrays it is that of
-    the .npy file that `numpy.save` writes, by names such as points[3]."""
+    """SHA-256 of each file that the pose was computed from, by its name in the drive. The file of an initial pose is
+    named by its relative path. Images used only to check labels are left out. An array has the hash of the .npy file
+    that `numpy.save` writes, under a name such as points[3]."""
     networks: LabelNetworks | None = None
-    """Networks that made the labels that were read, as the drive names them."""
+    """Networks that made the labels that were read, as named in the drive."""
 
 
 class Settings(StrictModel):
-    """Settings that change the answer."""
+    """Settings that affect the result."""
 
     options: dict[str, JsonValue]
     """Options by name."""
     seed: int
     """Seed of every random choice."""
     versions: dict[str, str]
-    """Versions of semcal and of the libraries that compute."""
+    """Versions of semcal and its numerical libraries."""
 
     @field_validator("options")
     @classmethod
@@ -91,7 +91,7 @@ class Quality(StrictModel):
     """Agreement of the labels under the transform, over all frames."""
 
     mutual_information_nats: Figure
-    """Mutual information of point labels and pixel labels, as the plug-in estimate."""
+    """Mutual information of point labels and image labels, as the plug-in estimate."""
     bias_nats: Figure
     """Miller and Madow's estimate of the bias by which the mutual information is too high."""
     label_agreement: Share
@@ -115,18 +115,18 @@ class Stage(StrictModel):
     mutual_information_nats: Figure
     """Mutual information at this transform, as the plug-in estimate."""
     bound_nats: float | None = None
-    """Donsker-Varadhan bound on the mutual information with which MINE ended, as the mean over its last steps; null for
-    stages without MINE."""
+    """Final Donsker-Varadhan bound of MINE on the mutual information, as the mean over its last steps; null for stages
+    without MINE."""
 
 
 class HeldOut(StrictModel):
     """Test of the polish on data that it did not use."""
 
     accepted: bool
-    """Whether the labels agree no worse after the polish, within three standard errors. If not, the pose before it is
+    """Whether the labels agree no worse after the polish, within three standard errors. If not, the previous pose is
     kept."""
     held_out_gain_nats: Figure
-    """Mutual information of the held-out data after the polish minus before it; the adjusted one of segments."""
+    """Mutual information of the held-out data after the polish minus before it; adjusted MI for segments."""
     held_out_sigma_nats: Width | None
     """Standard error of the gain; null if all points lie in one part of the images."""
 
@@ -146,8 +146,8 @@ class Hypothesis(StrictModel):
     overlap: Share
     """Share of the image's area that visible points cover."""
     num_pairs: Count | None
-    """Number of labelled returns that the registration placed on labelled pixels, among those that it looked at; null
-    without a registration."""
+    """Number of labelled returns that the registration placed on labelled pixels, among those it used; null without a
+    registration."""
     num_inliers: Count | None
     """Number of inliers of PnP among the pairs of a point and a pixel; null without PnP."""
     rotation_from_best_deg: Width
@@ -164,25 +164,25 @@ class Hypothesis(StrictModel):
         return self.mutual_information_nats - self.bias_nats
 
     def margin(self, other: Hypothesis) -> float:
-        """Compute how far another hypothesis is behind, in standard errors of the difference of mutual information.
+        """Compute how much worse another hypothesis is, in standard errors of the difference of mutual information.
 
-        The two errors are taken as independent. They are not if the views overlap, and then the margin is too small,
-        which is the safe side.
+        The two errors are assumed to be independent. If the views overlap, they are not, and the margin is too small,
+        which is on the safe side.
         """
         if self.sigma_nats is None or other.sigma_nats is None:
             return 0.0
         sigma = math.hypot(self.sigma_nats, other.sigma_nats)
-        # Without scatter the error is unknown, which counts as no margin.
+        # Without scatter the error is unknown, so there is no margin.
         return (self.corrected_nats - other.corrected_nats) / sigma if sigma > 0.0 else 0.0
 
 
 class Repeatability(StrictModel):
-    """Results with other seeds and the same data, which show the influence of chance on the answer."""
+    """Results with other seeds on the same data, which show the influence of chance."""
 
     num_seeds: Annotated[int, Field(ge=2)]
     """Number of consecutive seeds, including that of this calibration."""
     num_failed: Count
-    """Number of seeds that gave no answer."""
+    """Number of seeds that gave no result."""
     spread_camera_center_m: Widths | None
     """Standard deviations of the camera's position along its axes, in metres; null if all other seeds failed."""
     spread_rotation_deg: Widths | None
@@ -194,7 +194,7 @@ class Repeatability(StrictModel):
 
 
 class Movement(StrictModel):
-    """Movement of the camera itself, along and about its own axes before it.
+    """Movement of the camera itself, along and about its axes before the movement.
 
     The intervals hold for all six axes together.
     """
@@ -210,7 +210,7 @@ class Movement(StrictModel):
 
     @property
     def words(self) -> str:
-        """Say how far the camera turned and moved, as far as either is more than chance."""
+        """Say how far the camera turned and moved, where either is more than chance."""
         turned = _words(self.rotation_deg, self.half_width_95_rotation_deg)
         moved = _words(self.camera_center_m, self.half_width_95_camera_center_m)
         found = [f"turned by {turned[0]:.2f} +- {turned[1]:.2f} degrees about {turned[2]}"] if turned else []
@@ -231,7 +231,7 @@ class DrivePart(StrictModel):
     T_camera_lidar: Transform
     """Transform that these frames fit, p_camera = T_camera_lidar * p_lidar, in metres."""
     moved: Movement | None = None
-    """Movement of the camera since the part before; null in the first part."""
+    """Movement of the camera since the previous part; null in the first part."""
 
 
 def _words(offset: Sequence[float], half_widths: Sequence[float]) -> tuple[float, float, str] | None:

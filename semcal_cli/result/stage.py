@@ -16,16 +16,15 @@ class Finding(NamedTuple):
     """Something that speaks against a pose. The absence of findings does not prove that a pose is right."""
 
     topic: str
-    """Short name of what it is about, which stays as sentences change: the anchor of its entry in
-    docs/troubleshooting.md."""
+    """Short name that stays when sentences change, and the anchor of the entry in docs/troubleshooting.md."""
     found: str
     """What was found, with its figure and what was needed."""
     advice: str
-    """What to do about it, as an order: record, check, give or the like."""
+    """What to do about it, in the imperative."""
 
     @property
     def sentence(self) -> str:
-        """The sentence for a person: what was found, and what to do about it."""
+        """The sentence to show: what was found, and what to do about it."""
         return f"{self.found}: {self.advice}"
 
 
@@ -38,15 +37,15 @@ class StageResult:
     agreement: _core.Agreement
     """Agreement of the labels at this pose, over all frames."""
     bound_nats: float | None = None
-    """Donsker-Varadhan bound on the mutual information (eq. 5) with which MINE ended; None for other stages."""
+    """Final Donsker-Varadhan bound of MINE on the mutual information (eq. 5); None for other stages."""
     findings: tuple[Finding, ...] = ()
     """Findings of the stage against the pose."""
     note: str = ""
-    """What the stage did, in words for anybody; empty if its movement says it all."""
+    """What the stage did, in plain words; empty if its movement says it all."""
     details: str = ""
-    """What else an expert wants to know of it."""
+    """Further details for experts."""
     settings: Mapping[str, object] = field(default_factory=dict)
-    """Options of the stage that change the answer, by name."""
+    """Options of the stage that affect the result, by name."""
 
 
 Result = TypeVar("Result", bound=StageResult)
@@ -55,20 +54,20 @@ Result = TypeVar("Result", bound=StageResult)
 def announced(
     name: str, doing: str, stage: Callable[[], Result], on_event: Listener, T_before: Pose | None = None
 ) -> Result:
-    """Run a stage, and tell a listener what it does, and then what it found.
+    """Run a stage, and tell a listener when it starts and what it found.
 
     Args:
         name: Name of the stage, as in the result.
-        doing: A verb and what it is about, as `refining`.
-        stage: Finds the pose.
+        doing: What it does, such as `refining`.
+        stage: Function that finds the pose.
         on_event: Called with both events.
-        T_before: (4, 4) pose that the stage starts from; None if it starts from none.
+        T_before: (4, 4) pose that the stage starts from; None without one.
     """
     on_event(Progress(doing))
     start = perf_counter()
     found = stage()
     moved = None
-    # A stage that keeps the pose before it gives that pose itself, and has moved nothing.
+    # A stage that keeps the previous pose returns the same object, and has not moved it.
     if T_before is not None and found.T_camera_lidar is not T_before:
         moved = compare_poses(found.T_camera_lidar, T_before)
     seconds = perf_counter() - start

@@ -1,4 +1,4 @@
-"""The limits of all checks in docs/troubleshooting.md, which this command writes anew into the file that is named."""
+"""Command that regenerates the limits of all checks in a page, docs/troubleshooting.md."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from semcal_cli.result.checks import CHECKS, Check, Evidence, Limit
 
 WIDTH = 120
 ENTRY = re.compile(r'^### <a id="([a-z-]+)"></a>.*?(?=^##|\Z)', re.MULTILINE | re.DOTALL)
-"""Entry of a check, with its topic; the limits stand last."""
+"""Entry of a check, with its topic; the limits come last."""
 LIMITS = "- **Limit.** "
 
 
 def with_limits(page: str) -> str:
-    """Write the limits of all checks anew into the page."""
+    """Regenerate the limits of all checks in the page."""
     return ENTRY.sub(lambda entry: _with_limits(entry[0], CHECKS[entry[1]]), page)
 
 
@@ -30,7 +30,7 @@ def _with_limits(entry: str, check: Check) -> str:
 
 
 def _words(name: str, limit: Limit) -> str:
-    """Say what a limit is, and where it comes from."""
+    """Describe a limit and its source."""
     most = "at least" if limit.at_most is None else "at most"
     sentence = f"{f'For {name}, {most}' if name else most.capitalize()} {limit.words(limit.value)}"
     if limit.measured is None:

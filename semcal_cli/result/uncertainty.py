@@ -20,9 +20,9 @@ WEAK_DEG = 0.15
 """Half width of a 95 % interval of the rotation, in degrees, beyond which a direction is weak."""
 
 MAX_VARIANCE = 1e40
-"""Largest entry of a covariance, in square metres and square radians: beyond any result, and no sum overflows."""
+"""Largest entry of a covariance, in square metres and square radians: above any result, without overflow."""
 COVARIANCE_TOLERANCE = 1e-6
-"""Largest departure from a symmetric, positive semidefinite matrix, as a share of its largest entry: round-off."""
+"""Largest deviation from a symmetric, positive semidefinite matrix, relative to its largest entry: round-off."""
 
 NORMAL_95 = 1.959964
 """Standard errors to either side that contain 95 % of a normal distribution."""
@@ -33,7 +33,7 @@ PLACES = "camera to the right (x)", "camera down (y)", "camera forward (z)"
 """Offsets of the camera's centre along its axes."""
 TURNS = "pitch, looks down (about x)", "yaw, looks left (about y)", "roll, leans left (about z)"
 """Offsets of the rotation about them. A positive angle turns what the camera sees, as a twist on the left of
-T_camera_lidar does, so that the camera itself turns the other way."""
+T_camera_lidar does; the camera itself turns the other way."""
 AXIS_NAMES = *PLACES, *TURNS
 CHECK_NAMES = dict(
     zip(
@@ -52,7 +52,7 @@ ELLIPSE_95 = 2.447747
 
 
 def check_covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
-    """Check that a square matrix is symmetric and positive semidefinite, but for round-off.
+    """Check that a square matrix is symmetric and positive semidefinite, up to round-off.
 
     Raises:
         ValueError: it is not.
@@ -89,7 +89,7 @@ def check_part(part: CovarianceEntries | None, whole: CovarianceEntries | None) 
 
 
 class PoseChange(StrictModel):
-    """Change of the pose, without its sign."""
+    """Absolute change of the pose."""
 
     camera_center_m: Widths
     """Absolute change of the camera's position along its axes, in metres."""
@@ -98,11 +98,11 @@ class PoseChange(StrictModel):
 
 
 class LabelBleed(PoseChange):
-    """Change of the pose if the labels of all images bled by one pixel. More frames do not reduce it."""
+    """Change of the pose if labels bled by one pixel in all images. More frames do not reduce it."""
 
 
 class IntrinsicsCost(StrictModel):
-    """Changes of the pose by intrinsics that are a little off. More frames do not reduce them, as all share K."""
+    """Changes of the pose by small errors of the intrinsics. More frames do not reduce them, because all share K."""
 
     fx: PoseChange
     """Change of the pose if fx were off by 0.1 %."""
@@ -115,7 +115,7 @@ class IntrinsicsCost(StrictModel):
 
     @property
     def together(self) -> tuple[float, float]:
-        """Change of the camera's position, in metres, and rotation, in degrees, by all four as independent errors."""
+        """Change of the camera's position, in metres, and rotation, in degrees, by all four errors if independent."""
         each = self.fx, self.fy, self.cx, self.cy
         center = np.linalg.norm([change.camera_center_m for change in each])
         return float(center), float(np.linalg.norm([change.rotation_deg for change in each]))
@@ -127,12 +127,12 @@ class Uncertainty(StrictModel):
     covariance: Covariance
     """Covariance of xi, in metres and radians."""
     degrees_of_freedom: Annotated[tuple[Width, ...], length(6, 6)]
-    """Degrees of freedom of Student's t for each component of xi. They are about the number of independent parts of the
-    images that determine it."""
+    """Degrees of freedom of Student's t for each component of xi: about the number of independent parts of the images
+    that determine it."""
     sigma_camera_center_m: Widths
     """Standard errors of the camera's position along its axes, in metres."""
     sigma_translation_m: Widths
-    """Standard errors of translation_m, in metres. A rotation about the camera changes this translation as well."""
+    """Standard errors of translation_m, in metres. A rotation about the camera changes translation_m as well."""
     sigma_rotation_deg: Widths
     """Standard errors of the rotation about the camera's axes, in degrees."""
     half_width_95_camera_center_m: Widths
@@ -140,14 +140,14 @@ class Uncertainty(StrictModel):
     half_width_95_rotation_deg: Widths
     """Half widths of the 95 % intervals of the rotation about the camera's axes, in degrees, by Student's t."""
     weak_directions: Annotated[tuple[str, ...], length(0)] = ()
-    """Sentences about directions that the data hardly determine."""
+    """Sentences about directions that the data barely determine."""
     label_bleed: LabelBleed | None = None
     """Change of the pose by bleeding labels; null if it was not or could not be computed."""
     intrinsics_cost: IntrinsicsCost | None = None
-    """Changes of the pose by intrinsics that are a little off; null if they were not or could not be computed."""
+    """Changes of the pose by small errors of the intrinsics; null if they were not or could not be computed."""
     covariance_of_intrinsics: Covariance | None = None
     """Part of the covariance that is due to errors of the intrinsics, which more frames do not reduce; null if they are
-    exact, were estimated, or what they cost could not be computed."""
+    exact, were estimated, or their effect could not be computed."""
 
     @model_validator(mode="after")
     def _check_part(self) -> "Uncertainty":
@@ -196,7 +196,7 @@ class Uncertainty(StrictModel):
 
 
 def normal_half_widths(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the half widths (6,) of the 95 % intervals of a covariance (6, 6) that is known: metres and degrees."""
+    """Compute the half widths (6,) of the 95 % intervals of a known covariance (6, 6), metres and degrees."""
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return np.concatenate([NORMAL_95 * sigmas[:3], NORMAL_95 * np.degrees(sigmas[3:])])
 
@@ -233,7 +233,7 @@ def _weak_directions(half_widths: Sequence[float]) -> tuple[str, ...]:
 
 
 def intervals(half_widths: Sequence[float]) -> tuple[str, str]:
-    """Tell the intervals of the camera's place along x, y and z, and of pitch, yaw and roll.
+    """Format the intervals of the camera's position along x, y and z, and of pitch, yaw and roll.
 
     Args:
         half_widths: (6,), metres and degrees.
@@ -246,13 +246,13 @@ def intervals(half_widths: Sequence[float]) -> tuple[str, str]:
 
 
 def widest(half_widths: Sequence[float]) -> str:
-    """Tell the widest of the intervals (6,), metres and degrees, of the place and of the rotation."""
+    """Format the widest of the intervals (6,), metres and degrees, of the position and of the rotation."""
     center_mm, rotation_deg = 1000.0 * max(half_widths[:3]), max(half_widths[3:])
     return f"+- {center_mm:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
 
 
 def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
-    """State the widest 95 % intervals of a pose, what errors of K are of them, and what they are straight ahead."""
+    """Format the widest 95 % intervals of a pose, the part of them by errors of K, and the error straight ahead."""
     radius_px = image_radius_px(uncertainty, camera, AHEAD_M)
     in_image = "" if radius_px is None else f", {figure(radius_px)} px at {AHEAD_M:g} m"
     of_intrinsics, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""
@@ -263,9 +263,9 @@ def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
 
 
 def image_radius_px(uncertainty: Uncertainty, camera: Camera, depth_m: float) -> float | None:
-    """Compute how far a point straight ahead may land from its place: longest half axis of its 95 % ellipse.
+    """Compute the longest half axis of the 95 % ellipse of a point straight ahead, in pixels.
 
-    It is of first order in the twist.
+    It is a first-order approximation in the twist.
 
     Args:
         uncertainty: Uncertainty of the pose.

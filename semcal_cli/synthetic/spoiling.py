@@ -85,7 +85,7 @@ def knocked(
 
 
 def as_it_is(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Nothing happens to the drive."""
+    """The drive is not changed."""
     return raw
 
 

@@ -1,1 +1,1 @@
-"""A drive that is moved by hand: a page on this machine alone, with the points on an image as the pose changes."""
+"""A local page on which the pose of a drive is moved by hand, with the points on the image."""

@@ -1,4 +1,4 @@
-"""The page's server: on this machine alone, at an address that nobody guesses."""
+"""Server of the page, on this machine only, at an address that cannot be guessed."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HEADERS = {
 
 
 class ViewServer(ThreadingHTTPServer):
-    """Answers the page of one session until it is shut down."""
+    """Serve the page of one session until it is shut down."""
 
     daemon_threads = True
 
@@ -42,11 +42,11 @@ class ViewServer(ThreadingHTTPServer):
         """Listen on this machine.
 
         Args:
-            session: What is shown.
+            session: Session to show.
             port: Port to listen on; 0 takes a free one.
 
         Raises:
-            InputError: the port cannot be had.
+            InputError: the port is not available.
         """
         self.session, self.token = session, secrets.token_urlsafe(TOKEN_BYTES)
         self.ended = threading.Event()
@@ -56,10 +56,10 @@ class ViewServer(ThreadingHTTPServer):
             raise InputError(f"--port {port}: {os_reason(error)}, needed a free port") from None
 
     def answer_until_ended(self) -> None:
-        """Answer until the page ends it, or until Ctrl-C."""
+        """Serve until the page ends it, or until Ctrl-C."""
         threading.Thread(target=self.serve_forever, daemon=True).start()
         try:
-            # Waits in short turns, so that Ctrl-C is noticed on every system.
+            # Waiting in short turns lets Ctrl-C through on every system.
             while not self.ended.wait(timeout=0.5):
                 pass
         finally:
@@ -72,17 +72,17 @@ class ViewServer(ThreadingHTTPServer):
         return f"http://{HOST}:{self.server_port}/{self.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of browsers that close a connection before its end."""
+        """Ignore browsers that close a connection early."""
         if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers one request."""
+    """Answer one request."""
 
     server: ViewServer
     timeout = 30.0
-    """Seconds for which a connection may say nothing."""
+    """Longest silence on a connection, seconds."""
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "semcal", ""
 
@@ -90,7 +90,7 @@ class Handler(BaseHTTPRequestHandler):
         """Print nothing."""
 
     def do_GET(self) -> None:
-        """Give the page, or an image."""
+        """Serve the page, or an image."""
         name, session = self._asked_name(), self.server.session
         if name == "":
             self._answer("text/html; charset=utf-8", lambda: page_html(session).encode())
@@ -100,7 +100,7 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:
-        """Answer a question about a pose."""
+        """Answer a request about a pose."""
         session = self.server.session
         questions = {"points": session.points, "refine": session.refine, "save": session.save}
         if session.output is not None:
@@ -119,7 +119,7 @@ class Handler(BaseHTTPRequestHandler):
                 self.server.ended.set()
 
     def _asked_name(self) -> str | None:
-        """What is asked for, below the token; None without the right token, or by a page of another site."""
+        """Name of what is asked for, after the token; None if the token is wrong or another site asks."""
         own = {f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}"}
         origin = self.headers.get("Origin")
         is_own = self.headers.get("Host") in own and (origin or None) in {
@@ -131,14 +131,14 @@ class Handler(BaseHTTPRequestHandler):
         return name if is_own and is_right and slash else None
 
     def _answer(self, kind: str, ask: Callable[[], bytes]) -> bool:
-        """Send what is found, or why it is not; return whether it is found."""
+        """Send the result, or the error; return whether there is a result."""
         try:
             content = ask()
         except SemcalError as error:
             why = " ".join(str(error).splitlines())
         except OSError as error:
             why = f"{error.filename or 'view'}: {os_reason(error)}"
-        except Exception as error:  # a defect: the page says so, and the server goes on
+        except Exception as error:  # a bug: the page reports it, and the server goes on
             why = f"semcal failed unexpectedly: {type(error).__name__}: {error}"[:MAX_ERROR]
         else:
             self._send(HTTPStatus.OK, kind, content)
@@ -148,7 +148,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def _refuse(self, status: HTTPStatus) -> None:
         self.close_connection = True
-        words = f"{status.phrase}. The page is at the address that semcal view printed, port and all."
+        words = f"{status.phrase}. Open the whole address that semcal view printed, including the port."
         self._send(status, "text/plain", words.encode())
 
     def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:

@@ -1,4 +1,4 @@
-"""What the page asks of a drive: points, agreement and information at a pose, and a calibration from there."""
+"""Answers to the page: points, agreement and information at a pose, and a calibration from there."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ MOUNTINGS = {
     "up, along z": (0.0, -90.0, 0.0),
     "down, against z": (0.0, 90.0, 0.0),
 }
-"""Roll, pitch and yaw in degrees of upright cameras by the way they look, in the LiDAR frame."""
+"""Roll, pitch and yaw in degrees of upright cameras, by the direction they look in, in the LiDAR frame."""
 INTENSITIES = (0.01, 0.99)
-"""Quantiles between which colours tell intensities apart."""
+"""Quantiles of intensity at the ends of the colour scale."""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """A pose that the page shows: where it began, and how far it was moved from there."""
+    """A pose that the page shows: where it started, and how far it was moved from there."""
 
     T_base: Pose
     """(4, 4) T_camera_lidar before it is moved."""
@@ -88,7 +88,7 @@ class Placed:
 
 
 class Session:
-    """A drive as the page asks for it. Questions may come at the same time."""
+    """A drive as the page asks for it. Requests may be concurrent."""
 
     def __init__(
         self,
@@ -99,13 +99,13 @@ class Session:
         output: Path | None = None,
         unlabelled: str = "",
     ) -> None:
-        """Take a drive.
+        """Take a loaded drive.
 
         Args:
             data: The drive, as `load` returns it; without classes if it has no labels.
             clouds: Its sweeps as they were read, for their intensities.
-            config: Settings of a calibration that starts at a pose of the page.
-            start: (4, 4) T_camera_lidar that the page begins with; None offers mountings.
+            config: Settings of calibrations that start at a pose of the page.
+            start: (4, 4) T_camera_lidar that the page starts with; None offers mountings.
             output: File that a pose is saved to; None if the browser saves it.
             unlabelled: Reason why points have no classes; empty if they have.
         """
@@ -121,7 +121,7 @@ class Session:
 
     @cached_property
     def page(self) -> dict[str, Any]:
-        """What the page is made of that does not change with the pose."""
+        """Content of the page that does not depend on the pose."""
         observations, camera = self.observations, self.data.drive.camera
         has_labels, has_intensities = not self.unlabelled, all(each is not None for each in self._intensities)
         choices = [coloring_of(observations)] * has_labels + ["depth"]
@@ -196,14 +196,14 @@ class Session:
         """Calibrate from a pose, as `semcal calibrate --init` does from the saved one.
 
         Raises:
-            InputError: there is no such pose, the drive has no labels, or another calibration is going on.
+            InputError: there is no such pose, the drive has no labels, or another calibration is still running.
             CalibrationError: the data give no answer.
         """
         if self.unlabelled:
             raise InputError(self.unlabelled)
         start = InitialPose(Placed.read(asked).T_camera_lidar, name="the pose of the page")
         if not self._refining.acquire(blocking=False):
-            raise InputError("view: found a calibration that is going on, needed its end")
+            raise InputError("view: found a calibration still running, needed it to finish")
         try:
             calibration = calibrate(self.data, self.config, initial_pose=start)
         finally:

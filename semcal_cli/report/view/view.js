@@ -5,13 +5,13 @@
   const picture = byId("picture"), canvas = byId("points"), background = byId("background");
   const sliders = [...document.querySelectorAll(".motion input[type=range]")];
   const numbers = [...document.querySelectorAll(".motion input[type=number]")];
-  // Largest motion of the sliders: centimetres, then degrees.
+  // Largest motion of the sliders, in centimetres and degrees.
   const REACHES = { fine: [5, 0.5], medium: [50, 10], whole: [500, 180] };
   const FARTHEST = 10000, KEY_STEP_PX = 4;
   const chosen = (name) => document.querySelector(`input[name=${name}]:checked`).value;
 
   const offsets = [0, 0, 0, 0, 0, 0];  // centimetres and degrees
-  const poses = [];  // those that were left by refining or by another mounting
+  const poses = [];  // poses before refining, resetting or choosing a mounting
   let base = data.start || Object.values(data.mountings)[0];
   let frame = 0, points = null;
   const course = [];
@@ -75,7 +75,7 @@
     picture.dataset.shown = Number(picture.dataset.shown || 0) + 1;
   }
 
-  // One question at a time; what changes meanwhile is asked once, afterwards.
+  // One request at a time; changes in the meantime are sent together afterwards.
   let isAsking = false, isStale = false;
   async function update() {
     isStale = true;
@@ -95,7 +95,7 @@
   }
 
   const reachOf = (i) => REACHES[chosen("reach")][i < 3 ? 0 : 1];
-  // A slider reaches about where it was set last: nothing is lost when the reach changes.
+  // A slider is centred on its last value, so that nothing is lost when the range changes.
   function center(i) {
     sliders[i].min = offsets[i] - reachOf(i);
     sliders[i].max = offsets[i] + reachOf(i);
@@ -126,7 +126,7 @@
   }));
   for (const input of document.querySelectorAll("input[name=reach]")) input.addEventListener("change", reach);
 
-  // The mouse on the image: what is under it follows.
+  // The mouse drags what is under it.
   let last = null;
   picture.addEventListener("pointerdown", (event) => {
     picture.setPointerCapture(event.pointerId);
@@ -140,7 +140,7 @@
     if (event.shiftKey) {
       place(5, offsets[5] + 0.25 * dx * data.degrees_per_pixel);
     } else if (event.ctrlKey || event.altKey) {
-      // As far as a thing 10 m away would follow the mouse.
+      // Objects 10 m away follow the mouse.
       const cm = 1000 * data.degrees_per_pixel * Math.PI / 180;
       place(0, offsets[0] - dx * cm);
       place(1, offsets[1] - dy * cm);
@@ -163,7 +163,7 @@
     place(2, offsets[2] - 0.02 * event.deltaY);
   }, { passive: false });
 
-  // Edges of the sweep are drawn on those of the image.
+  // Edges of the sweep are drawn on edges of the image.
   function showBackground() {
     const byEdge = chosen("colors") === "edge", source = `${byEdge ? "edges" : "picture"}/${frame}`;
     if (background.getAttribute("src") !== source) background.src = source;
@@ -204,7 +204,7 @@
     begin(data.mountings[mounting.value]);
   });
 
-  // What takes a while, or ends the page: the buttons wait.
+  // Buttons are disabled during what takes a while or ends the page.
   const buttons = ["refine", "save", "end", "back", "reset"].map(byId).filter(Boolean);
   async function during(doing, work) {
     tell(doing);
@@ -218,7 +218,7 @@
     }
   }
   const onClick = (id, doing, work) => byId(id) && byId(id).addEventListener("click", () => during(doing, work));
-  onClick("refine", "Refining: this takes some seconds.", async () => {
+  onClick("refine", "Refining, which takes a few seconds.", async () => {
     const found = await ask("refine", asked());
     leave();
     begin(found.T);
@@ -234,10 +234,10 @@
     }
     return found.path || "init.yaml";
   };
-  onClick("save", "Saving.", async () => tell(`Saved to ${saved(await ask("save", asked()))}: give it to semcal calibrate as --init.`));
+  onClick("save", "Saving.", async () => tell(`Saved to ${saved(await ask("save", asked()))}. Give it to semcal calibrate with --init.`));
   onClick("end", "Saving.", async () => {
     saved(await ask("end", asked()));
-    document.body.textContent = `Saved to ${data.saves_to}. The server has ended; this page can be closed.`;
+    document.body.textContent = `Saved to ${data.saves_to}. The server has stopped; you can close this page.`;
   });
 
   reach();
