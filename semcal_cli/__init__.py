@@ -1,11 +1,11 @@
-"""LiDAR-camera extrinsic calibration from semantic labels, without targets or a start guess.
+"""LiDAR-camera extrinsic calibration from ordinary driving data, without targets or an initial guess.
 
     import semcal_cli as semcal
 
     calibration = semcal.calibrate("my_drive")
     calibration.save("calibration.yaml")
 
-Names are looked up on first use, so that importing the package costs nothing.
+Names are imported on first use, so that importing the package costs nothing.
 """
 
 from importlib import import_module
@@ -81,7 +81,7 @@ __all__ = [*_MODULES, "__version__"]
 
 
 def __getattr__(name: str) -> object:
-    """Look a public name up on first use."""
+    """Import a public name on first use."""
     if name == "__version__":
         from importlib.metadata import version
 

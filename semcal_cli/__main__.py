@@ -5,7 +5,7 @@ import signal
 
 
 def main() -> None:
-    """Run the command line. While it is being loaded, Ctrl-C ends it without a word."""
+    """Run the command line. While it is being loaded, Ctrl-C ends it silently."""
     is_heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if is_heard:
         signal.signal(signal.SIGINT, lambda *_: os._exit(130))

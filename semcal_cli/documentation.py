@@ -1,6 +1,6 @@
-"""Addresses of the documentation: the entry of each finding, and the JSON Schema of each document.
+"""Addresses in the documentation: the entry of each finding, and the JSON Schema of each document.
 
-`pyproject.toml` and `mkdocs.yml` state the same address.
+`pyproject.toml` and `mkdocs.yml` contain the same address.
 """
 
 ADDRESS = "https://semcal.readthedocs.io"
@@ -22,7 +22,7 @@ def entry_address(topic: str) -> str:
 
 
 def schema_name(key: str, version: int) -> str:
-    """Name the file of the JSON Schema of a document that begins with this key and version."""
+    """Name the JSON Schema file of a document that begins with this key and version."""
     return f"{key}-{version}.schema.json"
 
 

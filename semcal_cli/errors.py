@@ -31,7 +31,7 @@ class InputError(SemcalError):
 
 
 class MisplacedError(InputError):
-    """A file is of another kind than needed, for instance because two arguments are swapped."""
+    """A file is of the wrong kind, for instance because two arguments are swapped."""
 
 
 class CalibrationError(SemcalError):
@@ -40,7 +40,7 @@ class CalibrationError(SemcalError):
 
 @contextmanager
 def about(path: Path) -> Iterator[None]:
-    """Name the file in errors of a stage that does not know it."""
+    """Name the file in the errors of a stage that does not know it."""
     try:
         yield
     except (InputError, CalibrationError) as error:
@@ -75,13 +75,13 @@ def describe(value: object) -> str:
 
 
 def told_apart(found: float, needed: float, digits: int = 0, unit: str = "") -> tuple[str, str]:
-    """Write what was found and what was needed with the digits that tell them apart.
+    """Format two numbers with enough digits to tell them apart.
 
     Args:
         found: What was found.
         needed: The limit, which is written without trailing zeros.
-        digits: Minimum number of digits after the point.
-        unit: "%" writes fractions as per cent.
+        digits: Minimum number of digits after the decimal point.
+        unit: "%" writes fractions as percentages.
     """
     scale = 100.0 if unit == "%" else 1.0
     for places in range(digits, digits + MAX_MORE_DIGITS + 1):
@@ -93,7 +93,7 @@ def told_apart(found: float, needed: float, digits: int = 0, unit: str = "") -> 
 
 
 def one_of(wanted: str, known: Iterable[str]) -> str:
-    """List the known names; if there are many, the nearest ones first."""
+    """List the known names; if there are many, the closest ones."""
     names = list(known)
     if not names:
         return "one, but there is none"
@@ -120,7 +120,7 @@ def os_reason(error: OSError) -> str:
 
 
 def is_installed(package: str) -> bool:
-    """Tell whether a library is installed, without importing it."""
+    """Whether a library is installed; it is not imported."""
     with suppress(ImportError):
         return find_spec(package) is not None
     return False
@@ -136,7 +136,7 @@ def check_installed(asked: str, package: str, extra: str) -> None:
 
     Args:
         asked: The option, file or command that needs it.
-        package: Name by which it is imported.
+        package: Its import name.
         extra: Extra of semcal that installs it.
 
     Raises:
@@ -157,7 +157,7 @@ def check_torch(asked: str) -> None:
 
 @contextmanager
 def torch_import() -> Iterator[None]:
-    """Import modules that import torch without garbage collection, because everything that torch creates stays.
+    """Import modules that import torch, without garbage collection: everything that torch creates stays.
 
     Raises:
         InputError: torch is installed, but cannot be imported, for instance because a system library is missing.

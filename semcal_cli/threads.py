@@ -18,7 +18,7 @@ def num_cores() -> int:
 
 
 def set_num_threads(num_threads: int | None) -> None:
-    """Set the number of threads of this process; None uses one for each core that it may use."""
+    """Set the number of threads of this process; None uses one per available core."""
     global _num_threads
     _num_threads = num_threads
     if num_threads is not None:
@@ -26,5 +26,5 @@ def set_num_threads(num_threads: int | None) -> None:
 
 
 def thread_pool() -> ThreadPoolExecutor:
-    """Make a pool of that many threads, for the `with` statement."""
+    """Make a pool with that number of threads, for the `with` statement."""
     return ThreadPoolExecutor(_num_threads or num_cores())

@@ -204,7 +204,7 @@ def test_ctrl_c_ends_all_processes(waited_s: float, drives: Path, tmp_path: Path
     _, told = process.communicate(timeout=10)
     assert process.returncode == 130
     assert "Traceback" not in told
-    assert told.endswith(" of 4 drives are done; the same command does the others\n")
+    assert told.endswith(" of 4 drives are done; run the same command again for the others\n")
     for _ in range(100):
         with suppress(ProcessLookupError):
             os.killpg(process.pid, 0)

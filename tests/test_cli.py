@@ -74,7 +74,7 @@ def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli
         (["{street}", "--init", "{start}", "-o", "{start}"], "{start}: found a file that this run reads .*"),
         (
             ["{street}", "--init", "-"],
-            "-: found standard input, needed a file: the result names and hashes it",
+            "-: found standard input, needed a file: the result records its name and hash",
         ),
         (["{street}", "--init", "/dev/stdin"], "/dev/stdin: found standard input, needed a file: .*"),
         (

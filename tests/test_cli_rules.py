@@ -12,8 +12,8 @@ from semcal_cli.cli.settings import SettingsCommand
 EXIT_USAGE = 2
 START = "--init t"
 PRIOR = "--prior-translation-m 0 0 0 1"
-HISTOGRAM = "it is weighed by the exact histogram"
-JOINT = "these follow the polish, by the exact histogram, without priors"
+EXACT = "priors need the exact estimator"
+JOINT = "it follows the polish, needs the exact estimator, and takes no priors"
 PARTS = "frames are compared after the polish"
 OF_MI = "requires --method mi"
 OF_ANY_MI = "requires --method mi or --method paper"
@@ -22,30 +22,32 @@ TRANSFORM = "requires --init or --init-rpy-xyz"
 REFUSED = {
     # calibrate, initialize, refine
     "calibrate d --init-direction lidar-to-camera": "--init-direction requires --init.",
-    f"calibrate d {START} --init-rpy-xyz 0 0 0 0 0 0": "--init excludes --init-rpy-xyz.",
+    f"calibrate d {START} --init-rpy-xyz 0 0 0 0 0 0": "--init cannot be used with --init-rpy-xyz.",
     "calibrate d --search-deg 10": f"--search-deg {TRANSFORM}.",
-    f"calibrate d {START} --roll any": "--roll excludes --init: around a transform, --search-deg covers it.",
-    f"initialize d {START} --zoom paper": "--zoom requires --search-deg where --init is given: "
-    "nothing else is searched around a transform.",
-    "calibrate d --fix tx": f"--fix {TRANSFORM}: it keeps axes of a transform.",
-    f"refine d {START} --no-polish --fix tx": "--fix excludes --no-polish: it is weighed after the polish.",
-    f"calibrate d --cue features --estimator mine {PRIOR}": "--prior-translation-m excludes --cue features: "
-    f"{HISTOGRAM}.",
+    f"calibrate d {START} --roll any": "--roll cannot be used with --init: --search-deg searches around a "
+    "transform.",
+    f"initialize d {START} --zoom paper": "--zoom requires --search-deg with --init: without it, nothing "
+    "is searched around a transform.",
+    "calibrate d --fix tx": f"--fix {TRANSFORM}: it keeps axes of the start transform.",
+    f"refine d {START} --no-polish --fix tx": "--fix cannot be used with --no-polish: priors are applied after "
+    "the polish.",
+    f"calibrate d --cue features --estimator mine {PRIOR}": "--prior-translation-m cannot be used with --cue features: "
+    f"{EXACT}.",
     f"refine d {START} --device cuda": "--device cuda requires --estimator mine.",
     "calibrate d --device cuda": "--device cuda requires --estimator mine or --method paper.",
-    "calibrate d --cue features": "--cue features requires --estimator mine or --method paper: vectors have no "
-    "histogram.",
-    "calibrate d --cue segments --estimator mine": "--cue segments excludes --estimator mine: segments differ from "
-    "frame to frame.",
-    "calibrate d --refine-intrinsics fx --no-polish": f"--refine-intrinsics excludes --no-polish: {JOINT}.",
-    "calibrate d --estimate-delay --no-polish": f"--estimate-delay excludes --no-polish: {JOINT}.",
-    "calibrate d --refine-intrinsics fx --cue features --estimator mine": "--refine-intrinsics excludes "
+    "calibrate d --cue features": "--cue features requires --estimator mine or --method paper: feature vectors have "
+    "no histogram.",
+    "calibrate d --cue segments --estimator mine": "--cue segments cannot be used with --estimator mine: "
+    "segments differ from frame to frame.",
+    "calibrate d --refine-intrinsics fx --no-polish": f"--refine-intrinsics cannot be used with --no-polish: {JOINT}.",
+    "calibrate d --estimate-delay --no-polish": f"--estimate-delay cannot be used with --no-polish: {JOINT}.",
+    "calibrate d --refine-intrinsics fx --cue features --estimator mine": "--refine-intrinsics cannot be used with "
     f"--cue features: {JOINT}.",
-    f"refine d {START} --estimate-delay --fix tx": f"--estimate-delay excludes --fix: {JOINT}.",
-    f"calibrate d --refine-intrinsics fx {PRIOR}": "--refine-intrinsics excludes --prior-translation-m: "
+    f"refine d {START} --estimate-delay --fix tx": f"--estimate-delay cannot be used with --fix: {JOINT}.",
+    f"calibrate d --refine-intrinsics fx {PRIOR}": "--refine-intrinsics cannot be used with --prior-translation-m: "
     f"{JOINT}.",
     "calibrate d --refine-intrinsics fx --intrinsics-sigma 0 10": "--intrinsics-sigma: found 0 10, "
-    "--refine-intrinsics requires 1e-09 or more of both.",
+    "--refine-intrinsics requires at least 1e-09 for both.",
     f"calibrate d {PRIOR[:-1]}0 --prior-rotation-deg 0 0 0 0": "--prior-translation-m 0 0 0 0, "
     "--prior-rotation-deg 0 0 0 0: found all six axes known exactly, needed one that is not",
     # methods
@@ -60,23 +62,24 @@ REFUSED = {
     "calibrate d --method soic --roll any": f"--roll {OF_ANY_MI}.",
     "calibrate d --method soic --seed 0": f"--seed {OF_ANY_MI}.",
     "calibrate d --method soic --cue intensity": f"--cue intensity {OF_ANY_MI}.",
-    "calibrate d --method paper --cue intensity": f"--cue intensity {TRANSFORM} where --method paper is given: Alg. 2 "
-    "is by labels.",
+    "calibrate d --method paper --cue intensity": f"--cue intensity {TRANSFORM} with --method paper: Alg. 2 needs "
+    "labels.",
     f"calibrate {__file__} --method paper --cue labels,intensity --init-rpy-xyz 0 0 0 0 0 0": "--cue: found "
     "labels,intensity, --method paper takes one cue.",
     "calibrate d --method soic --mine-steps 3": "--mine-steps requires --method paper.",
     "calibrate d --mine-units 8": "--mine-units requires --method paper.",
     # outputs
     "calibrate d --to-camera front": "--to-camera requires --to.",
-    "calibrate d --json --to text": "--to requires -o where --json is given: both would write to standard output.",
-    "calibrate d --split": "--split requires -o: it writes several files, which are named after that one.",
-    "calibrate d --split -o -": "--split requires -o: it writes several files, which are named after that one.",
-    "calibrate d --split -o /dev/stderr": "--split: found /dev/stderr, needed -o with a file: it writes several.",
-    "calibrate d --split -o c --to tum": "--split excludes --to: it writes whole results.",
-    "calibrate d --split -o c --no-polish": f"--split excludes --no-polish: {PARTS}.",
+    "calibrate d --json --to text": "--to requires -o with --json: both would write to standard output.",
+    "calibrate d --split": "--split requires -o: it writes several files, named after that one.",
+    "calibrate d --split -o -": "--split requires -o: it writes several files, named after that one.",
+    "calibrate d --split -o /dev/stderr": "--split: found /dev/stderr, needed -o with a file: it writes several "
+    "files.",
+    "calibrate d --split -o c --to tum": "--split cannot be used with --to: it writes complete results.",
+    "calibrate d --split -o c --no-polish": f"--split cannot be used with --no-polish: {PARTS}.",
     **{
-        f"{command} --json {option} {name}": f"--json, {option}: would both write to standard output: give {option} a "
-        "file"
+        f"{command} --json {option} {name}": f"--json and {option} would both write to standard output; give {option} "
+        "a file"
         for command, option, name in (
             ("calibrate d", "-o", "-"),
             ("calibrate d", "--log", "-"),
@@ -88,41 +91,41 @@ REFUSED = {
         )
     },
     "convert a": "Give --to or --into.",
-    "convert a --to tf2 --into b": "--into excludes --to: it changes its own file.",
-    "convert a --into b -o c": "--into excludes -o: it changes its own file.",
+    "convert a --to tf2 --into b": "--into cannot be used with --to: it changes an existing file in its own format.",
+    "convert a --into b -o c": "--into cannot be used with -o: it changes an existing file in its own format.",
     # checks
-    "verify d c --cue features": "--cue features is not for verify: vectors have no exact histogram.",
-    "view d --cue features": "--cue features is not for view: vectors have no classes to show.",
+    "verify d c --cue features": "--cue features cannot be used with verify: feature vectors have no histogram.",
+    "view d --cue features": "--cue features cannot be used with view: feature vectors have no classes to show.",
     # labels
     "label d -o o": "Give --image-model, --point-model, --points or --show.",
     "label d --image-card x -o o": "--image-card requires --image-model or --show.",
     "calibrate d --rectify": "--rectify requires --image-model.",
     "label d --points segments": "Give -o, --preview or --show.",
-    "label d --points segments --probabilities -o o": "--probabilities requires --image-model or --show: these are of "
+    "label d --points segments --probabilities -o o": "--probabilities requires --image-model or --show: it is for "
     "images.",
-    "label d --points segments --point-model x -o o": "--points excludes --point-model.",
+    "label d --points segments --point-model x -o o": "--points cannot be used with --point-model.",
     "label d --image-model m --point-card x -o o": "--point-card requires --point-model or --show.",
     "label d --image-model m --preview x.jpg": "Invalid value for '--preview': found x.jpg, needed a .png.",
     "label --image-model m -o o": "Missing argument 'DRIVE'.",
     # recordings
     "import bag r": "Give -o or --list.",
-    "import bag r -o d --camera-info /a --intrinsics b": "--intrinsics excludes --camera-info.",
-    "import bag r -o d --motion none --motion-frame c": "--motion-frame excludes --motion none.",
+    "import bag r -o d --camera-info /a --intrinsics b": "--intrinsics cannot be used with --camera-info.",
+    "import bag r -o d --motion none --motion-frame c": "--motion-frame cannot be used with --motion none.",
     "import folder --points p --camera-info c -o d --image-classes n": "--image-classes requires --image-labels.",
     # many drives
     f"{BATCH} --command verify": "--command verify requires --calibration.",
     f"{BATCH} --calibration c": "--calibration requires --command verify.",
-    f"{BATCH} --dask tcp://127.0.0.1:1 --jobs 2": "--dask excludes --jobs: the cluster has as many as its workers' "
-    "threads.",
-    f"{BATCH} -- --": "-- --: found -- once more, needed options of the command",
-    f"{BATCH} -- -o x": "-o is not for many drives.",
-    f"{BATCH} -- --overlay x": "--overlay is not for many drives.",
-    f"{BATCH} -- --threads 2": "--threads is not for many drives.",
-    f"{BATCH} -- --fix tx": f"--fix {TRANSFORM}: it keeps axes of a transform.",
-    f"{BATCH} -- --split --no-polish": f"--split excludes --no-polish: {PARTS}.",
+    f"{BATCH} --dask tcp://127.0.0.1:1 --jobs 2": "--dask cannot be used with --jobs: the workers' threads set "
+    "the number of jobs.",
+    f"{BATCH} -- --": "-- --: found a second --, needed options of the command",
+    f"{BATCH} -- -o x": "-o cannot be used with many drives.",
+    f"{BATCH} -- --overlay x": "--overlay cannot be used with many drives.",
+    f"{BATCH} -- --threads 2": "--threads cannot be used with many drives.",
+    f"{BATCH} -- --fix tx": f"--fix {TRANSFORM}: it keeps axes of the start transform.",
+    f"{BATCH} -- --split --no-polish": f"--split cannot be used with --no-polish: {PARTS}.",
     f"{BATCH} -- --device cuda": "--device cuda requires --estimator mine or --method paper.",
-    f"{BATCH} --command verify --calibration c -- --cue features": "--cue features is not for verify: vectors have no "
-    "exact histogram.",
+    f"{BATCH} --command verify --calibration c -- --cue features": "--cue features cannot be used with verify: "
+    "feature vectors have no histogram.",
     f"{BATCH} -- --seed -1": "Invalid value for '--seed': -1 is not in the range 0<=x<=9223372036854775807.",
     f"{BATCH} -- --intrinsics-sigma -2 10": "Invalid value for '--intrinsics-sigma': -2.0 is not in the range "
     "0.0<=x<=1000.0.",

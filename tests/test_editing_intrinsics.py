@@ -242,7 +242,7 @@ def test_a_drive_of_another_camera_is_told(rejected_file: Path, refined: Calibra
     pairs = zip(("fx", "fy"), (given.K[0][0], given.K[1][1]), strict=True)
     figures = ", ".join(f"{name} {1.03 * value:.6g} ({rejected_file}: {value:.6g})" for name, value in pairs)
     *_, last = found.stderr.splitlines()
-    assert last == f"the transform belongs to another camera than the drive has, that of {path}: {figures}"
+    assert last == f"the transform belongs to another camera than the drive's, that of {path}: {figures}"
     path.write_text(filled(DRIVE_OF_THE_USER, given))
     assert "belongs" not in invoke("convert", rejected_file, "--into", path).stderr
 

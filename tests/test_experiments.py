@@ -117,7 +117,7 @@ def test_a_run_is_named_by_its_words(capsys: pytest.CaptureFixture[str]) -> None
     lines = [line.plain for line in progress.lines()]
     assert lines == ["4 of 10 runs are done   about 1 s left", "      0:00  16 channels, seed 2"]
     assert capsys.readouterr().err.splitlines() == [
-        "3 of 10 runs are done already",
+        "3 of 10 runs are already done",
         " 4/10  16 channels, seed 1  (after 0:00, about 1 s left)",
     ]
 

@@ -49,7 +49,7 @@ def test_what_is_suspicious_comes_first_and_equal_faults_are_one_line(drive: Pat
     names = [frame["points"] for frame in document["frames"]]
     assert lines[0] == f"suspicious  {names[0]}, {names[1]}: sweep and image are 0.500 s apart"
     assert lines[1].startswith(f"suspicious  {names[3]}: {drive / DRIVE_FILE}: ")
-    assert not any(line.startswith("points") for line in lines)
+    assert not any(line.startswith("sweep") for line in lines)
     assert "is not checked here" in "\n".join(lines)
     report = json.loads(invoke("inspect", drive, "--json").output)
     assert [frame["gap_s"] for frame in report["frames"]] == [0.5, 0.5, None, None]
@@ -109,7 +109,7 @@ def test_a_drive_without_labels_is_looked_at(drive: Path) -> None:
     )
     assert not any(line.startswith("suspicious") for line in others)
     assert "64 channels" in output
-    assert "of points   no labels; segments and edges need none" in output
+    assert "points      no labels; segments and edges need none" in output
 
 
 WIDE, HIGH = 640, 360
@@ -197,7 +197,7 @@ def test_the_motion_is_told(tmp_path: Path) -> None:
     assert "frames move alike" not in " ".join(report.advice)
     line = next(line for line in invoke("inspect", drive).stdout.splitlines() if line.startswith("motion"))
     assert line.startswith(
-        f"motion      frames of 2 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, turns up to "
+        f"motion      frames span 2 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, with turns up to "
     )
     lines = (drive / "poses.txt").read_text().splitlines(keepends=True)
     (drive / "poses.txt").write_text("".join(lines[:-1]))

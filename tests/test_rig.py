@@ -259,7 +259,7 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
     ):
         found = run(rig, *(["-o", tmp_path] if options else []), *options)
         assert found.exit_code == 2
-        named = f"Error: {options[0]} is of one camera, and {rig} is a rig." if options else "Error: -o: "
+        named = f"Error: {options[0]} is for one camera, but {rig} is a rig." if options else "Error: -o: "
         assert named in found.output
     assert "needed a folder" in str(run(rig, "-o", tmp_path / "out.yaml").exception)
     # Results would replace a drive of the rig.

@@ -158,7 +158,7 @@ def test_usage(rig: Path, rig_results: Results, tmp_path: Path) -> None:
             command[0], rig, rig_results[1], "-o", command[1], "--against", rig.parent / "camera_0"
         )
         assert found.exit_code == 2
-        assert f"--against is of one camera, and {rig} is a rig." in found.output
+        assert f"--against is for one camera, but {rig} is a rig." in found.output
     assert "found suffix '.txt'" in str(
         invoke("report", rig, rig_results[1], "-o", tmp_path / "p.txt").exception
     )

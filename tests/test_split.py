@@ -74,7 +74,7 @@ def test_each_part_is_a_drive_of_its_own(results: tuple[Result, Path, int], knoc
 def test_a_drive_of_one_pose_has_no_parts(street: Path, tmp_path: Path) -> None:
     found = invoke("calibrate", street, "--split", "-o", tmp_path / "c.yaml")
     assert found.exit_code == 0
-    assert found.output.splitlines()[-1] == "parts            none: no movement of the camera was found"
+    assert found.output.splitlines()[-1] == "parts            none: no camera movement was found"
     assert [path.name for path in tmp_path.iterdir()] == ["c.yaml"]
     assert invoke("calibrate", street, "-o", tmp_path / "plain.yaml").exit_code == 0
     assert (tmp_path / "plain.yaml").read_bytes() == (tmp_path / "c.yaml").read_bytes()

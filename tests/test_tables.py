@@ -84,7 +84,7 @@ def test_the_verdict_says_how_good(status: str, reasons: int, uncertain: bool, l
 def test_an_answer_that_no_check_applies_to_says_so() -> None:
     stage = make_calibration(POSE).stages["initial"]
     refined = with_words(stages={"initial": stage, "refined": stage}, uncertainty=None)
-    assert verdict_lines(refined) == ["verdict          not assessed: nothing tells how sure it is"]
+    assert verdict_lines(refined) == ["verdict          not assessed: its uncertainty is not known"]
 
 
 @pytest.mark.parametrize("verbose", [False, True])

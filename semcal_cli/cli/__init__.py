@@ -1,6 +1,6 @@
-"""The `semcal` command: one file a subcommand, and the one place that turns errors into exit codes.
+"""The `semcal` command: one module per subcommand, and the one place that turns errors into exit codes.
 
-A subcommand is imported when it is called, and nothing heavy at the top of its file, so that help answers at once.
+A subcommand is imported when it is called, and imports nothing heavy at the top of its module, so `--help` is fast.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from semcal_cli.plugins import PluginWarning
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
 GARBAGE_AFTER = 50_000
-"""Number of new objects after which Python looks for garbage, instead of 700."""
+"""Number of new objects after which Python collects garbage, instead of 700."""
 ARENA_MAX = -8
-"""Parameter of glibc's `mallopt`: the number of arenas that threads get memory from, eight for each core by default."""
+"""Parameter of glibc's `mallopt`: the number of memory arenas, by default eight per core."""
 
 
 PYTHONS_FORMAT = warnings.formatwarning
@@ -34,54 +34,54 @@ PYTHONS_FORMAT = warnings.formatwarning
 
 SECTIONS: dict[str, dict[str, str]] = {
     "Start": {
-        "demo": "Calibrate a synthetic street from nothing, and look at it.",
-        "import": "Make a drive of a recording, a data set or your own files.",
+        "demo": "Calibrate a synthetic street, and show the result.",
+        "import": "Make a drive from a recording, a data set or your own files.",
         "label": "Label images or sweeps with a network.",
-        "inspect": "Show what a drive holds, and what looks wrong with it.",
-        "odometry": "Estimate how the LiDAR moves from the sweeps of a drive.",
-        "synth": "Write a synthetic drive whose transform is known.",
-        "completion": "Print what completes commands in bash, zsh or fish.",
+        "inspect": "Show what a drive contains, and what looks wrong with it.",
+        "odometry": "Estimate the LiDAR's motion from the sweeps of a drive.",
+        "synth": "Write a synthetic drive with a known transform.",
+        "completion": "Print shell completion for bash, zsh or fish.",
     },
     "Calibrate": {
-        "calibrate": "Find the transform from nothing, and how sure it is.",
-        "initialize": "Only search all mounting directions.",
-        "refine": "Only refine a transform that is known roughly.",
+        "calibrate": "Find the transform with no initial guess, and its uncertainty.",
+        "initialize": "Search all mounting directions, without refinement.",
+        "refine": "Refine a transform that is roughly known.",
     },
     "Check": {
-        "verify": "Check on a drive whether a transform still holds.",
-        "compare": "Tell how two transforms differ, beside what is allowed.",
-        "report": "Write a page about a transform, to send around.",
-        "overlay": "Draw the points on the images.",
-        "view": "Move the points on the images by hand, and save.",
+        "verify": "Check whether a transform still holds on a drive.",
+        "compare": "Compare two transforms with each other.",
+        "report": "Write a report about a transform, as one HTML page.",
+        "overlay": "Draw the points of a drive on its images.",
+        "view": "Adjust a transform by hand in the browser.",
     },
     "Export": {
-        "convert": "Write a transform in the format of another tool.",
-        "export": "Write a drive for a viewer.",
+        "convert": "Convert a transform to the format of another tool.",
+        "export": "Export a drive to a viewer.",
     },
     "Many drives": {
         "batch": "Calibrate or verify many drives.",
-        "fleet": "Put the results of many drives of one rig together.",
+        "fleet": "Combine the results of many drives of one rig.",
     },
     "Research": {
-        "experiment": "Measure the figures of the documentation.",
+        "experiment": "Measure the figures in the documentation.",
     },
 }
-"""Line of help of each command that is not hidden, by the headings of the sections. Each has a module of its name."""
+"""One-line help of each visible command, by section. Each command has a module of the same name."""
 HIDDEN = ("evaluate",)
 
 
 class Sections(click.Group):
-    """A group that lists its commands in sections, and imports one when it is called."""
+    """A group that lists its commands in sections, and imports each one when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the names of all commands."""
         return [*(name for section in SECTIONS.values() for name in section), *HIDDEN]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; None if there is none of this name."""
+        """Import a command; None if there is none with this name."""
         if cmd_name in self.list_commands(ctx):
             self._load(cmd_name)
-        else:  # click looks among all for one that is meant
+        else:  # click suggests a similar name, for which it needs all
             self.load_all()
         return self.commands.get(cmd_name)
 
@@ -106,7 +106,7 @@ class Sections(click.Group):
 @click.group(cls=Sections, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="semcal")
 def semcal() -> None:
-    """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
+    """Find where a camera sits relative to a LiDAR, from ordinary driving data."""
 
 
 class Ending(NamedTuple):
@@ -121,23 +121,23 @@ class Ending(NamedTuple):
 
 def main() -> None:
     """Run the command line."""
-    # Imports make many objects and no garbage.
+    # Imports create many objects and no garbage.
     gc.set_threshold(GARBAGE_AFTER)
     exit_code = run(sys.argv[1:]).exit_code
-    # The system takes back what is left: Python need not look through all of it for garbage before it ends.
+    # The operating system frees what is left: Python need not search it for garbage first.
     gc.freeze()
     sys.exit(exit_code)
 
 
 def run(arguments: Sequence[str]) -> Ending:
     """Run a command; an expected failure is one line on stderr and exit code 1."""
-    # OpenCV reads these when it is imported: they limit the size of an unpacked image, and leave error messages to us.
+    # OpenCV reads these when it is imported: they limit the size of a decoded image, and silence its own messages.
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    # NumPy and SciPy each start a thread pool for matrices; none here is large, and idle threads slow the core down.
+    # NumPy and SciPy each start a thread pool for matrices; ours are small, and idle threads slow the core down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _limit_arenas()
-    # NumPy need not warn of overflowing numbers: their results are checked.
+    # NumPy need not warn about overflow: results are checked.
     warnings.simplefilter("ignore", RuntimeWarning)
     warnings.formatwarning = _formatted
     try:
@@ -150,10 +150,10 @@ def run(arguments: Sequence[str]) -> Ending:
         line = " ".join(str(error).splitlines())
     except BrokenPipeError:
         _silence_closed_pipe()
-        return Ending(EXIT_FAILURE, "the output was closed before its end")
+        return Ending(EXIT_FAILURE, "the output was closed early")
     except KeyboardInterrupt:
         return _stopped(EXIT_STOPPED)
-    except ImportError as error:  # of a library that is there, but not whole
+    except ImportError as error:  # an installed library is incomplete
         if _is_interrupted(error):
             return _stopped(EXIT_STOPPED)
         failure = error
@@ -176,22 +176,22 @@ def _formatted(
 
 
 def _limit_arenas() -> None:
-    """Let threads share arenas of memory, one for each core.
+    """Let threads share memory arenas, one per core.
 
-    Each thread keeps what it has freed in its own: of a calibration of one pair, that is a quarter of the peak. What
-    the environment says counts more.
+    Each thread keeps freed memory in its own arena: a quarter of the peak when one pair is calibrated. The environment
+    variable takes precedence.
     """
     if "MALLOC_ARENA_MAX" in os.environ:
         return
     import ctypes
 
-    # Other C libraries have no such thing; Windows cannot even be asked.
+    # Other C libraries have no `mallopt`; on Windows, `CDLL(None)` fails.
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).mallopt(ARENA_MAX, os.cpu_count() or 1)
 
 
 def _invoke(arguments: Sequence[str]) -> Ending:
-    """Invoke the command, and show a wrong usage as click does."""
+    """Invoke the command, and report wrong usage as click does."""
     try:
         return Ending(int(semcal.main(arguments, prog_name="semcal", standalone_mode=False) or 0))
     except SystemExit as end:
@@ -200,7 +200,7 @@ def _invoke(arguments: Sequence[str]) -> Ending:
         error.show()
         return Ending(error.exit_code, " ".join(error.format_message().split()), error)
     except click.Abort as stop:
-        # click makes this of Ctrl-C, which shells tell by 128 and the number of its signal.
+        # click raises this for Ctrl-C, which shells report as 128 plus the number of the signal.
         return _stopped(EXIT_STOPPED if _is_interrupted(stop) else EXIT_FAILURE)
 
 
@@ -210,14 +210,14 @@ def _stopped(exit_code: int) -> Ending:
 
 
 def _is_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C led to an error: a library that is being loaded makes errors of its own of it."""
+    """Whether Ctrl-C caused an error: a library that is being imported may raise its own instead."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
 
 
 def _silence_closed_pipe() -> None:
-    """Let what is still to be flushed at the end go nowhere: who read the output has gone."""
+    """Discard what is still to be flushed at exit: the reader of the output is gone."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):

@@ -30,12 +30,12 @@ OURS = (
     *("-o", "--log", "--threads", "--quiet", "--report", "--overlay", "--json", "--junit", "--inconclusive"),
     *("--to", "--to-direction", "--to-frame", "--to-camera", "--to-lidar"),
 )
-"""Options of these commands that a batch sets itself, or that name one file although there are many drives."""
+"""Options of these commands that a batch sets itself, or that name a single file."""
 REST = "semcal.rest"
 
 
 class WithRest(SettingsCommand["BatchSettings"]):
-    """A command that passes the arguments after -- on."""
+    """A command that passes on the arguments after --."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the arguments before --, and keep those after it."""
@@ -52,25 +52,25 @@ class WithRest(SettingsCommand["BatchSettings"]):
 
 @dataclass(frozen=True, kw_only=True)
 class BatchSettings(QuietSettings):
-    """What the options of `batch` say."""
+    """Settings of `batch`."""
 
     rules = [
         given("--command verify").requires("--calibration"),
         given("--calibration").requires("--command verify"),
-        given("--dask").excludes("--jobs", because="the cluster has as many as its workers' threads"),
+        given("--dask").excludes("--jobs", because="the workers' threads set the number of jobs"),
     ]
     drives: tuple[str, ...] = argument()
-    output: Path = option("Folder of the results.", "-o", "--output", required=True, metavar="DIR")
+    output: Path = option("Folder for the results.", "-o", "--output", required=True, metavar="DIR")
     command: Literal["calibrate", "verify"] = option("Command to run.", default="calibrate")
     calibration: Path | None = option("Transform to verify, with --command verify.", metavar="FILE")
-    jobs: int | None = option("Number of drives at a time.  [default: 1]", least=1)
+    jobs: int | None = option("Number of drives to run in parallel.  [default: 1]", least=1)
     threads: int | None = option(
-        "Threads for each drive.  [default: cores by jobs; with --dask, 1]", least=1, most=MAX_THREADS
+        "Threads per drive.  [default: cores / jobs; with --dask, 1]", least=1, most=MAX_THREADS
     )
-    timeout_s: float | None = option("Longest time for one drive.", "--timeout", above=0.0, metavar="S")
+    timeout_s: float | None = option("Time limit per drive, in seconds.", "--timeout", above=0.0, metavar="S")
     force: bool = option("Run finished drives again.", default=False)
     dask: str | None = option(
-        "Run on this Dask cluster, tcp://HOST:PORT, on shared storage.", metavar="ADDRESS"
+        "Run on this Dask cluster, tcp://HOST:PORT, with shared storage.", metavar="ADDRESS"
     )
 
     @property
@@ -86,16 +86,16 @@ class BatchSettings(QuietSettings):
     cls=WithRest,
     help=f"""Calibrate many DRIVES, or verify one transform on them.
 
-    DRIVES are folders, drive files, patterns in quotes, text files (.txt) with one of these a line, or - for standard
-    input. Whatever follows -- goes to the command, as in: semcal batch 'drives/*' -o results -- --estimator mine
+    DRIVES are folders, drive files, quoted patterns, text files (.txt) with one of these per line, or - for standard
+    input. Everything after -- goes to the command: semcal batch 'drives/*' -o results -- --estimator mine
 
-    Results go to DIR: of each drive a folder with calibration.yaml (or verification.json), log.txt, times.json and
-    record.json, and of all summary.csv and summary.jsonl. A drive that fails, crashes or hangs is a line there.
-    A batch that was stopped goes on where it was; a drive is done again only if its files, the options or the version
-    changed, or if the machine failed, as with a full disk. DIR must be apart from the
-    drives and hold no other results. Exit code: the worst of all drives, 1 over 3 over 4 over 0.
+    Results go to DIR. Each drive gets a folder with calibration.yaml (or verification.json), log.txt, times.json and
+    record.json; summary.csv and summary.jsonl list all drives, including those that fail, crash or hang. A stopped
+    batch resumes where it was. A drive is run again only if its files, the options or the version changed, or if the
+    machine failed, for instance because the disk was full. DIR must be separate from the drives and hold no other
+    results. Exit code: the worst of all drives, in the order 1, 3, 4, 0.
 
-    FILE is {KNOWN_TRANSFORMS}.
+    FILE of --calibration is {KNOWN_TRANSFORMS}.
     """,
 )
 def batch(settings: BatchSettings) -> None:
@@ -119,7 +119,7 @@ def batch(settings: BatchSettings) -> None:
         except KeyboardInterrupt:
             stack.close()
             done = f"{show.num_done:,} of {len(tasks):,} drives are done"
-            click.echo(f"semcal: stopped: {done}; the same command does the others", err=True)
+            click.echo(f"semcal: stopped: {done}; run the same command again for the others", err=True)
             sys.exit(EXIT_STOPPED)
     print_end(show.console, outcomes, settings.output)
     _report(settings, outcomes).tell_github()
@@ -127,7 +127,7 @@ def batch(settings: BatchSettings) -> None:
 
 
 def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
-    """Make a case of each drive; one that failed fails, too."""
+    """Make a test case of each drive; a drive with an error counts as failed."""
     from semcal_cli.assessment.limits import together
 
     verdicts: dict[int, Verdict] = {code: verdict for verdict, code in EXIT_CODES.items()}
@@ -140,7 +140,7 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
 
 
 def _make_tasks(settings: BatchSettings) -> list[Task]:
-    """List the tasks: the command on each drive, with its results below the folder."""
+    """List the tasks: the command on each drive, with a results folder each."""
     from semcal_cli.batches.folders import check_apart, check_distinct_folders, check_made_by_batch
     from semcal_cli.batches.tasks import find_drives, folder_of
 
@@ -157,9 +157,9 @@ def _make_tasks(settings: BatchSettings) -> list[Task]:
 
 
 def _task_maker(settings: BatchSettings) -> partial[Task]:
-    """Check what goes to the command, once for all drives, and make tasks of which only the drive is open.
+    """Check what goes to the command, once for all drives, and make tasks that only lack the drive.
 
-    Other machines have other working folders, so that files are named by their absolute paths.
+    Files are named by absolute paths, because other machines have other working folders.
     """
     from semcal_cli.batches.tasks import Task
     from semcal_cli.drive.document import drive_file
@@ -226,16 +226,16 @@ def _without(words: Sequence[str], name: str) -> list[str]:
 
 
 def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:
-    """Parse the options that go to the command, and check all that can be said about them without a drive."""
+    """Parse the options that go to the command, and check everything that can be checked without a drive."""
     from semcal_cli.batches.tasks import RESULTS
 
     if "--" in rest:
-        raise click.UsageError("-- --: found -- once more, needed options of the command")
+        raise click.UsageError("-- --: found a second --, needed options of the command")
     name, run = settings.command, COMMANDS[settings.command]
     arguments = ["DRIVE"] if settings.calibration is None else ["DRIVE", str(settings.calibration)]
     root = click.get_current_context().parent
     with run.make_context(name, [*arguments, *rest], root, default_map={"output": RESULTS[name]}) as context:
-        refuse(context, OURS, "is not for many drives")
+        refuse(context, OURS, "cannot be used with many drives")
         found: CalibrateSettings | VerifySettings = run.settings_in(context)
         try:
             found.check()

@@ -1,4 +1,4 @@
-"""What a batch says while it runs, and at its end: verdicts, drives that need a look, what the others agree on."""
+"""What a batch prints while it runs and at its end: verdicts, drives that need a look, what the others agree on."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from semcal_cli.cli.terminal import COLORS, live_lines, make_console, running_li
 from semcal_cli.errors import SemcalError, printable
 
 RECENT = 8
-"""Number of drives that are shown after they are done."""
+"""Number of finished drives that are shown."""
 WORST_FIRST = ("fail", "not_trusted", "inconclusive", "not_assessed", "trusted", "pass")
 STYLES = {"failed": COLORS["fail"], **{status: COLORS[status] for status in WORST_FIRST}}
-"""Colour of each status, the worst first."""
+"""Colour of each status, worst first."""
 STATUS_WIDTH = 14
 MAX_NAMED = 8
-"""Most drives that are named at the end; the files name all."""
+"""Largest number of drives that are named at the end; the files list all."""
 GOOD = ("trusted", "pass", "not_assessed")
 """Statuses of drives that need no look."""
 MIN_AGREEING = 2
-"""Least number of trusted drives that can agree on a pose."""
+"""Smallest number of trusted drives that can agree on a pose."""
 
 
 class BatchProgress(Pace):
-    """Shows the progress of a batch: running and finished drives on a terminal, or a line for each drive on a pipe."""
+    """Shows the progress of a batch: running and finished drives on a terminal, or one line per drive on a pipe."""
 
     def __init__(self, num_drives: int, num_jobs: int, quiet: bool) -> None:
         super().__init__(num_drives, num_jobs)
@@ -84,18 +84,18 @@ def _outcome_text(outcome: Outcome) -> Text:
 
 
 def _first_reason(outcome: Outcome) -> str:
-    """Give the first reason of an outcome; files are named from the drive on, whose name stands before it."""
+    """Give the first reason of an outcome, with files relative to the drive, whose name is printed before it."""
     reason = outcome.reasons[0].removeprefix(f"{Path(outcome.drive).absolute()}/")
     return reason.removeprefix(f"{outcome.drive}/")
 
 
 def _status_text(status: str) -> Text:
-    """Write a status as words in its colour, as wide as the column of statuses."""
+    """Write a status as words in its colour, padded to the column of statuses."""
     return Text(f"{status.replace('_', ' '):<{STATUS_WIDTH}}", STYLES[status])
 
 
 def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> None:
-    """Print the end of a batch whose results are in a folder."""
+    """Print the summary of a batch whose results are in a folder."""
     if console.quiet:
         return
     from semcal_cli.fleet.verdict import MIN_DRIVES
@@ -115,7 +115,7 @@ def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> No
 
 
 def _bad_drives(outcomes: Sequence[Outcome], folder: Path) -> list[Text]:
-    """Name the drives that need a look, the worst first, each with its first reason."""
+    """Name the drives that need a look, worst first, each with its first reason."""
     order = list(STYLES)
     bad = [outcome for outcome in outcomes if outcome.status not in GOOD]
     bad.sort(key=lambda outcome: (order.index(outcome.status), outcome.drive))
@@ -130,7 +130,7 @@ def _bad_drives(outcomes: Sequence[Outcome], folder: Path) -> list[Text]:
 
 
 def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
-    """Say what the trusted drives agree on, and how well that is known, as labels and texts."""
+    """Describe the pose that the trusted drives agree on, and its uncertainty, as labels and texts."""
     from semcal_cli.config import Limits
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members

@@ -1,4 +1,4 @@
-"""`semcal calibrate`: the whole pipeline, on a drive, on each part of one, or on the drives of a rig."""
+"""`semcal calibrate`: the whole pipeline, on a drive, on its parts, or on the drives of a rig."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class PaperSettings:
 class CalibrateSettings(
     SearchSettings, RefinementSettings, ImageSettings, PaperSettings, WrittenSettings, ResultSettings
 ):
-    """What the options of `calibrate` say."""
+    """Settings of `calibrate`."""
 
     rules = [
         given(
@@ -64,52 +64,54 @@ class CalibrateSettings(
             *("--refine-intrinsics", "--intrinsics-sigma", "--estimate-delay", *PRIORS),
         ).requires("--method mi"),
         given("--seed", "--roll", "--device", *BEYOND_LABELS).requires("--method mi", "--method paper"),
-        given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 is by labels"),
+        given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 needs labels"),
         given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
         given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
-        given("--split").requires("-o", because="it writes several files, which are named after that one"),
-        given("--split").excludes("--to", because="it writes whole results"),
+        given("--split").requires("-o", because="it writes several files, named after that one"),
+        given("--split").excludes("--to", because="it writes complete results"),
         given("--split").excludes(
             "--no-polish", "--cue features", because="frames are compared after the polish"
         ),
     ]
     method: Literal["mi", "paper", "soic"] = option(
-        "Mutual information as semcal maximises it; the paper's method as published, without anything of semcal's own; "
-        "or SOIC, a rival that needs the same class names on both sides. The last two are there to compare with, and "
-        "do not estimate their uncertainty.",
+        "mi: mutual information, as semcal maximises it. paper: the paper's method as published, with nothing of "
+        "semcal's own. soic: SOIC, a rival that needs the same class names on both sides. The last two are for "
+        "comparison, and do not estimate their uncertainty.",
         default="mi",
     )
     repeat: int | None = option(
-        "Calibrate with N seeds, and report their scatter beside the stated uncertainty.", least=2
+        "Calibrate with N seeds, and report the spread of the results next to the uncertainty.", least=2
     )
     split: bool = option(
-        "Where the camera was moved in mid-drive, also calibrate each part of the drive on its own, and write "
-        "OUT_part_1.yaml, OUT_part_2.yaml and so on beside -o OUT.yaml, and the same for --log. The exit code is then "
+        "If the camera was moved during the drive, also calibrate each part of the drive on its own, and write "
+        "OUT_part_1.yaml, OUT_part_2.yaml and so on next to -o OUT.yaml; likewise for --log. The exit code is then "
         "that of the worst part; --report and --overlay show the whole drive.",
         default=False,
     )
-    page: Path | None = output_file("Also write a page about the result: .html.", "--report")
+    page: Path | None = output_file("Also write a report of the result: .html.", "--report")
     images: Path | None = option(
-        "Also write overlays of the points, before and after, for at most 20 frames.",
+        "Also draw the points on the images of at most 20 frames, before and after refinement.",
         "--overlay",
         metavar="DIR",
     )
 
     def check(self) -> None:
-        """Check all that can be said about the options without the drive.
+        """Check everything about the options that can be checked without the drive.
 
         Raises:
-            click.UsageError: options do not go together that no rule is about.
+            click.UsageError: options conflict in a way that no rule covers.
             InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
         """
         for name in ("initial_pose", "paper", "config", "priors"):
             getattr(self, name)
         output = self.outputs.output
         if self.split and output is not None and takes_several(output):
-            raise click.UsageError(f"--split: found {output}, needed -o with a file: it writes several.")
+            raise click.UsageError(
+                f"--split: found {output}, needed -o with a file: it writes several files."
+            )
 
     def check_estimator(self) -> None:
-        """Check that torch is there if MINE is asked for.
+        """Check that torch is installed if MINE is chosen.
 
         Raises:
             InputError: it is not installed.
@@ -125,7 +127,7 @@ class CalibrateSettings(
         return replace(found, estimator="mine") if self.method == "paper" else found
 
     def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
-        """Give the cues to compare, which for rivals and MINE are labels if none are named."""
+        """Give the cues to compare; rivals and MINE default to labels."""
         return LABELS if self.method != "mi" and cues == AUTO else super().known_cues(cues)
 
     @property
@@ -143,7 +145,7 @@ class CalibrateSettings(
 
     @property
     def paper(self) -> PaperConfig | None:
-        """Settings of the paper's method, with the search's in-plane rotations and distance; None for another one.
+        """Settings of the paper's method, with the in-plane rotations and distance of the search; None for others.
 
         Raises:
             click.UsageError: several cues are given.
@@ -175,7 +177,7 @@ class CalibrateSettings(
         return replace(Outputs.of_result(self), to=to, page=self.page, images=self.images)
 
     def calibration(self) -> Callable[..., Calibration]:
-        """Choose the function that calibrates a drive by the method, with all settings."""
+        """Choose the function that calibrates a drive by the chosen method, with all settings."""
         start: dict[str, Any] = {"config": self.config, "initial_pose": self.initial_pose}
         if self.method == "soic":
             from semcal_cli.experiments.baselines.soic import calibrate_by_soic
@@ -194,11 +196,11 @@ class CalibrateSettings(
 def calibrate(settings: CalibrateSettings) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
 
-    Needs no start guess: all mounting directions are searched, then the best pose is refined. Exit code 3 means that
-    an answer was written but is not trusted.
+    No initial guess is needed: all mounting directions are searched, then the best pose is refined. Exit code 3 means
+    that a result was written but is not trusted.
 
-    DRIVE may be a rig.yaml, which names the drives of several cameras of one LiDAR: all are calibrated, and -o is a
-    folder for the result of each and for rig_calibration.yaml, with each camera beside each other.
+    DRIVE may be a rig.yaml, which lists the drives of several cameras with one LiDAR. All of them are calibrated. -o is
+    then a folder, for the result of each camera and for rig_calibration.yaml, which relates the cameras to each other.
     """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.rig.document import find_rig
@@ -239,9 +241,9 @@ def _calibrate_drive(settings: CalibrateSettings) -> int:
     parts = split(data, whole)
     for earlier in of_parts[len(parts) :]:
         if earlier.output is not None and earlier.output.exists():
-            terminal.print(labelled("of another run", str(earlier.output)))
+            terminal.print(labelled("from another run", str(earlier.output)))
     if not parts:
-        terminal.print(labelled("parts", "none: no movement of the camera was found"))
+        terminal.print(labelled("parts", "none: no camera movement was found"))
         return code
     jobs = []
     for number, (part, each) in enumerate(zip(parts, of_parts, strict=False), start=1):
@@ -268,7 +270,7 @@ class Job(NamedTuple):
     name: str
     title: str
     run: Callable[..., Calibration]
-    """Calibrates, and tells `on_event` what it does."""
+    """Calibrates, and reports its progress to `on_event`."""
     outputs: Outputs
     terminal: Terminal
 
@@ -276,10 +278,10 @@ class Job(NamedTuple):
 def calibrate_each(
     jobs: Sequence[Job], num_threads: int | None
 ) -> tuple[dict[str, Calibration], dict[str, str]]:
-    """Calibrate one after another, and write and show the result of each.
+    """Run jobs one after another, and write and show the result of each.
 
     Returns:
-        The calibrations of those that have one, and the errors of the others, by their names.
+        The calibrations that succeeded, and the errors of the others, by name.
     """
     from semcal_cli.cli.tables import labelled
 
@@ -299,6 +301,6 @@ def calibrate_each(
 
 
 def failure_sentence(failures: dict[str, str], count: int, of: str) -> str:
-    """Say how many of some cameras or parts failed, and why the first did."""
+    """Say how many cameras or parts failed, and why the first one did."""
     name, reason = next(iter(failures.items()))
     return f"{len(failures)} of {count} {of} failed; {name}: {reason}"

@@ -1,4 +1,4 @@
-"""What CI systems show: JUnit XML, and on GitHub annotations and a table in the summary of the job."""
+"""What CI systems show: JUnit XML, and on GitHub annotations and a table in the job summary."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check, Verdict
 
 NO_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
-"""Characters that XML 1.0 does not allow, to be compiled where it is used: that takes 6 ms."""
+"""Characters that XML 1.0 does not allow. It is compiled where it is used, because that takes 6 ms."""
 
 GITHUB_ACTIONS, GITHUB_STEP_SUMMARY = "GITHUB_ACTIONS", "GITHUB_STEP_SUMMARY"
-"""Variables of the environment of a job on GitHub: `true`, and the file of the job's summary."""
+"""Environment variables of a GitHub job: `true`, and the file of the job summary."""
 XML_START = b"<?xml"
 EXIT_CODES: dict[Verdict, int] = {"pass": 0, "fail": 3, "inconclusive": 4}
 Inconclusive: TypeAlias = Literal["error", "fail", "skip"]
-"""What a verdict is for CI when the data cannot decide: an error (exit code 4), a failure (3), or skipped (0)."""
+"""How CI counts an inconclusive verdict: as an error (exit code 4), a failure (3), or skipped (0)."""
 INCONCLUSIVE_CODES: dict[Inconclusive, int] = {"error": 4, "fail": 3, "skip": 0}
 ELEMENTS: dict[Inconclusive, str] = {"error": "error", "fail": "failure", "skip": "skipped"}
 Level: TypeAlias = Literal["notice", "warning", "error"]
 LEVELS: dict[Verdict, Level] = {"pass": "notice", "fail": "error", "inconclusive": "warning"}
 MAX_CASES = 20
-"""Most cases that an annotation names; files name all."""
+"""Largest number of cases that an annotation names; the files list all."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ class CiReport:
     verdict: Verdict
     cases: Sequence[Case]
     reasons: Sequence[str] = ()
-    """Sentences that stand once, beside the cases."""
+    """Sentences about all cases together."""
     seconds: float = 0.0
-    """Time that the command took. Zero leaves it out: files whose bytes are to be the same have none."""
+    """Duration of the command. 0 leaves it out, for files whose bytes must be reproducible."""
     inconclusive: Inconclusive = "error"
 
     @property
@@ -75,13 +75,13 @@ class CiReport:
         return INCONCLUSIVE_CODES[self.inconclusive] if is_open else EXIT_CODES[self.verdict]
 
     def junit(self) -> str:
-        """Make JUnit XML with a test case for each check; the reasons stand in the suite's output."""
+        """Make JUnit XML with a test case for each check, and the reasons as the suite's output."""
         elements = {"fail": "failure", "inconclusive": ELEMENTS[self.inconclusive]}
         cases = [(case.name, elements.get(case.verdict), case.figures) for case in self.cases]
         return _suite(self.command, self.subject, cases, self.reasons, self.seconds)
 
     def tell_github(self) -> None:
-        """In a GitHub job, print an annotation and add a table to its summary."""
+        """In a GitHub job, print an annotation and add a table to the job summary."""
         same = [case for case in self.cases if case.verdict == self.verdict != "pass"]
         named = [f"{case.name} {case.figures}".strip() for case in same[:MAX_CASES]]
         more = [f"and {len(same) - MAX_CASES:,} more"] if len(same) > MAX_CASES else []
@@ -95,9 +95,9 @@ class CiReport:
 
 @contextmanager
 def errors_reported(command: str, subject: str, junit: Path | None, read: Sequence[Path]) -> Iterator[None]:
-    """Write a failure of the command itself as an error into the JUnit file, and let it pass on.
+    """Write an error of the command itself to the JUnit file, and raise it again.
 
-    A file that the command reads, or that holds something else, is never replaced.
+    A file that the command reads, or that holds anything but XML, is never replaced.
     """
     start = perf_counter()
     try:
@@ -115,7 +115,7 @@ def errors_reported(command: str, subject: str, junit: Path | None, read: Sequen
 
 
 def _may_replace(junit: Path, read: Sequence[Path]) -> bool:
-    """Whether a file is none that is read, and is new or holds XML."""
+    """Whether a file is not an input, and is new or holds XML."""
     from semcal_cli.files.reading import is_same_file, read_start
 
     if any(is_same_file(path, junit) for path in read):
@@ -124,7 +124,7 @@ def _may_replace(junit: Path, read: Sequence[Path]) -> bool:
 
 
 def annotate(command: str, level: Level, text: str) -> None:
-    """Print an annotation, if this is a GitHub job; GitHub reads stderr as well."""
+    """Print an annotation if this is a GitHub job; GitHub reads stderr, too."""
     if os.environ.get(GITHUB_ACTIONS) != "true":
         return
     for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
@@ -133,7 +133,7 @@ def annotate(command: str, level: Level, text: str) -> None:
 
 
 def add_to_summary(lines: Sequence[str]) -> None:
-    """Add lines of Markdown to the summary of a GitHub job, the file that `GITHUB_STEP_SUMMARY` names."""
+    """Append lines of Markdown to the summary of a GitHub job, the file that `GITHUB_STEP_SUMMARY` names."""
     path = os.environ.get(GITHUB_STEP_SUMMARY)
     if not path:
         return
@@ -151,7 +151,7 @@ def _suite(
     reasons: Sequence[str],
     seconds: float,
 ) -> str:
-    """Make JUnit XML of cases: their names, the element of what is no pass, and the figures."""
+    """Make JUnit XML of cases: name, element unless the case passes, and figures."""
     from xml.etree import ElementTree
 
     kinds = [kind for _, kind, _ in cases]
@@ -179,5 +179,5 @@ def _xml(text: str) -> str:
 
 
 def _cell(text: str) -> str:
-    """Make a text fit into a cell of a table of Markdown."""
+    """Make a text fit into a cell of a Markdown table."""
     return " ".join(text.split()).replace("|", "\\|").replace("`", "'")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CompareSettings:
-    """What the options of `compare` say."""
+    """Settings of `compare`."""
 
     a: Path = argument()
     b: Path = argument()
@@ -33,9 +33,12 @@ class CompareSettings:
 
 @command(
     CompareSettings,
-    help=f"Compare the transforms of A and B: {KNOWN_TRANSFORMS}. What differs along each axis of the camera stands "
-    "beside the 95 % interval of each. Exit code 3: they differ by more than allowed. 4: what is known of them cannot "
-    "tell.",
+    help=f"""Compare two transforms, A and B. Each is {KNOWN_TRANSFORMS}.
+
+    The difference along each axis of the camera is printed next to the 95 % interval of each transform.
+
+    Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
+    """,
 )
 def compare(settings: CompareSettings) -> None:
     """Compare two transforms."""
@@ -85,14 +88,14 @@ def compare(settings: CompareSettings) -> None:
 
 
 def _figures(found: Comparison, off: float, unit: str, allowed: float) -> str:
-    """Tell a difference in all, what is allowed, and what is known of it."""
+    """Describe a total difference, its limit, and its uncertainty."""
     text, most = told_apart(off, allowed, 3)
     half = found.half_width(unit[:3])
     return f"{text} {unit}, allowed {most}" + ("" if half is None else f", known to +- {half:.2f}")
 
 
 def _line(axis: Axis) -> str:
-    """Describe what differs along an axis, beside the intervals."""
+    """Describe the difference along an axis, next to the intervals."""
     halves = (axis.half_width_a, axis.half_width_b)
     a, b = (f"{'not known' if half is None else f'+- {half:.4f}':<12}" for half in halves)
     explained = {None: "", True: "explained", False: "more than both"}[axis.is_explained]

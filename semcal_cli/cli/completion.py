@@ -1,4 +1,4 @@
-"""`semcal completion`: the completion of commands in a shell."""
+"""`semcal completion`: completion of commands in a shell."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ import click
 PROGRAM, VARIABLE = "semcal", "_SEMCAL_COMPLETE"
 
 
-@click.command()
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
-    r"""Print what completes commands, options and files in SHELL.
+HELP = """Print a script that completes commands, options and files in a shell. To install it:
 
     \b
     bash:  semcal completion bash >> ~/.bashrc
     zsh:   semcal completion zsh >> ~/.zshrc
     fish:  semcal completion fish > ~/.config/fish/completions/semcal.fish
-    """
+"""
+
+
+@click.command(help=HELP)
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell."""
     from click.shell_completion import get_completion_class
 
     found = get_completion_class(shell)

@@ -1,4 +1,4 @@
-"""`semcal convert`: a transform from one format into another."""
+"""`semcal convert`: a transform from one format to another."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ if TYPE_CHECKING:
     from semcal_cli.result.calibration import Calibration
 
 Frame: TypeAlias = Literal["optical", "body"]
-LIDAR = "The LiDAR's frame or entry in {}."
-CAMERA = "The camera's frame, entry or token in {}."
-FRAME = "Axes of the camera's frame in {}: optical (x right, y down, z forward) or body (x forward, y left, z up)."
+LIDAR = "Name of the LiDAR's frame or entry in {}."
+CAMERA = "Name of the camera's frame, entry or token in {}."
+FRAME = (
+    "Axes of the camera frame in {}: optical (x right, y down, z forward) or body (x forward, y left, z up)."
+)
 DIRECTION = "Direction of a bare matrix in {}: p_camera = T p_lidar, or p_lidar = T p_camera."
-WRITTEN = "what is written"
+WRITTEN = "the output"
 NAME_WIDTH = 22
 """Columns of the names in the list of formats."""
 
 
 class FormatName(click.ParamType[str]):
-    """The name of a format; formats are imported when a name is given, not for `--help` of other commands."""
+    """The name of a format. Formats are imported only when a name is given, so `--help` stays fast."""
 
     name = "format"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Check that the name is that of a format."""
+        """Check that a format has this name."""
         from semcal_cli.formats.table import FORMATS, PLUGINS
 
         names = [format.name for format in FORMATS]
@@ -44,7 +46,7 @@ class FormatName(click.ParamType[str]):
 
 
 def format_name(help: str, *names: str) -> Any:
-    """Make the field of an option for the name of a format."""
+    """Make an option field for the name of a format."""
     return option(help, *names, type=FormatName(), metavar="FORMAT")
 
 
@@ -61,7 +63,7 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
 
 @dataclass(frozen=True, kw_only=True)
 class WrittenSettings:
-    """Options for the format that a transform is written in, and for what that leaves open."""
+    """Options for the format that a transform is written in, and for what the format leaves open."""
 
     to: str | None = format_name("Write only the transform, in a format that `convert --formats` lists.")
     to_direction: Direction | None = option(DIRECTION.format(WRITTEN))
@@ -70,7 +72,7 @@ class WrittenSettings:
     to_lidar: str | None = option(LIDAR.format(WRITTEN), metavar="NAME")
 
     def written(self, **about: Any) -> FormatOptions:
-        """Make options of a format, of which `about` are the others."""
+        """Make the options of the written format; `about` holds the others."""
         from semcal_cli.formats.format import FormatOptions
 
         return FormatOptions(self.to_direction, self.to_frame, self.to_camera, self.to_lidar, **about)
@@ -78,29 +80,29 @@ class WrittenSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertSettings(WrittenSettings):
-    """What the options of `convert` say."""
+    """Settings of `convert`."""
 
     rules = [
         one_of("--to", "--into"),
-        given("--into").excludes("--to", "-o", because="it changes its own file"),
+        given("--into").excludes("--to", "-o", because="it changes an existing file in its own format"),
     ]
     source: Path = argument(type=INPUT_FILE, metavar="IN")
-    from_: str | None = format_name("Format of IN, if its content does not tell.", "--from")
+    from_: str | None = format_name("Format of IN, if its content does not show it.", "--from")
     to: str | None = format_name("Format to write; see --formats.")
     output: Path | None = result_file("File to write. Standard output if it is - or not given.")
     into: Path | None = option(
-        "Set the transform in this file instead, and leave every other byte of it as it is; intrinsics that were "
-        "estimated together with the transform, too, and in a drive the offset of the clock.",
+        "Set the transform in this file instead, and leave every other byte as it is. This also sets intrinsics that "
+        "were estimated together with the transform and, in a drive, the time offset.",
         metavar="FILE",
     )
     direction: Direction | None = option(DIRECTION.format("IN"))
     frame: Frame | None = option(FRAME.format("IN"))
     camera: str | None = option(CAMERA.format("IN"), metavar="NAME")
     lidar: str | None = option(LIDAR.format("IN"), metavar="NAME")
-    repair: bool = option("Replace an invalid rotation by the nearest one, and say so.", default=False)
+    repair: bool = option("Replace an invalid rotation by the nearest valid one, and say so.", default=False)
 
     def read(self) -> FormatOptions:
-        """Make options of the format that is read."""
+        """Make the options of the format that is read."""
         from semcal_cli.formats.format import FormatOptions
 
         on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if self.repair else None
@@ -117,11 +119,11 @@ class ConvertSettings(WrittenSettings):
     help="List the formats, and exit.",
 )
 def convert(settings: ConvertSettings) -> None:
-    """Convert the transform of IN, or of standard input if it is -, into another format.
+    """Convert the transform in IN, or on standard input if IN is -, to another format.
 
-    Where IN is a calibration of semcal's or a drive, camera-info, kalibr and opencv also get the intrinsics of its
-    camera. --into sets intrinsics that the file has already if IN is a calibration that estimated them and kept them,
-    and in a drive likewise the offset of the clock, so that a next calibration begins with both.
+    If IN is a semcal calibration or a drive, the formats camera-info, kalibr and opencv also get the intrinsics of its
+    camera. If IN is a calibration that estimated intrinsics and kept them, --into also sets those that the file
+    already has, and in a drive likewise the time offset, so that the next calibration starts with both.
     """
     from semcal_cli.errors import InputError
     from semcal_cli.files.writing import STANDARD_OUTPUT, check_descriptor, descriptor
@@ -149,7 +151,7 @@ def convert(settings: ConvertSettings) -> None:
 
 
 def _put_into(into: Path, settings: ConvertSettings) -> None:
-    """Set the transform of a file in another one, with the camera and the clock that were estimated with it."""
+    """Set the transform of one file in another, with the intrinsics and the time offset estimated with it."""
     from semcal_cli.formats import DOUBTED, is_doubted, put_transform, read_extrinsic
 
     source, written = settings.source, settings.written()
@@ -173,7 +175,7 @@ def _put_into(into: Path, settings: ConvertSettings) -> None:
 
 
 def _transform_in(path: Path, options: FormatOptions) -> Pose | str:
-    """Read the transform that a file has before it is set, or say why there is none."""
+    """Read the transform that a file has before it is replaced, or say why there is none."""
     from semcal_cli.errors import InputError, MisplacedError
     from semcal_cli.formats import read_transform
 
@@ -182,11 +184,11 @@ def _transform_in(path: Path, options: FormatOptions) -> Pose | str:
     except MisplacedError:
         return "which had none"
     except InputError:
-        return "which had none that could be read"
+        return "which had no readable one"
 
 
 def _change(path: Path, before: Pose | str, T_camera_lidar: Pose) -> str:
-    """Say what was set, and how far that moves the camera."""
+    """Say what was set, and how far it moves the camera."""
     from semcal_cli.geometry.poses import compare_poses
 
     if isinstance(before, str):
@@ -196,7 +198,7 @@ def _change(path: Path, before: Pose | str, T_camera_lidar: Pose) -> str:
 
 
 def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
-    """Say which of a drive's camera and clock differs from that of the transform that was set in it."""
+    """Say how the camera and the clock of a drive differ from those of the transform that was set in it."""
     from semcal_cli.drive.document import read_drive
     from semcal_cli.formats.format import Source
     from semcal_cli.formats.semcal import DRIVE
@@ -205,4 +207,4 @@ def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
     if DRIVE not in Source.read(into).mapping:
         return []
     changes = apply_result(record, read_drive(into), str(source)).changes
-    return [f"the transform belongs to another {label} than the drive has, {line}" for label, line in changes]
+    return [f"the transform belongs to another {label} than the drive's, {line}" for label, line in changes]

@@ -1,4 +1,4 @@
-"""`semcal demo`: a whole calibration of a synthetic drive or of KITTI, compared with the truth or what is published."""
+"""`semcal demo`: the whole calibration of a synthetic drive or of KITTI, compared with the known transform."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 NUM_FRAMES, NUM_REAL_FRAMES = 8, 20
 OFF_DEG, OFF_M = 2.0, 0.1
-"""How far the camera is off on the left half of the image, which shows what a wrong transform looks like."""
+"""How far off the camera is in the left half of the image, which shows what a wrong transform looks like."""
 START_DEG, START_M = 2.0, 0.2
 """How far off a real drive starts: edges alone need to know the mounting to 5 degrees and 0.3 m."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoSettings(ThreadSettings):
-    """What the options of `demo` say."""
+    """Settings of `demo`."""
 
     out: Path = argument(Path("semcal_demo"))
     real: Path | None = option(
-        "Calibrate a folder of KITTI object or KITTI raw that you have, by edges, without any labels.",
+        "Calibrate your copy of KITTI object or KITTI raw in this folder instead, by edges, without labels.",
         metavar="FOLDER",
     )
     seed: int = setting_of(CalibrationConfig, "seed")
@@ -41,13 +41,13 @@ class DemoSettings(ThreadSettings):
 
 @command(DemoSettings)
 def demo(settings: DemoSettings) -> None:
-    """Calibrate a synthetic street drive from nothing, and compare with the truth.
+    """Calibrate a synthetic street drive without an initial guess, and compare the result with the truth.
 
-    Makes the folder OUT (semcal_demo) with the drive, its calibration.yaml, and report.html and overlay.png to look at.
-    Running it again overwrites them. Where PyTorch is installed, the error of the paper's MINE is told, too.
+    Writes the drive, calibration.yaml, report.html and overlay.png to the folder OUT (semcal_demo). Running it again
+    overwrites them. If PyTorch is installed, the error of the paper's MINE is printed, too.
 
-    With --real, the drive is one of KITTI: it starts 2 degrees and 0.2 m from the published transform, and is compared
-    with it.
+    With --real, the drive is from KITTI. Its calibration starts 2 degrees and 0.2 m from the published transform, and
+    is compared with that.
     """
     import numpy as np
 
@@ -94,7 +94,7 @@ def demo(settings: DemoSettings) -> None:
 
 
 def _make(settings: DemoSettings, drive: Path) -> str:
-    """Write the drive, and say in a line what it is."""
+    """Write the drive, and describe it in one line."""
     if settings.real is None:
         from semcal_cli.synthetic.synthesis import synthesize
 
@@ -110,7 +110,7 @@ def _make(settings: DemoSettings, drive: Path) -> str:
 
 
 def _found(folder: Path) -> tuple[str, Request]:
-    """Tell which data set a folder holds, and which sequence of it is taken: of KITTI raw, the one of most sweeps.
+    """Find which data set a folder holds, and which sequence to use: for KITTI raw, the one with the most sweeps.
 
     Raises:
         InputError: it is neither KITTI object nor KITTI raw.
@@ -133,7 +133,7 @@ def _found(folder: Path) -> tuple[str, Request]:
 
 
 def _by_mine(data: LoadedDrive, calibration: Calibration, T_true: Pose) -> str:
-    """Refine from the same start by MINE, the paper's estimator, and describe its error and time in a line."""
+    """Refine from the same start with MINE, the paper's estimator, and describe its error and time in one line."""
     import numpy as np
 
     from semcal_cli.config import RefinementConfig

@@ -14,7 +14,7 @@ from semcal_cli.cli.settings import argument, command, option
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateSettings:
-    """What the options of `evaluate` say."""
+    """Settings of `evaluate`."""
 
     calibration: Path = argument()
     reference: Path = option(
@@ -27,9 +27,9 @@ class EvaluateSettings:
 
 @command(EvaluateSettings, hidden=True)
 def evaluate(settings: EvaluateSettings) -> None:
-    """Print how far CALIBRATION is from a reference. `semcal compare` tells more.
+    """Print how far CALIBRATION is from a reference. `semcal compare` shows more.
 
-    Rotation in degrees, camera centre in centimetres, along the axes of the camera.
+    Rotation is in degrees, the camera centre in centimetres, both along the camera's axes.
     """
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.formats import read_transform

@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 
 ESTIMATORS = get_args(Estimator)
 PARTS = ("good", "bad", "spoiled", "subtle", "verify")
-"""Parts of the experiment on trust; MINE belongs to the good drives."""
+"""Parts of the experiment on trust; MINE runs on the good drives."""
 
 
 @click.group()
 def experiment() -> None:
-    """Measure the figures of the documentation, on synthetic drives."""
+    """Measure the figures in the documentation, on synthetic drives."""
 
 
 @experiment.command()
-@seeds_options(20, "Drives for each row.", first_seed=10_000)
+@seeds_options(20, "Number of drives per row.", first_seed=10_000)
 @click.option(
     "--estimator",
     "estimators",
@@ -51,10 +51,10 @@ def experiment() -> None:
 def accuracy(
     out: Path, seeds: range, estimators: tuple[str, ...], rows: tuple[str, ...], edge_band: int | None
 ) -> Experiment[Any, Any]:
-    """Compare calibrations with the truth, over sensors, lenses, labels and starts.
+    """Compare calibrations with the truth: sensors, lenses, labels and starts.
 
-    Takes about two minutes for each seed. Writes results.csv, summary.json and table.md into a folder of DIR, and keeps
-    its drives in a pool beside it, about 45 MB each. A stopped run resumes where it was.
+    Takes about two minutes per seed. Writes results.csv, summary.json and table.md to a folder in DIR, and keeps its
+    drives in a pool next to it, about 45 MB each. A stopped run resumes where it was.
     """
     from semcal_cli.experiments import accuracy
 
@@ -64,14 +64,14 @@ def accuracy(
 
 
 @experiment.command()
-@seeds_options(20, "Drives for each row.", first_seed=80_000)
+@seeds_options(20, "Number of drives per row.", first_seed=80_000)
 @rows_option("jointly", "intrinsics wrong")
 @measures
 def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, Any]:
-    """Compare intrinsics and clocks that are estimated with the pose with the truth.
+    """Compare jointly estimated intrinsics and time offsets with the truth.
 
-    Takes about two minutes for each seed. Writes results.csv, summary.json and table.md into a folder of DIR; a stopped
-    run resumes where it was.
+    Takes about two minutes per seed. Writes results.csv, summary.json and table.md to a folder in DIR; a stopped run
+    resumes where it was.
     """
     from semcal_cli.experiments import jointly
 
@@ -81,8 +81,8 @@ def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, A
 @experiment.command()
 @seeds_options(
     60,
-    "Drives: six calibrations of each as it is, two with classes off alike in all frames, five made impossible, and "
-    "15 verifications.",
+    "Number of drives. Each takes six calibrations as it is, two with classes wrong in all frames alike, five of "
+    "impossible variants, and 15 verifications.",
     first_seed=20_000,
 )
 @click.option(
@@ -91,22 +91,22 @@ def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, A
     type=click.Choice(PARTS),
     multiple=True,
     default=PARTS,
-    help="Only this part; may be given again. Beside others, `spoiled` and `subtle` spoil only every fifth drive.",
+    help="Run only this part; may be repeated. Next to others, `spoiled` and `subtle` spoil only every fifth drive.",
 )
 @click.option(
     "--limits",
     "with_limits",
     is_flag=True,
-    help="Measure instead what each check finds on good and on bad drives, beside its limit: 19 calibrations of each "
+    help="Instead, measure what each check finds on good and on bad drives, next to its limit: 19 calibrations per "
     "drive.",
 )
 @measures
 def trust(out: Path, seeds: range, parts: tuple[str, ...], with_limits: bool) -> Experiment[Any, Any]:
     """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
 
-    Drives are also spoiled in the ways of real recordings, and given subtle faults: none should be trusted and wrong.
-    Takes about two minutes for each drive, and seven for one that is spoiled. Writes the same files as `accuracy`; a
-    stopped run resumes.
+    Drives are also spoiled as real recordings are, and given subtle faults: no result should be trusted and wrong.
+    Takes about two minutes per drive, and seven per spoiled drive. Writes the same files as `accuracy`; a stopped run
+    resumes where it was.
     """
     from semcal_cli.experiments import limits, trust_table
 
@@ -120,14 +120,14 @@ def trust(out: Path, seeds: range, parts: tuple[str, ...], with_limits: bool) ->
 
 
 def _compares(declare: Callable[..., Experiment[Any, Any]]) -> click.Command:
-    """Make a command of a function that declares an experiment which compares methods."""
+    """Make a command from a function that declares an experiment which compares methods."""
     unmended = click.option(
         "--unmended",
         is_flag=True,
-        help="Leave isolated wrong pixels as they are for every method, as the paper's always does. Results go to a "
-        "folder of their own.",
+        help="Leave isolated wrong pixels as they are for every method; the paper's method always does. Results go to "
+        "a separate folder.",
     )
-    drives = seeds_options(20, "Drives, a run in every box each.", first_seed=50_000)
+    drives = seeds_options(20, "Number of drives, each with one run per table cell.", first_seed=50_000)
     return experiment.command()(drives(unmended(measures(declare))))
 
 
@@ -142,8 +142,9 @@ def _rivals(name: str, out: Path, seeds: range, unmended: bool) -> Experiment[An
 def pairs(**options: Any) -> Experiment[Any, Any]:
     """Compare methods over the number of pairs: 1, 2, 5, 10, 20, 50 and 70.
 
-    semcal, the paper's method, SOIC and PMI start at the same pose, 2 degrees and 0.2 m off; the paper's also at its
-    own start, from nothing. Writes the same files as `accuracy`, and plot.png; a stopped run resumes where it was.
+    semcal, the paper's method, SOIC and PMI start from the same pose, 2 degrees and 0.2 m off; the paper's method also
+    runs from its own start, without an initial guess. Writes the same files as `accuracy`, and plot.png; a stopped run
+    resumes where it was.
     """
     return _rivals("pairs", **options)
 
@@ -152,18 +153,18 @@ def pairs(**options: Any) -> Experiment[Any, Any]:
 def noise(**options: Any) -> Experiment[Any, Any]:
     """Compare methods over the share of wrong labels on both sides, 0 to 50 %, with 20 pairs.
 
-    Otherwise as `pairs`; PMI does not look at labels.
+    Otherwise as `pairs`; PMI does not use labels.
     """
     return _rivals("noise", **options)
 
 
 @experiment.command()
-@seeds_options(20, "Drives, a run of each optimiser on each.", first_seed=55_000)
+@seeds_options(20, "Number of drives, each with one run per optimiser.", first_seed=55_000)
 @measures
 def gradient(out: Path, seeds: range) -> Experiment[Any, Any]:
     """Compare gradient ascent with Powell's method on the same mutual information.
 
-    Both start 2 degrees and 0.2 m off, with five pairs. Writes results.csv, summary.json and table.md into a folder of
+    Both start 2 degrees and 0.2 m off, with five pairs. Writes results.csv, summary.json and table.md to a folder in
     DIR; a stopped run resumes where it was.
     """
     from semcal_cli.experiments import gradient
@@ -189,7 +190,7 @@ def gradient(out: Path, seeds: range) -> Experiment[Any, Any]:
     "--frame",
     least=0,
     default=0,
-    help="Frame that the images show, numbered from 0 among those used.",
+    help="Frame that the images show, counted from 0 among the frames used.",
 )
 @max_frames_option
 @max_points_option
@@ -206,9 +207,9 @@ def table(
 ) -> None:
     """Compare methods on DRIVE, from the same start, with its reference.
 
-    Writes results.csv, summary.json, table.md and the images (a) to (d) into the drive's folder of DIR: points at
-    the reference, and where SOIC, PMI and semcal put them. If the reference is that of RELLIS-3D or KITTI-360, within 1
-    degree and 10 cm, what the paper prints of it stands below it, measured on the same frames.
+    Writes results.csv, summary.json, table.md and the images (a) to (d) to the drive's folder in DIR: the points at the
+    reference, and where SOIC, PMI and semcal put them. If the reference is within 1 degree and 10 cm of that of
+    RELLIS-3D or KITTI-360, the poses that the paper reports are listed below it, measured on the same frames.
     """
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.stages import read_initial_pose
@@ -245,7 +246,7 @@ def table(
     "--plain-torch",
     type=PATH,
     metavar="FILE",
-    help="Compare with this script: tests/benchmarks/plain_torch.py of a clone.",
+    help="Compare with this script: tests/benchmarks/plain_torch.py in a clone.",
 )
 @click.option(
     "--only",
@@ -253,7 +254,7 @@ def table(
     help="Time only this command; the script is compared with refine.",
 )
 @number_option(
-    "--frames", default=70, help="Number of frames that are rendered; the most pairs but for 1,000."
+    "--frames", default=70, help="Number of frames to render: the largest number of pairs besides 1,000."
 )
 @click.option(
     "--width", type=click.IntRange(64), default=1280, show_default=True, help="Columns of the images."
@@ -263,10 +264,10 @@ def table(
 def speed(
     out: Path, repeats: int, plain_torch: Path | None, only: str | None, frames: int, width: int, height: int
 ) -> Experiment[Any, Any]:
-    """Time whole processes, and compare the refinement with the same in plain torch.
+    """Time whole processes, and compare the refinement with plain torch.
 
-    Needs an idle machine, and takes about three minutes for each repeat. Writes the same files as `accuracy`; a stopped
-    run resumes where it was.
+    Needs an idle machine, and takes about three minutes per repeat. Writes the same files as `accuracy`; a stopped run
+    resumes where it was.
     """
     from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What all commands of `semcal experiment` share: drives, folder and progress, and the table at the end."""
+"""What all commands of `semcal experiment` share: drives, folder, progress, and the final table."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def _find_place(context: click.Context, parameter: click.Parameter, into: str | None) -> Place | None:
-    """Find the place before the experiment is run."""
+    """Find the place before the experiment runs."""
     from semcal_cli.experiments.page_tables import find_place
 
     return None if into is None else find_place(into, str(context.info_name))
@@ -36,7 +36,7 @@ def out_options(command: Command) -> Command:
         "--into",
         metavar="PAGE[#NAME]",
         callback=_find_place,
-        help="Markdown page to write the table into, too: between its lines `<!-- table: NAME -->` and "
+        help="Also write the table into this Markdown page, between the lines `<!-- table: NAME -->` and "
         "`<!-- end of table -->`.  [default NAME: that of the experiment]",
     )
     out = click.option(
@@ -46,7 +46,7 @@ def out_options(command: Command) -> Command:
         default="semcal_experiments",
         show_default=True,
         metavar="DIR",
-        help="Folder of the results and the pool.",
+        help="Folder for the results and the pool of drives.",
     )
     return out(into(command))
 
@@ -59,7 +59,7 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
         help: Help text of the number of drives.
         first_seed: Default seed of the first drive.
     """
-    jobs = number_option("--jobs", default=1, help="Number of runs at a time.")
+    jobs = number_option("--jobs", default=1, help="Number of runs in parallel.")
     first = number_option(
         "--first-seed", least=0, most=MAX_SEED, default=first_seed, help="Seed of the first drive."
     )
@@ -89,14 +89,14 @@ def rows_option(module: str, example: str) -> Callable[[Command], Command]:
         multiple=True,
         metavar="NAME",
         callback=check,
-        help=f"Only this row of the table, as '{example}'; may be given again.",
+        help=f"Run only this row of the table, such as '{example}'; may be repeated.",
     )
 
 
 def measures(declare: Callable[..., Experiment[Any, Any]]) -> Callable[..., None]:
-    """Make a command of a function that declares an experiment: it is run, and its table is shown.
+    """Make a command from a function that declares an experiment: it runs the experiment and shows its table.
 
-    The function gets `out`, its own options, and `seeds`, a range, if the command has `seeds_options`.
+    The function gets `out`, its own options, and the range `seeds` if the command has `seeds_options`.
     """
 
     @out_options
@@ -116,7 +116,7 @@ def measures(declare: Callable[..., Experiment[Any, Any]]) -> Callable[..., None
 
 
 def print_table(table: str, folder: Path, into: Place | None) -> None:
-    """Print the table of an experiment, and where its files lie; write it into its place of a page."""
+    """Print the table of an experiment, and where its files are; write it into its place on a page."""
     from semcal_cli.experiments.experiment import read_measured
 
     click.echo(table, nl=False)
@@ -126,17 +126,17 @@ def print_table(table: str, folder: Path, into: Place | None) -> None:
 
 
 class Progress(Pace):
-    """Shows the runs of an experiment: the running ones on a terminal, or a line for each finished one on a pipe."""
+    """Shows the runs of an experiment: the running ones on a terminal, or one line per finished run on a pipe."""
 
     def __init__(self, console: Console, num_jobs: int) -> None:
         super().__init__(0, num_jobs)
         self._console, self._began = console, monotonic()
 
     def resume(self, num_done: int, num_items: int) -> None:
-        """Tell how many runs are done already."""
+        """Report how many runs are already done."""
         super().resume(num_done, num_items)
         if num_done and not self._console.is_terminal:
-            self._console.print(f"{num_done:,} of {num_items:,} runs are done already")
+            self._console.print(f"{num_done:,} of {num_items:,} runs are already done")
 
     def end(self, name: str) -> None:
         """Count a run, and name it on a pipe."""
@@ -149,6 +149,6 @@ class Progress(Pace):
             self._console.print(f"{number}  {name}  ({told})", markup=False)
 
     def lines(self) -> list[Text]:
-        """Say how many runs are done and about how long the others take, and name those that are running."""
+        """Say how many runs are done and about how long the rest takes, and list the running ones."""
         count = f"{self.num_done:,} of {self.num_items:,} runs are done"
         return [Text("   ".join(filter(None, [count, time_left(self)]))), *running_lines(self)]

@@ -14,25 +14,25 @@ from semcal_cli.errors import check_installed
 
 @click.group()
 def export() -> None:
-    """Write a drive for a viewer. See `semcal convert` for transforms in the formats of other tools."""
+    """Export a drive to a viewer. To write a transform for another tool, use `semcal convert`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RerunSettings(DriveSettings):
-    """What the options of `export rerun` say."""
+    """Settings of `export rerun`."""
 
     calibration: Path | None = argument()
     output: Path = option("File to write, .rrd.", "-o", "--output", required=True, metavar="FILE")
-    max_frames: int = option("Number of evenly spaced frames written of a longer drive.", default=20, least=1)
+    max_frames: int = option("Write at most N evenly spaced frames.", default=20, least=1)
 
 
 @export.command(
     cls=SettingsCommand,
     settings=RerunSettings,
-    help="Write DRIVE for the Rerun viewer: sweeps and images with their labels along time, and a camera at each "
-    "pose of CALIBRATION: its hypotheses, its stages and its result, or the one pose of another file: "
-    f"{KNOWN_TRANSFORMS}. Look at it by `rerun FILE.rrd`.",
-    short_help="For the Rerun viewer, .rrd.",
+    help="Write DRIVE for the Rerun viewer: sweeps and images with their labels over time, and a camera at each pose "
+    "of CALIBRATION (hypotheses, stages and result), or at the single pose of another file. CALIBRATION is "
+    f"{KNOWN_TRANSFORMS}. Open the file with `rerun FILE.rrd`.",
+    short_help="To the Rerun viewer, .rrd.",
 )
 def rerun(settings: RerunSettings) -> None:
     """Write a recording of Rerun."""

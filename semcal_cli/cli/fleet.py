@@ -29,20 +29,20 @@ if TYPE_CHECKING:
 
 PLOTS = (".png", ".svg")
 MAX_LINES = 20
-"""Largest number of drives or checks of one kind that the terminal names; files name all."""
+"""Largest number of drives or checks of one kind that the terminal names; the files list all."""
 NO_BREAK = "\u00a0"
-"""Space at which no line is broken."""
+"""Space at which no line is wrapped."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FleetSettings(LimitSettings, QuietSettings):
-    """What the options of `fleet` say."""
+    """Settings of `fleet`."""
 
     results: tuple[Path, ...] = argument()
     output: Path | None = result_file()
     reference: Path | None = option("Also judge the offset of the rig from this transform.", metavar="FILE")
-    page: Path | None = output_file("Also write a page about the result: .html.", "--report")
-    plot: Path | None = output_file("Also write the page's plot on its own: .png or .svg.")
+    page: Path | None = output_file("Also write a report of the result: .html.", "--report")
+    plot: Path | None = output_file("Also write the plot of the report to a separate file: .png or .svg.")
     as_json: bool = option("Print the result as JSON.", "--json", default=False)
     junit: Path | None = output_file("Also write a JUnit XML file.")
     inconclusive: Inconclusive = inconclusive_choice()
@@ -63,13 +63,14 @@ class FleetSettings(LimitSettings, QuietSettings):
 
 @command(
     FleetSettings,
-    help=f"""Put the drives of one rig together: what they agree on, which do not, whether the rig moved.
+    help=f"""Combine the drives of one rig: what they agree on, which disagree, and whether the rig moved.
 
-    RESULTS are folders that semcal batch wrote, and single calibrations of semcal. Drives are ordered by the stamps
-    of their first frames if these are seconds since 1970, else by their names. Those that are not trusted are left
-    out, and named. Exit code 0: no change, no drift and no drive is beyond what is allowed, and what they agree on is
-    known that well. 3: one lies beyond with its whole 95 % interval. 4: the drives cannot decide. The transform of the
-    result is the one that holds at the last drive: other commands read it.
+    RESULTS are folders written by semcal batch, and single semcal calibrations. Drives are ordered by the stamps of
+    their first frames if these are seconds since 1970, otherwise by name. Drives that are not trusted are named and
+    left out. The transform of the result is the one that holds at the last drive, and other commands can read it.
+
+    Exit code 0: no change, no drift and no drive is beyond the limits, and the uncertainty of the transform is within
+    them. 3: one of these is beyond its limit with its whole 95 % interval. 4: the drives cannot decide.
 
     FILE of --reference is {KNOWN_TRANSFORMS}.
     """,
@@ -105,7 +106,7 @@ def fleet(settings: FleetSettings) -> None:
     document = _document(found, read, output, reference)
     text = document_text(document, form)
     if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
-        size = f"{len(text):,} bytes of YAML, which other commands would not read"
+        size = f"{len(text):,} bytes of YAML, too many for other commands to read"
         raise InputError(f"{output}: found {size}, needed .json")
     _write(found, report, text, settings)
     if output is None or settings.as_json:
@@ -117,7 +118,7 @@ def fleet(settings: FleetSettings) -> None:
 
 
 def _write(found: Fleet, report: CiReport, text: str, settings: FleetSettings) -> None:
-    """Write all outputs; their content is made before anything is written, and the result is written last."""
+    """Write all outputs. Their content is complete before anything is written; the result is written last."""
     from semcal_cli.files.writing import write_bytes
     from semcal_cli.fleet.course import plot_fleet
     from semcal_cli.fleet.page import page_html
@@ -139,7 +140,7 @@ def _write(found: Fleet, report: CiReport, text: str, settings: FleetSettings) -
 def _document(
     found: Fleet, read: Sequence[Path], output: Path | None, reference: Path | None
 ) -> dict[str, Any]:
-    """Describe the result, whose paths are relative to its folder."""
+    """Describe the result, with paths relative to its folder."""
     from semcal_cli.cli.outputs import folder_of
     from semcal_cli.drive.document import drive_file
     from semcal_cli.fleet.fleet import describe_fleet
@@ -151,12 +152,12 @@ def _document(
 
 
 def _cases(found: Fleet) -> list[Case]:
-    """Make a test case of each check, of each drive, and of the verdict on all."""
+    """Make a test case of each check, of each drive, and of the overall verdict."""
     from semcal_cli.fleet.verdict import total
 
     cases = [Case.of_check(check) for check in found.checks]
     for drive in found.drives:
-        # A drive whose pose is uncertain is no reason to distrust the rig; a drive that seems far off is.
+        # An uncertain drive is no reason to distrust the rig; a drive that seems far off is.
         verdict = drive.verdict if drive.is_far else "pass"
         cases.append(Case(f"drive {drive.member.drive}", verdict, f"{total(drive.offset)} off"))
     # The file has the same verdict as the exit code, whatever decides it.
@@ -208,7 +209,7 @@ def _apart(drive: ComparedDrive) -> str:
 
 
 def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
-    """List the totals, and what does not pass, under the subject of each."""
+    """List the totals and the checks that do not pass, by subject."""
     from semcal_cli.assessment.limits import IN_ALL
     from semcal_cli.cli.tables import COLUMNS
     from semcal_cli.fleet.verdict import check_words
@@ -232,7 +233,7 @@ def _first(lines: list[str]) -> list[str]:
 
 
 def _rows(label: str, lines: Iterable[str]) -> Iterator[str]:
-    """Label the first of some lines, each broken to the width of a terminal; names stay whole."""
+    """Label the first of some lines, and wrap each to the width of a terminal; names stay whole."""
     from semcal_cli.cli.tables import COLUMNS, LABEL_WIDTH, labelled
 
     for line in lines:
@@ -243,7 +244,7 @@ def _rows(label: str, lines: Iterable[str]) -> Iterator[str]:
 
 
 def _wrapped(line: str, columns: int) -> list[str]:
-    """Break a line between words; names, and intervals with their signs, stay whole."""
+    """Wrap a line between words; names, and intervals with their signs, stay whole."""
     whole = line.replace("+- ", f"+-{NO_BREAK}")
     pieces = wrap(whole, columns, break_long_words=False, break_on_hyphens=False)
     return [piece.replace(NO_BREAK, " ") for piece in pieces]

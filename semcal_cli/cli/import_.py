@@ -1,4 +1,4 @@
-"""`semcal import`: drives from recordings, from data sets, and from folders of the user's own files."""
+"""`semcal import`: drives from recordings, data sets, and folders of the user's own files."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from semcal_cli.datasets.writing import Written
 
 MAX_REASONS = 10
-"""Largest number of reasons for leaving something out that are printed."""
+"""Largest number of printed reasons for leaving something out."""
 HEADINGS = ("topic", "type", "messages", "Hz", "first s", "last s", "use")
 SIDES = "<<>>>><"
-"""Alignment of the columns of the list of topics."""
+"""Alignment of the columns in the list of topics."""
 
 
 class FrameSlice(click.ParamType):  # type: ignore[type-arg]
@@ -51,27 +51,28 @@ class ImportSettings(QuietSettings):
     """Options of every import of files."""
 
     output: Path = option(
-        "Folder of the drive, or its drive.yaml.", "-o", "--output", required=True, metavar="DRIVE"
+        "Folder for the drive, or its drive.yaml.", "-o", "--output", required=True, metavar="DRIVE"
     )
-    camera: str | None = option("The camera.", metavar="NAME")
-    frames: slice | None = option("Keep these frames, counted from 0, as 0:100:10.", type=FrameSlice())
+    camera: str | None = option("Name of the camera.", metavar="NAME")
+    frames: slice | None = option("Keep these frames, counted from 0, such as 0:100:10.", type=FrameSlice())
     max_frames: int | None = option(
-        "Keep at most N frames, evenly spaced, or as --spread says (20 if not given).", least=1
+        "Keep at most N frames: evenly spaced ones, or those that --spread chooses (then 20 if not given).",
+        least=1,
     )
     spread: bool = option(
-        "Keep the frames whose label images differ most; if speeds are known, only among the slower half.",
+        "Keep the frames whose label images differ most; if speeds are known, only from the slower half.",
         default=False,
     )
     image_classes: str | None = option(
-        "Classes of the label images: a table as cityscapes-train, or a file of lines as `road: [7]`.",
+        "Classes of the label images: a table such as cityscapes-train, or a file with lines such as `road: [7]`.",
         metavar="NAME|FILE",
     )
     point_classes: str | None = option(
-        "Classes of the point labels: a table as semantickitti, or a file of lines as `road: [40]`.",
+        "Classes of the point labels: a table such as semantickitti, or a file with lines such as `road: [40]`.",
         metavar="NAME|FILE",
     )
     max_gap_s: float | None = option(
-        "Largest difference in time between a sweep and its image.", above=0.0, metavar="S"
+        "Largest time difference between a sweep and its image, in seconds.", above=0.0, metavar="S"
     )
 
     def write(self, recording: Recording, **others: Any) -> None:
@@ -87,7 +88,7 @@ class ImportSettings(QuietSettings):
 
 
 def _tell(written: Written, details: str, lines: tuple[str, ...] = ()) -> None:
-    """Say what was written, what a user should know of it, and which command follows."""
+    """Say what was written, what to know about it, and which command comes next."""
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 
@@ -102,7 +103,7 @@ class DatasetSettings(ImportSettings):
     """Options of the import of a data set."""
 
     root: Path = argument()
-    sequence: str | None = option("The sequence; needed if there are several.", metavar="NAME")
+    sequence: str | None = option("Name of the sequence; needed if there are several.", metavar="NAME")
     image_labels: Path | None = option("Take the label images from this folder.", metavar="DIR")
     point_labels: Path | None = option("Take the point labels from this folder.", metavar="DIR")
     version: str | None = None
@@ -114,7 +115,7 @@ class NuscenesSettings(DatasetSettings):
     """Options of the import of nuScenes."""
 
     version: str | None = option(
-        "The folder of the tables, as v1.0-mini, if there are several.", metavar="NAME"
+        "Folder of the tables, such as v1.0-mini; needed if there are several.", metavar="NAME"
     )
 
 
@@ -123,7 +124,8 @@ class CarlaSettings(DatasetSettings):
     """Options of the import of CARLA."""
 
     version: str | None = option(
-        "The release that wrote the data, as 0.9.15, from 0.9.10 on: tags changed at 0.9.14.", metavar="NAME"
+        "Release that wrote the data, such as 0.9.15; at least 0.9.10. Tags changed at 0.9.14.",
+        metavar="NAME",
     )
 
 
@@ -132,8 +134,8 @@ class Kitti360Settings(DatasetSettings):
     """Options of the import of KITTI-360."""
 
     rectified: bool | None = option(
-        "Images of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is turned by "
-        "R_rect. Raw: data_rgb, with K, D and the reference as calib_cam_to_velo.txt has it.  [default: rectified]",
+        "Images of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is rotated by "
+        "R_rect. Raw: data_rgb, with K, D and the reference as in calib_cam_to_velo.txt.  [default: rectified]",
         "--rectified/--raw",
     )
 
@@ -162,16 +164,16 @@ class Imports(click.Group):
 
 @click.group(name="import", cls=Imports)
 def import_() -> None:
-    """Make a drive of a recording, of a data set, or of a folder of your own files.
+    """Make a drive from a recording, a data set, or a folder of your own files.
 
-    Writes a drive.yaml that points at the original files, with intrinsics, class names, ignored ids and, as
-    the reference T_camera_lidar, the data set's own calibration.
+    Writes a drive.yaml that points to the original files, with intrinsics, class names and ignored ids. The calibration
+    of a data set becomes the reference, T_camera_lidar.
     """
 
 
 @dataclass(frozen=True, kw_only=True)
 class BagSettings(QuietSettings):
-    """What the options of `import bag` say."""
+    """Settings of `import bag`."""
 
     rules = [
         one_of("-o", "--list"),
@@ -179,42 +181,50 @@ class BagSettings(QuietSettings):
         given("--motion-frame").excludes("--motion none"),
     ]
     paths: tuple[Path, ...] = argument(metavar="PATH...")
-    output: Path | None = option("Folder of the drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE")
-    is_list: bool = option("List the topics, and what would be taken.", "--list", default=False)
-    points: str | None = option("Sweeps; needed if there are several topics of them.", metavar="TOPIC")
-    image: str | None = option("Images; needed if there are several topics of them.", metavar="TOPIC")
-    camera_info: str | None = option("Intrinsics; if not given, those beside the images.", metavar="TOPIC")
+    output: Path | None = option(
+        "Folder for the drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE"
+    )
+    is_list: bool = option("List the topics, and which would be used.", "--list", default=False)
+    points: str | None = option("Topic of the sweeps; needed if there are several.", metavar="TOPIC")
+    image: str | None = option("Topic of the images; needed if there are several.", metavar="TOPIC")
+    camera_info: str | None = option(
+        "Topic of the intrinsics; if not given, the one next to the images.", metavar="TOPIC"
+    )
     intrinsics: Path | None = option(
-        "Intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
+        "Take the intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
         metavar="FILE",
     )
     max_frames: int | None = option(
-        "Keep at most N frames, spread so that their scenes differ: 70 if neither this nor --every is given.",
+        "Keep at most N frames, chosen so that their scenes differ; 70 if neither this nor --every is given.",
         least=1,
     )
     every_s: float | None = option(
-        "Take a frame every S seconds instead, and no more than --max-frames.",
+        "Take one frame every S seconds instead, and at most --max-frames.",
         "--every",
         above=0.0,
         most=1e6,
         metavar="S",
     )
     stamps: Literal["header", "receive"] = option(
-        "Times of sweeps and images: those of their headers, or when they were received.", default="header"
+        "Times of sweeps and images: from their headers, or when they were received.", default="header"
     )
     max_gap_s: float = option(
-        "Largest time between a sweep and its image.", default=0.05, above=0.0, most=1e3, metavar="S"
+        "Largest time difference between a sweep and its image, in seconds.",
+        default=0.05,
+        above=0.0,
+        most=1e3,
+        metavar="S",
     )
     motion: str | None = option(
-        "Odometry, PoseStamped or /tf that tells how the LiDAR moves; the only one if not given.",
+        "Topic of the LiDAR's motion: Odometry, PoseStamped or /tf. If not given, the only such topic.",
         metavar="TOPIC|none",
     )
     motion_frame: str | None = option(
-        "Frame whose poses it holds, if its messages do not say so.", metavar="FRAME"
+        "Frame whose poses the topic contains, if its messages do not say so.", metavar="FRAME"
     )
     odometry: bool = option(
-        "Estimate the motion from the sweeps by KISS-ICP. A topic that tells it goes first and is compared with it; "
-        "--motion none takes none.",
+        "Estimate the motion from the sweeps with KISS-ICP. A topic of the motion takes precedence, and is compared "
+        "with the estimate; --motion none ignores all topics.",
         default=False,
     )
 
@@ -222,14 +232,14 @@ class BagSettings(QuietSettings):
 @import_.command(
     cls=SettingsCommand,
     settings=BagSettings,
-    short_help="A recording of ROS or Foxglove: .bag, MCAP, .db3, or a folder of them.",
+    short_help="A ROS or Foxglove recording: .bag, MCAP, .db3, or a folder of them.",
 )
 def bag(settings: BagSettings) -> None:
-    """Make a drive of a recording, without ROS. Several PATHs are one recording in parts.
+    """Make a drive from a recording. ROS is not needed. Several PATHs are parts of one recording.
 
-    Sweeps keep all their fields, JPEG and PNG images their bytes; video is decoded. Intrinsics come from
-    camera_info, the reference T_camera_lidar from /tf_static, motion from odometry or /tf. Damaged parts are left out,
-    and told.
+    Sweeps keep all their fields, and JPEG and PNG images their bytes; video is decoded. Intrinsics come from
+    camera_info, the reference T_camera_lidar from /tf_static, and motion from odometry or /tf. Damaged parts are
+    reported and left out.
     """
     from semcal_cli.cli.terminal import Terminal
 
@@ -302,12 +312,12 @@ for _name, _dataset in DATASETS.items():
 
 @dataclass(frozen=True, kw_only=True)
 class FolderSettings(ImportSettings):
-    """What the options of `import folder` say."""
+    """Settings of `import folder`."""
 
     rules = [given("--image-classes").requires("--image-labels")]
-    points: str = option("Point clouds, as 'clouds/*.pcd'.", required=True, metavar="GLOB")
+    points: str = option("Point clouds, such as 'clouds/*.pcd'.", required=True, metavar="GLOB")
     point_labels: str | None = option(
-        "Point labels; not needed where the clouds have a field of them.", metavar="GLOB"
+        "Point labels; not needed if the clouds have a field for them.", metavar="GLOB"
     )
     image_labels: str | None = option("Label images.", metavar="GLOB")
     images: str | None = option("Images.", metavar="GLOB")
@@ -318,11 +328,14 @@ class FolderSettings(ImportSettings):
         metavar="FILE",
     )
     model: str | None = option(
-        "Camera model, if the file of the intrinsics names none, or another one.", metavar="NAME"
+        "Camera model, if the intrinsics file names none or the wrong one.", metavar="NAME"
     )
     reference: Path | None = option("T_camera_lidar to compare with, in any known format.", metavar="FILE")
     max_gap_s: float = option(
-        "Largest difference in time between a sweep and its image.", default=0.05, above=0.0, metavar="S"
+        "Largest time difference between a sweep and its image, in seconds.",
+        default=0.05,
+        above=0.0,
+        metavar="S",
     )
     max_points: int = max_points()
 
@@ -331,14 +344,14 @@ class FolderSettings(ImportSettings):
     cls=SettingsCommand,
     settings=FolderSettings,
     short_help="Your own files, found by patterns and paired by time or by name.",
-    help="""Make a drive of your own files.
+    help="""Make a drive from your own files.
 
-    Quote the patterns. Files are paired by the times in their names where all names hold one (1581624663.149,
-    1581624663_149, nanoseconds), else by their names without suffix. Files without a partner are counted.
-    --camera names one of the cameras of a Kalibr camchain.
+    Quote the patterns. Files are paired by the times in their names if all names contain one (1581624663.149,
+    1581624663_149, nanoseconds), otherwise by their names without suffix. Files without a partner are counted.
+    --camera selects one camera of a Kalibr camchain.
 
-    A file of --image-classes or --point-classes is written as one side of the classes of a drive.yaml; other ids
-    are ignored:
+    A file for --image-classes or --point-classes is written like one side of `classes` in a drive.yaml; ids that it
+    does not list are ignored:
 
     \b
       road: [7]
@@ -346,8 +359,8 @@ class FolderSettings(ImportSettings):
     """,
 )
 def folder(settings: FolderSettings) -> None:
-    """Make a drive of your own files."""
+    """Make a drive from your own files."""
     from semcal_cli.datasets.folder import Folder, read
 
-    # The labels are found by their patterns, and belong to the recording.
+    # The labels are found by their patterns, and are part of the recording.
     settings.write(read(made_of(Folder, settings)), image_labels=None, point_labels=None)

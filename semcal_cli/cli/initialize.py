@@ -14,11 +14,11 @@ from semcal_cli.config import CalibrationConfig
 
 @dataclass(frozen=True, kw_only=True)
 class InitializeSettings(SearchSettings, ResultSettings):
-    """What the options of `initialize` say."""
+    """Settings of `initialize`."""
 
     images: Path | None = option(
-        "Also write images of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
-        "camera, and correspondences.",
+        "Also draw the registration of at most 20 frames: labels of the sweep, zoomed image labels, and "
+        "correspondences.",
         "--overlay",
         metavar="DIR",
     )
@@ -26,9 +26,9 @@ class InitializeSettings(SearchSettings, ResultSettings):
 
 @command(InitializeSettings)
 def initialize(settings: InitializeSettings) -> None:
-    """Find the initial calibration of DRIVE from nothing, without refining it.
+    """Find the initial calibration of DRIVE without an initial guess, and do not refine it.
 
-    Lists the hypotheses, best first. Exit code 3 means that an answer was written but is not trusted.
+    Lists the hypotheses, best first. Exit code 3 means that a result was written but is not trusted.
     """
     from semcal_cli.assessment.stages import Stages
     from semcal_cli.cli.outputs import MAX_IMAGES, Outputs, check_image_folder, files_read, loaded_drive

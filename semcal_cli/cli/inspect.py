@@ -23,30 +23,30 @@ if TYPE_CHECKING:
     from semcal_cli.assessment.inspection import DriveReport
 
 NUM_NAMED = 4
-"""Number of classes that the table names, the commonest first."""
+"""Number of classes that the table names, most common first."""
 NUM_NAMED_FRAMES = 3
-"""Number of frames that a finding about several of them names."""
+"""Number of frames that a finding about several frames names."""
 LABEL_WIDTH = 12
 WIDE = 240
-"""Width in columns of the table of frames on a pipe."""
+"""Width of the table of frames on a pipe, in columns."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InspectSettings:
-    """What the options of `inspect` say."""
+    """Settings of `inspect`."""
 
     drive: Path = argument()
-    with_frames: bool = option("Also print a row for each frame.", "--frames", default=False)
+    with_frames: bool = option("Also print one row per frame.", "--frames", default=False)
     as_json: bool = json_flag()
     max_points: int = max_points()
 
 
 @command(InspectSettings)
 def inspect(settings: InspectSettings) -> None:
-    """Show what DRIVE holds, and what looks wrong with it. Of a rig.yaml, the drive of each camera is shown.
+    """Show what DRIVE contains, and what looks wrong with it. For a rig.yaml, show the drive of each camera.
 
-    Among others it looks for mirrored clouds, a K of another image size, labels that are shifted against their points
-    or images, and frames with the same files.
+    Among other things, this finds mirrored clouds, a K for another image size, labels that are shifted against their
+    points or images, and frames that share files.
     """
     from semcal_cli.assessment.inspection import inspect as look_through
     from semcal_cli.cli.terminal import Terminal
@@ -59,7 +59,7 @@ def inspect(settings: InspectSettings) -> None:
     reports = {}
     with Terminal(quiet=settings.as_json) as terminal:
         for name, each in drives.items():
-            terminal.show(f"looking through {each.path}")
+            terminal.show(f"inspecting {each.path}")
             reports[name] = look_through(each)
     if settings.as_json:
         documents = {name: asdict(report) for name, report in reports.items()}
@@ -69,9 +69,9 @@ def inspect(settings: InspectSettings) -> None:
 
 
 def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
-    """Print what is suspicious with any camera, and then what the drive of each holds, under its name if it has one.
+    """Print what is suspicious for any camera, then the content of each drive, under its name if it has one.
 
-    The table of frames has the width of the terminal, or of COLUMNS; a pipe without that gets its rows whole.
+    The table of frames is as wide as the terminal, or as COLUMNS; without both, rows are not wrapped.
     """
     from rich.console import Console
 
@@ -105,7 +105,7 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
 
 
 def _grouped(report: DriveReport) -> list[str]:
-    """List the findings about frames, equal ones as one with the first of their frames."""
+    """List the findings about frames; equal findings are joined and name their first frames."""
     found: dict[str, list[str]] = {}
     for frame in report.frames:
         for suspicion in frame.suspicions:
@@ -134,10 +134,10 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
         *([] if report.span_s is None else [("motion", _motion(report, report.span_s))]),
         (
             "camera",
-            f"{across:.1f} x {down:.1f} degrees; whether K and the lens are right is not checked here",
+            f"{across:.1f} x {down:.1f} degrees; the accuracy of K and the lens is not checked here",
         ),
-        ("of points", f"{_commonest(of_points)}{none_needed}"),
-        ("of pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
+        ("points", f"{_commonest(of_points)}{none_needed}"),
+        ("pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
         *(("network", line) for line in report.networks),
         ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
     ]
@@ -146,11 +146,11 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
 def _motion(report: DriveReport, span_s: float) -> str:
     """Say how long the drive is and how fast it moves."""
     if report.speeds_m_s is None or report.fastest_turn_deg_s is None:
-        return f"frames of {span_s:.0f} s; no poses, no twist"
+        return f"frames span {span_s:.0f} s; no poses, no twist"
     low, high = report.speeds_m_s
     return (
-        f"frames of {span_s:.0f} s, at {low:.1f} to {high:.1f} m/s, turns up to "
-        f"{report.fastest_turn_deg_s:.0f} degrees a second"
+        f"frames span {span_s:.0f} s, at {low:.1f} to {high:.1f} m/s, with turns up to "
+        f"{report.fastest_turn_deg_s:.0f} degrees per second"
     )
 
 
@@ -166,8 +166,8 @@ def _table(report: DriveReport) -> Table:
         "no return": [f"{frame.num_no_returns:,}" for frame in frames],
         "ignored": [f"{frame.num_points_ignored:,}" for frame in frames],
         "pixels ignored": [f"{frame.num_pixels_ignored:,}" for frame in frames],
-        "classes of points": [_commonest(frame.point_classes) for frame in frames],
-        "classes of pixels": [_commonest(frame.image_classes) for frame in frames],
+        "point classes": [_commonest(frame.point_classes) for frame in frames],
+        "pixel classes": [_commonest(frame.image_classes) for frame in frames],
         "gap, s": ["" if frame.gap_s is None else f"{frame.gap_s:.3f}" for frame in frames],
     }
     table = Table(box=None, pad_edge=False)
@@ -179,7 +179,7 @@ def _table(report: DriveReport) -> Table:
 
 
 def _together(counts: Iterable[Mapping[str, int] | None]) -> Mapping[str, int] | None:
-    """Add up the counts of all frames that have labels; None without any."""
+    """Add up the counts of all frames that have labels; None if no frame has."""
     found = [each for each in counts if each is not None]
     total: Counter[str] = Counter()
     for each in found:

@@ -141,9 +141,7 @@ class LabelSettings(ImageSettings, ThreadSettings):
         one_of("--image-model", "--point-model", "--points", "--show"),
         given("--points").excludes("--point-model"),
         given("--point-card").requires("--point-model", "--show"),
-        given("--preview", "--probabilities").requires(
-            "--image-model", "--show", because="these are of images"
-        ),
+        given("--preview", "--probabilities").requires("--image-model", "--show", because="it is for images"),
         one_of("-o", "--preview", "--show"),
     ]
     drive: Path | None = argument()

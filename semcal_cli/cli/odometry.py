@@ -13,19 +13,17 @@ from semcal_cli.errors import check_installed
 
 @dataclass(frozen=True, kw_only=True)
 class OdometrySettings(DriveSettings):
-    """What the options of `odometry` say."""
+    """Settings of `odometry`."""
 
-    output: Path = option(
-        "File of the poses to write, .txt.", "-o", "--output", required=True, metavar="FILE"
-    )
+    output: Path = option("File for the poses, .txt.", "-o", "--output", required=True, metavar="FILE")
 
 
 @command(OdometrySettings)
 def odometry(settings: OdometrySettings) -> None:
-    """Estimate how the LiDAR moves in DRIVE, whose sweeps follow one another, by KISS-ICP.
+    """Estimate the motion of the LiDAR in DRIVE with KISS-ICP. The sweeps of DRIVE must be consecutive.
 
-    Poses are written in the TUM format, a line each: seconds x y z qx qy qz qw. What is printed goes into drive.yaml,
-    which stays as it is. If DRIVE has poses, the two motions are compared.
+    Poses are written in the TUM format, one per line: seconds x y z qx qy qz qw. The printed line is for you to add to
+    drive.yaml, which is not changed. If DRIVE has poses, the two motions are compared.
     """
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.cli.terminal import Terminal
@@ -47,16 +45,16 @@ def odometry(settings: OdometrySettings) -> None:
     if motion.doubtful_ns:
         count, first_s = len(motion.doubtful_ns), motion.doubtful_ns[0] / NS
         terminal.print(
-            f"note: the motion jumps {count:,} times, first at {first_s:.3f} s; no poses around that"
+            f"note: the motion jumps {count:,} times, first at {first_s:.3f} s; no poses are written around jumps"
         )
     if motion.uncovered:
         count, first = len(motion.uncovered), motion.uncovered[0]
         terminal.print(
-            f"note: {count:,} sweeps have no poses around them, first {first}: leave their frames out"
+            f"note: {count:,} sweeps have no poses around them, first {first}: leave out their frames"
         )
     if compared is not None:
         terminal.print(f"note: {compared.told('motion.poses of the drive')}")
     name = Path(os.path.relpath(settings.output, drive.root)).as_posix()
     sigma = ", ".join(f"{key}: {value:g}" for key, value in SIGMA.items())
     block = f"poses: {name}, point_times: {motion.point_times}, sigma: {{{sigma}}}"
-    terminal.print(f"put into {drive.path}: motion: {{{block}}}")
+    terminal.print(f"add to {drive.path}: motion: {{{block}}}")

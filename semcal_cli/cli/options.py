@@ -20,19 +20,19 @@ Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 
 MAX_THREADS = 1024
 MAX_MAX_POINTS = 2**32 - 1
-"""Largest limit of the points of a sweep."""
+"""Largest value of --max-points."""
 MAX_LIMIT = 1e6
-"""Largest limit in metres or degrees: no two transforms are farther apart."""
+"""Largest limit in metres, degrees or milliseconds: no two transforms are farther apart."""
 
-KNOWN_TRANSFORMS = "a calibration, a drive with its reference, or any format that `convert --formats` lists"
+KNOWN_TRANSFORMS = "a calibration, a drive with a reference, or any format that `convert --formats` lists"
 CUES = Names(PLUGINS.taken, alone=("features", "auto"), plugins=PLUGINS)
-MANY_POINTS = "Refuse sweeps of more than N points, and their files if they have more than 64 bytes a point."
+MANY_POINTS = "Refuse sweeps with more than N points, and their files if they exceed 64 bytes per point."
 
 
 def result_file(
-    help: str = "File of the result: .yaml, .yml or .json. Standard output, as YAML, if it is - or not given.",
+    help: str = "File for the result: .yaml, .yml or .json. If it is - or not given, YAML goes to standard output.",
 ) -> Any:
-    """Make the option -o for the file of a result; standard output, however it is named, is None."""
+    """Make the option -o for the result file; standard output is None, however it is named."""
 
     def callback(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
         return None if path is not None and descriptor(path) == 1 else path
@@ -46,21 +46,21 @@ def json_flag() -> Any:
 
 
 def max_points() -> Any:
-    """Make the option for the points of the largest sweep that is read."""
+    """Make the option for the size of the largest sweep that is read."""
     return option(MANY_POINTS, default=MAX_POINTS, least=1, most=MAX_MAX_POINTS)
 
 
 def limit(of: str, default: float, metavar: str, **least: float) -> Any:
-    """Make the option for the largest allowed difference of transforms."""
+    """Make the option for the largest allowed difference between transforms."""
     return option(
         f"Largest allowed offset of the {of}.", default=default, metavar=metavar, most=MAX_LIMIT, **least
     )
 
 
 def inconclusive_choice() -> Any:
-    """Make the option that says what an inconclusive verdict is for CI."""
+    """Make the option for how CI counts an inconclusive verdict."""
     return option(
-        "What it is when the data cannot decide: an error (exit code 4), a failure (3) or skipped (0).",
+        "How to count an inconclusive verdict: as an error (exit code 4), a failure (3) or skipped (0).",
         default="error",
     )
 
@@ -68,12 +68,13 @@ def inconclusive_choice() -> Any:
 def cue_list() -> Any:
     """Make the option for cues."""
     return option(
-        "Cues to compare, alone or together: auto (the best that the files of DRIVE allow); labels of points and "
-        "images; edges (steps along the scans against gradients of the images, without any labels, from a start "
-        "that is known to 5 degrees and 0.3 m); segments (parts of the sweeps by their shape, against labels of "
-        "images alone, which give edges a start); intensity (the LiDAR's against the image's grey values, without "
-        "any labels); or features (vectors of points and pixels, alone, by `semcal calibrate --estimator mine`).  "
-        "[default: auto: labels, or, if points have none, segments,edges or what the files allow of both]",
+        "What points and pixels are compared by: one cue, or several. auto: the best that the files of DRIVE allow. "
+        "labels: point labels and image labels. edges: steps in range and intensity against image gradients; they need "
+        "no labels, but a start that is known to 5 degrees and 0.3 m. segments: parts of the sweeps, found by shape, "
+        "against image labels; together with edges, they find that start. intensity: the LiDAR's intensity against "
+        "grey values, without labels. features: feature vectors of points and pixels, only on their own and with "
+        "`semcal calibrate --estimator mine`.  [default: auto, which is labels, or without point labels segments,edges "
+        "or whichever of the two the files allow]",
         "--cue",
         default=AUTO,
         type=CUES,
@@ -86,7 +87,7 @@ def cue_list() -> Any:
 class QuietSettings:
     """The option of every command that shows its progress."""
 
-    quiet: bool = option("Print nothing but the result and errors.", "-q", "--quiet", default=False)
+    quiet: bool = option("Print only the result and errors.", "-q", "--quiet", default=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +95,7 @@ class ThreadSettings(QuietSettings):
     """Options of every command that computes."""
 
     threads: int | None = option(
-        "Threads to work on; all cores if not given. The result does not depend on it.",
+        "Number of threads; all cores if not given. It does not affect the result.",
         least=1,
         most=MAX_THREADS,
     )
@@ -102,7 +103,7 @@ class ThreadSettings(QuietSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings(QuietSettings):
-    """Argument and option of every command that reads a drive."""
+    """Argument and options of every command that reads a drive."""
 
     drive: Path = argument()
     max_points: int = max_points()
@@ -110,10 +111,10 @@ class DriveSettings(QuietSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings(DriveSettings, ThreadSettings):
-    """Options of every command that computes something of a drive."""
+    """Options of every command that computes something from a drive."""
 
     verbose: bool = False
-    """Whether figures for experts are shown as well."""
+    """Whether to show expert figures, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,16 +131,14 @@ class ResultSettings(EstimateSettings):
     """Options of every command that writes a calibration."""
 
     output: Path | None = result_file()
-    as_json: bool = option("Print the result as JSON, also with -o.", "--json", default=False)
-    verbose: bool = option(
-        "Also print the figures of each stage for experts.", "-v", "--verbose", default=False
-    )
-    log: Path | None = output_file("Write times, host and threads to a JSON file.")
+    as_json: bool = option("Print the result as JSON, even with -o.", "--json", default=False)
+    verbose: bool = option("Also print the expert figures of each stage.", "-v", "--verbose", default=False)
+    log: Path | None = output_file("Write timings, host and number of threads to a JSON file.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LimitSettings:
-    """Options for the largest allowed difference of transforms."""
+    """Options for the largest allowed difference between transforms."""
 
     max_translation_m: float = limit("camera", Limits.translation_m, "M", above=0.0)
     max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", above=0.0)
@@ -148,14 +147,14 @@ class LimitSettings:
 def number_option(
     *names: str, least: int = 1, most: int | None = None, default: int | None = None, help: str
 ) -> Callable[[Command], Command]:
-    """Make an option for a whole number, whose help shows its default.
+    """Make an integer option whose help shows its default.
 
     Args:
-        names: Names of the option, and of its parameter if that is another.
-        least: Smallest number.
-        most: Largest number; None for any.
-        default: Number if the option is not given; None for none.
-        help: Sentence of the help.
+        names: Names of the option, and of its parameter if that differs.
+        least: Smallest value.
+        most: Largest value; None for any.
+        default: Default value, if there is one.
+        help: Help text.
     """
     return click.option(
         *names,

@@ -1,4 +1,4 @@
-"""The drive that a command reads, and its output files: checked before the work begins, written after it."""
+"""The drive that a command reads, and its output files: checked before the work begins, and written after it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 EXIT_NOT_TRUSTED = 3
 MAX_IMAGES = 20
-"""Number of evenly spaced frames with an overlay."""
+"""Largest number of frames with an overlay, evenly spaced."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class Outputs:
     images: Path | None = None
     """Folder of the overlays."""
     as_json: bool = False
-    """Whether the result is also printed as JSON, and nothing else on standard output."""
+    """Whether the result is printed as JSON, with nothing else on standard output."""
     has_next_steps: bool = True
-    """Whether the commands that may follow are named after the verdict."""
+    """Whether possible next commands are named after the verdict."""
 
     @classmethod
     def of_result(cls, settings: ResultSettings) -> Outputs:
-        """Name the files that every command writes that makes a calibration."""
+        """Make the outputs that all commands with a calibration share."""
         return cls(settings.output, settings.log, as_json=settings.as_json)
 
     @property
@@ -85,7 +85,7 @@ class Outputs:
         return self.page is not None or self.images is not None
 
     def of_part(self, number: int) -> Outputs:
-        """Name the outputs of a part of the drive: `out_part_1.yaml` beside `out.yaml`, and a log of its own."""
+        """Make the outputs of a part of the drive: `out_part_1.yaml` next to `out.yaml`, and its own log."""
         output, log = (
             path if path is None or takes_several(path) else path.with_stem(f"{path.stem}_part_{number}")
             for path in (self.output, self.log)
@@ -99,7 +99,7 @@ class Outputs:
 
         Args:
             drive: The drive.
-            initial_pose: Pose to start at, whose file no output may replace.
+            initial_pose: Pose to start from, whose file no output may replace.
             parts: Outputs of the parts of the drive.
 
         Raises:
@@ -124,7 +124,7 @@ class Outputs:
             output_format(self.output)
 
     def check_images(self, drive: Drive) -> None:
-        """Check the images that points will be drawn on, of a drive with only the frames that are used.
+        """Check the images that points will be drawn on; the drive has only the frames that are used.
 
         Raises:
             InputError: one is missing, or is not an image of the camera's size.
@@ -145,13 +145,13 @@ class Outputs:
         num_threads: int | None,
         drive: Drive | None = None,
     ) -> int:
-        """Write and summarise a calibration, and end with its verdict.
+        """Write and summarise a calibration; the verdict comes last.
 
         Args:
             calibration: The calibration.
-            terminal: Where it is summarised.
-            num_threads: Number of threads that was asked for, for the log.
-            drive: The drive of the frames that it used, if a report or overlays may be requested.
+            terminal: Where to print the summary.
+            num_threads: Requested number of threads, for the log.
+            drive: The drive with the frames that it used, if a report or overlays may be requested.
 
         Returns:
             The exit code: 3 if it is not trusted.
@@ -189,7 +189,7 @@ class Outputs:
             click.echo(calibration_text(calibration, "yaml"), nl=False)
 
     def _illustrate(self, drive: Drive, calibration: Calibration, terminal: Terminal) -> None:
-        """Write the report and the overlays of a calibration, where requested, from the frames that it used."""
+        """Write the report and the overlays of a calibration, if requested, from the frames that it used."""
         from semcal_cli.report import make_report_input, write_report
 
         with terminal:
@@ -206,7 +206,7 @@ class Outputs:
 
 
 def _report(calibration: Calibration, written_to: str) -> CiReport:
-    """Make a verdict of a calibration for CI, with the interval of its pose or the number of doubts."""
+    """Make the CI report of a calibration, with the interval of its pose or the number of doubts."""
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
     command = click.get_current_context().command.name or "calibrate"
     case = Case(calibration.status, verdict, figures(calibration) or "interval not known")
@@ -214,33 +214,33 @@ def _report(calibration: Calibration, written_to: str) -> CiReport:
 
 
 def exit_code(calibration: Calibration) -> int:
-    """Give the exit code of a calibration that was written: 3 if it is not trusted."""
+    """Give the exit code of a written calibration: 3 if it is not trusted."""
     return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
 
 
 def folder_of(output: Path | None) -> Path:
-    """Folder that the paths in a result are relative to: that of its file, or the working folder of a stream."""
+    """Folder that the paths in a result are relative to: that of its file, or the working folder for a stream."""
     return Path() if output is None or descriptor(output) is not None else output.parent
 
 
 def files_read(drive: Drive, *others: Path | None) -> list[Path]:
-    """List the files of a drive, and those of transforms or drives that are given."""
+    """List the files of a drive, and those of other transforms or drives."""
     given = [drive_file(path) for path in others if path is not None]
     return [drive.path, *map(drive.resolve, drive.files()), *given]
 
 
 def check_outputs(read: Sequence[Path], *outputs: Path | None) -> None:
-    """Check that results have a folder to go to, and overwrite neither an input nor one another; None is no result.
+    """Check that outputs have a folder, and overwrite neither an input nor one another; None is no output.
 
     Raises:
-        InputError: a folder is missing or cannot be written to, or a result would overwrite a file.
+        InputError: a folder is missing or cannot be written to, or an output would overwrite a file.
     """
     taken = set(map(os.path.realpath, read))
     for path in filter(None, outputs):
         if not is_folder(path.absolute().parent):
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
         if is_folder(path):
-            raise InputError(f"{path}: is a folder, needed a file to write to")
+            raise InputError(f"{path}: found a folder, needed a file to write to")
         check_descriptor(path)
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
@@ -272,10 +272,10 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
 
 
 def check_page(path: Path) -> None:
-    """Check the suffix of a page; a descriptor as /dev/stdout needs none.
+    """Check the suffix of a page; a descriptor such as /dev/stdout needs none.
 
     Raises:
-        InputError: the suffix is not that of HTML.
+        InputError: the suffix is not .html.
     """
     if not path.suffix and descriptor(path) is not None:
         return
@@ -293,16 +293,16 @@ def loaded_drive(
     *,
     as_result_sees: bool = False,
 ) -> Iterator[tuple[LoadedDrive, Terminal]]:
-    """Load a drive once its outputs are checked, and show the progress of all that is done with it.
+    """Check the outputs, load a drive, and show the progress of what is done with it.
 
     Args:
         settings: The drive, how it is read, and what is shown.
-        config: Settings of a calibration, which say what is read.
-        outputs: Output files, which are checked before anything long begins.
-        initial_pose: Pose to start at, whose file no output may replace.
-        parts: Output files of the parts of the drive, which are checked with the others.
+        config: Settings of a calibration, which determine what is read.
+        outputs: Output files, which are checked before any long work begins.
+        initial_pose: Pose to start from, whose file no output may replace.
+        parts: Output files of the parts of the drive, which are checked, too.
         as_result_sees: Whether the drive gets the camera and the clock that were estimated together with the initial
-            pose, and is loaded by the cues that its calibration compared unless others are asked for.
+            pose, and is loaded by the cues of that calibration unless others are requested.
 
     Raises:
         InputError: the drive, one of its files or an output is wrong.

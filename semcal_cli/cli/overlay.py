@@ -23,28 +23,31 @@ Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
 
 @dataclass(frozen=True, kw_only=True)
 class OverlaySettings(DriveSettings):
-    """What the options of `overlay` say."""
+    """Settings of `overlay`."""
 
     calibration: Path = argument()
     output: Path = option(
-        "Folder of the images, 000000.png and so on.", "-o", "--output", required=True, metavar="DIR"
+        "Folder for the images, 000000.png and so on.", "-o", "--output", required=True, metavar="DIR"
     )
-    against: Path | None = option("Transform to show beside it.", metavar="FILE")
+    against: Path | None = option("Second transform, shown next to the first.", metavar="FILE")
     by: Coloring | None = option(
-        "Meaning of the colours: the class of the point; its distance from the camera; whether its class and the "
-        "pixel's go together; the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
-        "object; or how far range (orange) or intensity (blue) steps beside it, drawn on the edges of the image. "
-        "Distance, parts and edges need no labels.  [default: class; with --against, agreement; by the cue edges, edge]"
+        "What the colours of the points show. class: their class. depth: their distance from the camera. agreement: "
+        "whether the classes of point and pixel go together. segment: the part of the sweep, found by shape, that they "
+        "belong to, which is a cell of the ground or an object. edge: how far range (orange) or intensity (blue) steps "
+        "next to them, drawn on the edges of the image. depth, segment and edge need no labels.  [default: class; with "
+        "--against, agreement; for the cue edges, edge]"
     )
     cues: tuple[CueName, ...] = cue_list()
-    max_frames: int = option("Number of evenly spaced frames drawn of a longer drive.", default=20, least=1)
+    max_frames: int = option("Draw at most N evenly spaced frames.", default=20, least=1)
 
 
 @command(
     OverlaySettings,
-    help=f"Draw the points of DRIVE on its images, as CALIBRATION puts them: {KNOWN_TRANSFORMS}. Points that the "
-    "camera cannot see are left out, or grey with --by agreement. Of a rig.yaml, CALIBRATION is the folder that semcal "
-    "calibrate wrote, and each camera has a folder of images.",
+    help=f"""Draw the points of DRIVE on its images, at the transform in CALIBRATION.
+
+    CALIBRATION is {KNOWN_TRANSFORMS}. For a rig.yaml, it is the folder that semcal calibrate wrote, and each camera
+    gets a folder of images. Points that the camera cannot see are left out, or grey with --by agreement.
+    """,
 )
 def overlay(settings: OverlaySettings) -> None:
     """Draw points on images."""
@@ -62,7 +65,7 @@ def overlay(settings: OverlaySettings) -> None:
         terminal.print(*map(str, overlays.write_all(output)))
         return
     if settings.against is not None:
-        raise click.UsageError(f"--against is of one camera, and {rig} is a rig.")
+        raise click.UsageError(f"--against is for one camera, but {rig} is a rig.")
     found, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
     drives = {name: _few(each, settings, output / name, read) for name, each in drives.items()}
     make_folder(output)
@@ -72,11 +75,11 @@ def overlay(settings: OverlaySettings) -> None:
         overlays = Overlays(drives[name], observations, {name: camera.pose}, by)
         terminal.print(*map(str, overlays.write_all(output / name)))
     for name, reason in found.failures.items():
-        terminal.print(f"{name}: has no transform to draw with: {reason}")
+        terminal.print(f"{name}: found no transform to draw with: {reason}")
 
 
 def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Overlays:
-    """Prepare the images of a drive at one transform or two, and tell where a camera or a clock is another one."""
+    """Prepare the images of a drive at one or two transforms, and report where a camera or a clock differs."""
     from semcal_cli.cli.outputs import files_read
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.report.overlay import Overlays
@@ -97,7 +100,7 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
 
 
 def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]) -> Drive:
-    """Take evenly spaced frames of a drive, and check that their images replace nothing that is read."""
+    """Keep evenly spaced frames of a drive, and check that their images replace no input."""
     from semcal_cli.cli.outputs import check_image_folder
     from semcal_cli.drive.frame_selection import evenly_spaced
 
@@ -109,9 +112,9 @@ def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]
 def _observe(
     drive: Drive, by: Coloring | None, cues: tuple[CueName, ...], of_classes: Coloring
 ) -> tuple[Coloring, Observations]:
-    """Load what colours show of the frames of a drive, and tell what they mean.
+    """Load what the colours show of the frames of a drive, and return their meaning.
 
-    If nothing else is asked for, that is edges where a pose is refined by them, or else `of_classes`.
+    By default, that is edges if a pose is refined by them, and otherwise `of_classes`.
     """
     from semcal_cli.drive.cues.table import chosen, load_cues, maximised
     from semcal_cli.drive.reading import load_points
@@ -122,7 +125,7 @@ def _observe(
         return by, load_points(drive)
     if by == "edge":
         return by, load_cues(drive, ("edges",))
-    # Who asks for classes means labels: without any, the error says what is missing.
+    # Classes mean labels: without any, the error says what is missing.
     is_of_labels = by == "class" and cues == AUTO
     # Pixels of one cue share no information with points of another: the first one is shown.
     shown = maximised(LABELS if is_of_labels else chosen(cues, drive, sweeps))[:1]

@@ -14,15 +14,19 @@ from semcal_cli.config import CalibrationConfig
 
 @dataclass(frozen=True, kw_only=True)
 class RefineSettings(RefinementSettings, ResultSettings):
-    """What the options of `refine` say."""
+    """Settings of `refine`."""
 
     section = "Start"
-    init: Path = option(f"Transform to start at: {KNOWN_TRANSFORMS}.", metavar="FILE", required=True)
+    init: Path = option(f"Transform to start from: {KNOWN_TRANSFORMS}.", metavar="FILE", required=True)
 
 
 @command(RefineSettings)
 def refine(settings: RefineSettings) -> None:
-    """Refine a transform on DRIVE that is known to 20 degrees or so by labels, to 5 degrees and 0.3 m by edges."""
+    """Refine a transform that is roughly known on DRIVE.
+
+    It has to be known to about 20 degrees for labels, and to 5 degrees and 0.3 m for edges. Exit code 3 means that a
+    result was written but is not trusted.
+    """
     from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.pipeline.given import refine_given
 

@@ -1,4 +1,4 @@
-"""`semcal report`: a calibration as one page."""
+"""`semcal report`: a calibration on one page."""
 
 from __future__ import annotations
 
@@ -13,20 +13,23 @@ from semcal_cli.cli.settings import argument, command, option, output_file
 
 @dataclass(frozen=True, kw_only=True)
 class ReportSettings(RunSettings):
-    """What the options of `report` say."""
+    """Settings of `report`."""
 
     calibration: Path = argument()
-    output: Path = output_file("File of the page: .html.", "-o", "--output", required=True)
+    output: Path = output_file("File for the page: .html.", "-o", "--output", required=True)
     against: Path | None = option(
-        "Transform to show beside it; if not given, that of the calibration's first stage.", metavar="FILE"
+        "Second transform, shown next to the first; if not given, that of the calibration's first stage.",
+        metavar="FILE",
     )
 
 
 @command(
     ReportSettings,
-    help=f"Write a page about the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}. One HTML file with all that "
-    "is known about it, readable without a network. Of a rig.yaml, CALIBRATION is the folder that semcal calibrate "
-    "wrote.",
+    help=f"""Write a page about the transform in CALIBRATION on DRIVE.
+
+    CALIBRATION is {KNOWN_TRANSFORMS}. For a rig.yaml, it is the folder that semcal calibrate wrote. The page is one
+    HTML file with everything that is known about the transform, and can be read offline.
+    """,
 )
 def report(settings: ReportSettings) -> None:
     """Write a page about a transform."""
@@ -45,7 +48,7 @@ def report(settings: ReportSettings) -> None:
     rig = find_rig(settings.drive)
     if rig is not None:
         if against is not None:
-            raise click.UsageError(f"--against is of one camera, and {rig} is a rig.")
+            raise click.UsageError(f"--against is for one camera, but {rig} is a rig.")
         found, drives, read = read_rig_files(rig, calibration, settings.max_points)
     else:
         drive = read_drive(settings.drive, settings.max_points)

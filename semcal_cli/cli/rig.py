@@ -42,7 +42,7 @@ OF_ONE_CAMERA = (
     *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
     *("--to", "--overlay", "--split", "--json", "--image-model"),
 )
-"""Options of `calibrate` that would have another meaning for each camera."""
+"""Options of `calibrate` that make sense for a single camera only."""
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
@@ -57,14 +57,14 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
         The exit code.
 
     Raises:
-        click.UsageError: an option that concerns a single camera is given, or there is no folder.
+        click.UsageError: an option for a single camera is given, or there is no output folder.
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    refuse(click.get_current_context(), OF_ONE_CAMERA, f"is of one camera, and {path} is a rig")
+    refuse(click.get_current_context(), OF_ONE_CAMERA, f"is for one camera, but {path} is a rig")
     if (folder := settings.output) is None:
         raise click.UsageError(
-            f"-o: {path} is a rig, whose results are several files: give a folder for them"
+            f"-o: {path} is a rig, whose results are several files; give a folder for them"
         )
     rig, page, result = read_rig(path), settings.page, folder / f"{RESULT}.yaml"
     drives = rig.read_drives(settings.max_points)
@@ -111,7 +111,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Create the folder of results, and remove it again if the work in it fails."""
+    """Create the results folder, and remove it again if the work in it fails."""
     if folder.suffix.lower() in SUFFIXES and not is_folder(folder):
         raise InputError(
             f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
@@ -164,7 +164,7 @@ def _pair_lines(pair: Pair) -> list[str]:
 
 
 def _print_verdict(found: RigCalibration, terminal: Terminal) -> None:
-    """Print the verdict on a rig with the cameras that it is due to."""
+    """Print the verdict on a rig, with the cameras that caused it."""
     if found.status == "trusted":
         terminal.print_verdict(labelled("rig", "trusted"), "trusted")
         return

@@ -1,8 +1,8 @@
-"""Which options of a command need others, and which exclude others: a line of a table each, checked when it is parsed.
+"""Rules about which options of a command require or exclude others, checked when the command line is parsed.
 
-A rule names options as a user writes them: `--init` is one that is given, `--cue edges` one that has this value or
-holds it, given or by default. The rules of a class of settings hold for all commands that have its options: an option
-that a command lacks is never given, and no message names it.
+A rule names options as a user writes them: `--init` stands for an option that is given, `--cue edges` for one that has
+or contains this value, given or by default. The rules of a settings class hold for every command with its options: an
+option that a command lacks is never given, and no message names it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ COMMANDLINE, DEFAULT_MAP = click.core.ParameterSource.COMMANDLINE, click.core.Pa
 
 
 def given_parameters(context: click.Context) -> list[click.Parameter]:
-    """List the parameters of a command that stand on the command line."""
+    """List the parameters that are given on the command line."""
     source = context.get_parameter_source
     return [each for each in context.command.params if source(str(each.name)) is COMMANDLINE]
 
@@ -28,7 +28,7 @@ def _has(context: click.Context, term: str) -> bool:
 
 
 def _holds(context: click.Context, term: str) -> bool:
-    """Whether an option is given, and names something, or has a value."""
+    """Whether an option is given and is not None, or has a value."""
     option, _, value = term.partition(" ")
     name = next((str(each.name) for each in context.command.params if option in each.opts), None)
     if name is None:
@@ -41,29 +41,29 @@ def _holds(context: click.Context, term: str) -> bool:
 
 @dataclass(frozen=True)
 class Rule:
-    """What holds of any of some options, or of all uses of a command if it is about none."""
+    """A condition on some options, or on every use of a command if there are none."""
 
     subjects: tuple[str, ...]
     """The options."""
     required: tuple[str, ...] = ()
-    """Options of which one has to be there."""
+    """Options of which one is required."""
     excluded: tuple[str, ...] = ()
-    """Options of which none may be there."""
+    """Options of which none is allowed."""
     where: tuple[str, ...] = ()
-    """The rule holds only where one of these is there; always without any."""
+    """The rule applies only with one of these; always if empty."""
     because: str = ""
     """Reason, or what to do instead."""
 
     def requires(self, *options: str, where: Sequence[str] = (), because: str = "") -> Rule:
-        """Say that one of some options has to be there, too."""
+        """Require one of some other options."""
         return replace(self, required=options, where=tuple(where), because=because)
 
     def excludes(self, *options: str, because: str = "") -> Rule:
-        """Say that none of some options may be there."""
+        """Exclude some other options."""
         return replace(self, excluded=options, because=because)
 
     def complaint(self, context: click.Context) -> str:
-        """Tell how the options of a command break the rule; empty if they do not."""
+        """Describe how the options of a command break the rule; empty if they do not."""
         holds = partial(_holds, context)
         needed = [option for option in self.required if _has(context, option)]
         is_met = any(map(holds, needed))
@@ -73,14 +73,14 @@ class Rule:
         if not self.subjects:
             if needed:
                 return "" if is_met else f"Give {_listed(needed)}."
-            return other and f"{other} is not for {context.command.name}{reason}"
+            return other and f"{other} cannot be used with {context.command.name}{reason}"
         subject = next(filter(holds, self.subjects), "")
         if not subject or (self.where and not where):
             return ""
         if self.required and not is_met:
-            place = f" where {where} is given" if where else ""
+            place = f" with {where}" if where else ""
             return f"{subject} requires {_listed(needed)}{place}{reason}"
-        return other and f"{subject} excludes {other}{reason}"
+        return other and f"{subject} cannot be used with {other}{reason}"
 
 
 def given(*options: str) -> Rule:
@@ -94,17 +94,17 @@ def one_of(*options: str) -> Rule:
 
 
 def none_of(*options: str, because: str) -> Rule:
-    """Make the rule that a command takes none of these options, or values, of those that it shares with others."""
+    """Make the rule that a command accepts none of these options or values, which it shares with other commands."""
     return Rule((), excluded=options, because=because)
 
 
 def refuse(context: click.Context, names: Iterable[str], why: str) -> None:
-    """Refuse options that what is worked on does not have.
+    """Refuse options that the input does not allow.
 
     Args:
         context: The command.
-        names: Names of those to refuse.
-        why: End of the sentence after the option's name.
+        names: Names of the options to refuse.
+        why: Rest of the sentence after the option's name.
 
     Raises:
         click.UsageError: one is given.

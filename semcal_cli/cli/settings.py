@@ -1,7 +1,7 @@
-"""Commands whose parameters are the fields of a class of settings.
+"""Commands whose parameters are the fields of a settings class.
 
-The type and the default of a field are those of its option, and so is its name, with hyphens. A class inherits the
-options that commands share, and the rules that these have to keep.
+An option takes its type, its default and its name (with hyphens) from its field. A class inherits the options that
+commands share, and their rules.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Made = TypeVar("Made")
 PARAMETER, IS_ARGUMENT = "parameter", "is_argument"
 LIMITS = ("least", "most", "above", "below")
 OPTIONS = "Options"
-"""Heading of the options in the help that have no other."""
+"""Heading in the help for options without a section of their own."""
 
 
 class _Finite(click.ParamType[float]):
@@ -62,7 +62,7 @@ class StreamOrFile(click.Path):
 
 
 class Names(click.ParamType[tuple[str, ...]]):
-    """Names separated by commas, each once."""
+    """Comma-separated names, each given once."""
 
     name = "names"
 
@@ -108,35 +108,35 @@ PLAIN_TYPES: dict[Any, click.ParamType[Any]] = {Path: PATH, str: click.STRING, b
 
 
 def option(help: str, *names: str, default: Any = None, **about: Any) -> Any:
-    """Make the field of an option.
+    """Make an option field.
 
     Args:
-        help: Sentence of the help.
-        names: Names of the option; that of the field if there is none.
-        default: Value if it is not given, which the help shows.
-        about: `least`, `most`, `above` and `below`, the limits of a number, and what else `click.Option` takes.
+        help: Help text.
+        names: Names of the option; if empty, the name of the field.
+        default: Default value, which the help shows.
+        about: Limits of a number (`least`, `most`, `above`, `below`), and other arguments of `click.Option`.
     """
     return field(default=default, metadata={PARAMETER: {"help": help, "names": names, **about}})
 
 
 def output_file(help: str, *names: str, **about: Any) -> Any:
-    """Make the field of an option for a file to write."""
+    """Make an option field for an output file."""
     return option(help, *names, type=OUTPUT_FILE, metavar="FILE", **about)
 
 
 def argument(default: Any = None, **about: Any) -> Any:
-    """Make the field of an argument, which is needed unless it may be None; a tuple takes several."""
+    """Make an argument field, which is required unless it may be None; a tuple takes several values."""
     return field(default=default, metadata={PARAMETER: {IS_ARGUMENT: True, **about}})
 
 
 def setting_of(config: type, name: str, *, help: str = "{}", is_open: bool = False) -> Any:
-    """Make the field of an option for a setting, whose name, limits, default and help stand in the configuration.
+    """Make an option field for a setting, whose name, limits, default and help are defined in the configuration.
 
     Args:
-        config: Class of the configuration.
+        config: Configuration class.
         name: Field of the setting.
-        help: Sentence of the help, around that of the setting.
-        is_open: Whether the value is None if the option is not given, as something else may be its default.
+        help: Format that surrounds the setting's own help.
+        is_open: Whether the value is None if the option is not given, because its default depends on other settings.
     """
     found = settings_of(config)[name]
     return option(
@@ -149,10 +149,10 @@ def setting_of(config: type, name: str, *, help: str = "{}", is_open: bool = Fal
 
 
 def made_of(kind: Callable[..., Made], settings: Any, **others: Any) -> Made:
-    """Make an object of a class, such as a configuration, of the settings that have the names of its fields.
+    """Construct an object, such as a configuration, from the settings that share its field names.
 
     Args:
-        kind: The class.
+        kind: Its class.
         settings: The settings.
         others: Values of its other fields.
     """
@@ -161,7 +161,7 @@ def made_of(kind: Callable[..., Made], settings: Any, **others: Any) -> Made:
 
 
 class SettingOption(click.Option):
-    """An option with a heading in the help."""
+    """An option with a section in the help."""
 
     section = OPTIONS
 
@@ -176,7 +176,7 @@ class SettingOption(click.Option):
 
 
 def _parameters(settings: type) -> list[click.Parameter]:
-    """Make the parameters of a class: options of its own stand before those that it inherits, arguments after."""
+    """Make the parameters of a settings class: its own options come before inherited ones, its own arguments after."""
     hints, declared = get_type_hints(settings), {each.name: each for each in fields(settings)}
     made: list[click.Parameter] = [
         _argument(name, hints[name], each)
@@ -236,13 +236,13 @@ def _type_of(kind: Any, limits: dict[str, Any]) -> click.ParamType[Any] | None:
 
 
 def _plain(hint: Any) -> Any:
-    """Give a type without None."""
+    """Remove None from a type."""
     is_optional = get_origin(hint) is not Literal and NoneType in get_args(hint)
     return get_args(hint)[0] if is_optional else hint
 
 
 class SettingsCommand(click.Command, Generic[Settings]):
-    """A command that is called with its settings, after their rules are checked."""
+    """A command that receives its settings, once their rules are checked."""
 
     def __init__(self, *args: Any, settings: type[Settings], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -250,10 +250,10 @@ class SettingsCommand(click.Command, Generic[Settings]):
         self.rules = [rule for owner in reversed(settings.__mro__) for rule in vars(owner).get("rules", ())]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments, and check that the options go together.
+        """Parse the arguments, and check the rules about options.
 
         Raises:
-            click.UsageError: they break a rule, or --json and another output both go to standard output.
+            click.UsageError: the options break a rule, or both --json and another output go to standard output.
         """
         rest = super().parse_args(ctx, args)
         if ctx.resilient_parsing:
@@ -265,12 +265,12 @@ class SettingsCommand(click.Command, Generic[Settings]):
         return rest
 
     def settings_in(self, ctx: click.Context) -> Settings:
-        """Make the settings of what was parsed."""
+        """Make the settings from the parsed parameters."""
         names = [each.name for each in fields(self.settings)]  # type: ignore[arg-type]
         return self.settings(**{name: ctx.params[name] for name in names if name in ctx.params})
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Call the command with its settings; where a file is out of place, the error says the order."""
+        """Call the command with its settings; an error about a misplaced file states the order of the arguments."""
         assert self.callback is not None
         try:
             return ctx.invoke(self.callback, self.settings_in(ctx))
@@ -285,7 +285,7 @@ class SettingsCommand(click.Command, Generic[Settings]):
             raise MisplacedError(f"{error}; the order is `{' '.join(words)}`") from None
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options under their headings, those without one at the end."""
+        """Write the options by section, those without one last."""
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             if isinstance(parameter, click.Option) and (record := parameter.get_help_record(ctx)) is not None:
@@ -296,16 +296,16 @@ class SettingsCommand(click.Command, Generic[Settings]):
 
 
 def _check_stdout_is_free(context: click.Context) -> None:
-    """Check that no file goes to standard output, where --json prints the result."""
+    """Check that no file goes to standard output, to which --json prints the result."""
     for parameter in given_parameters(context):
         path, name = context.params[str(parameter.name)], parameter.opts[0]
         # Standard output is None as the file of the result.
         if parameter.type is OUTPUT_FILE and (path is None or descriptor(path) == 1):
             raise click.UsageError(
-                f"--json, {name}: would both write to standard output: give {name} a file", context
+                f"--json and {name} would both write to standard output; give {name} a file", context
             )
 
 
 def command(settings: type[Settings], **about: Any) -> Callable[[Callable[[Settings], None]], Any]:
-    """Make a command of a function of settings; `about` is what else `click.command` takes."""
+    """Turn a function of settings into a command; `about` holds other arguments of `click.command`."""
     return lambda run: click.command(**{"cls": SettingsCommand, "settings": settings, **about})(run)

@@ -1,4 +1,4 @@
-"""The options of both stages: where they start, how mountings are searched, how a pose is refined, what is known."""
+"""The options of both stages: the start, the search for the mounting, the refinement, and prior knowledge."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PRIORS = ("--fix", "--prior-translation-m", "--prior-rotation-deg")
 UNKNOWN = math.inf
 NUMBERS_AND_SIGMA = (*[FiniteNumber()] * 3, FiniteRange(0.0))
 LEAST_SIGMA = 1e-9
-"""Least standard deviation of intrinsics that are estimated: less would be exact."""
+"""Smallest standard deviation of estimated intrinsics: less would mean exact."""
 
 
 class Roll(FiniteRange):
@@ -58,17 +58,17 @@ def read_initial_pose(
     Args:
         path: The file.
         direction: Direction of a matrix whose file does not state it; None if it is not given.
-        direction_option: Name of the command's option for it; None if it has none.
+        direction_option: Name of the command's option for the direction; None if it has none.
 
     Raises:
-        InputError: the file is not a transform, leaves something open, or is standard input.
+        InputError: the file is not a transform, is ambiguous, or is standard input.
     """
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
 
     if path == Path("-") or descriptor(path) == 0:
-        raise InputError(f"{path}: found standard input, needed a file: the result names and hashes it")
+        raise InputError(f"{path}: found standard input, needed a file: the result records its name and hash")
     options = None if direction_option is None else FormatOptions(direction=direction)
     found = read_extrinsic(path, None, options, direction_option=direction_option)
     return InitialPose(
@@ -78,23 +78,23 @@ def read_initial_pose(
 
 @dataclass(frozen=True, kw_only=True)
 class StartSettings:
-    """Options for a transform to start at."""
+    """Options for a transform to start from."""
 
     section = "Start"
     rules = [given("--init-direction").requires("--init"), given("--init").excludes("--init-rpy-xyz")]
     init: Path | None = option(
-        f"Start at this transform instead of searching all mounting directions: {KNOWN_TRANSFORMS}.",
+        f"Start from this transform instead of searching all mounting directions: {KNOWN_TRANSFORMS}.",
         metavar="FILE",
     )
     init_direction: Direction | None = option(
-        "Direction of the matrix in the file of --init, if that does not tell: p_camera = T p_lidar, or p_lidar = T "
-        "p_camera."
+        "Direction of the matrix in the --init file, if the file does not state it: p_camera = T p_lidar, or p_lidar = "
+        "T p_camera."
     )
     max_baseline_m: float = setting_of(RefinementConfig, "max_baseline_m")
 
     @cached_property
     def initial_pose(self) -> InitialPose | None:
-        """Transform to start at; None if all mounting directions are searched.
+        """Transform to start from; None if all mounting directions are searched.
 
         Raises:
             InputError: the file is not a transform, or the camera is too far from the LiDAR.
@@ -117,14 +117,15 @@ class SearchSettings(StartSettings):
     section = "Start"
     rules = [
         given("--search-deg").requires(*STARTS),
-        given("--roll").excludes(*STARTS, because="around a transform, --search-deg covers it"),
+        given("--roll").excludes(*STARTS, because="--search-deg searches around a transform"),
         given("--zoom").requires(
-            "--search-deg", where=STARTS, because="nothing else is searched around a transform"
+            "--search-deg", where=STARTS, because="without it, nothing is searched around a transform"
         ),
     ]
     init_rpy_xyz: tuple[float, ...] | None = option(
-        "Start at this mounting, measured by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the left, "
-        "pitch looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR frame.",
+        "Start from this mounting, measured by hand: roll, pitch and yaw in degrees (as in URDF: positive yaw turns "
+        "left, positive pitch looks down) of the camera's body frame (x forward, z up), and its position in metres, "
+        "all in the LiDAR frame.",
         type=FiniteNumber(),
         nargs=6,
         metavar="R P Y X Y Z",
@@ -169,66 +170,66 @@ class RefinementSettings(StartSettings):
     rules = [
         given("--device cuda").requires("--estimator mine", "--method paper"),
         given("--cue features").requires(
-            "--estimator mine", "--method paper", because="vectors have no histogram"
+            "--estimator mine", "--method paper", because="feature vectors have no histogram"
         ),
         given("--cue segments").excludes(
             "--estimator mine", "--method paper", because="segments differ from frame to frame"
         ),
-        given("--fix").requires(*STARTS, because="it keeps axes of a transform"),
-        given(*PRIORS).excludes("--cue features", because="it is weighed by the exact histogram"),
-        given(*PRIORS).excludes("--no-polish", because="it is weighed after the polish"),
+        given("--fix").requires(*STARTS, because="it keeps axes of the start transform"),
+        given(*PRIORS).excludes("--cue features", because="priors need the exact estimator"),
+        given(*PRIORS).excludes("--no-polish", because="priors are applied after the polish"),
         given("--refine-intrinsics", "--estimate-delay").excludes(
             *("--no-polish", "--cue features", *PRIORS),
-            because="these follow the polish, by the exact histogram, without priors",
+            because="it follows the polish, needs the exact estimator, and takes no priors",
         ),
     ]
     estimator: Estimator = setting_of(RefinementConfig, "estimator")
     device: Device = setting_of(RefinementConfig, "device")
     edge_band_px: int = setting_of(RefinementConfig, "edge_band_px")
-    no_polish: bool = option("Leave the pose where the estimator ended.", default=False)
+    no_polish: bool = option("Skip the final polish (Newton's method at full resolution).", default=False)
     intrinsics: tuple[str, ...] = option(
-        "Estimate these intrinsics together with the pose, as `fx,fy,cx,cy` or `fx,fy,cx,cy,k1,k2`: names of K and of "
-        "the lens's own numbers. They are kept if held-out data agree better with them.",
+        "Estimate these intrinsics together with the pose, such as `fx,fy,cx,cy` or `fx,fy,cx,cy,k1,k2`: entries of K "
+        "and parameters of the lens. The estimates are kept only if held-out data agree better with them.",
         "--refine-intrinsics",
-        type=Names(needed="names as fx,fy,cx,cy"),
+        type=Names(needed="names such as fx,fy,cx,cy"),
         default=(),
         metavar="NAMES",
         show_default=False,
     )
     intrinsics_sigma: tuple[float, float] | None = option(
-        "How well the drive's intrinsics are known: standard deviations of the focal lengths and of the principal "
-        "point, which are part of the interval; 0 0 says that they are exact.  [default: `intrinsics_sigma` of the "
+        "How well the drive's intrinsics are known: standard deviations of the focal lengths, in percent, and of the "
+        "principal point, in pixels. They widen the interval; 0 0 means exact.  [default: `intrinsics_sigma` of the "
         "drive, or 0.1 1; with --refine-intrinsics 2 10]",
         type=FiniteRange(0.0, 1e3),
         nargs=2,
         metavar="PERCENT PX",
     )
     estimate_delay: bool = option(
-        "Estimate by how much images are later than their stamps say, together with the pose. Needs `motion:` with "
-        "poses or a twist, different speeds, and turns.",
+        "Estimate the time offset, by which images are later than their stamps say, together with the pose. Needs "
+        "`motion:` with poses or a twist, varying speeds, and turns.",
         default=False,
     )
     fix: tuple[str, ...] | None = option(
-        "Keep these axes of the start transform, as `rz,tx`: tx ty tz are the camera's place along its axes, rx ry rz "
-        "its rotation about them (x right, y down, z forward).",
+        "Keep these axes of the start transform, such as `rz,tx`: tx ty tz are the camera's position along its axes, "
+        "rx ry rz its rotation about them (x right, y down, z forward).",
         type=Names(AXES),
         metavar="AXES",
     )
     prior_translation_m: tuple[float, ...] | None = option(
-        "The camera's place in the LiDAR frame is known beforehand, with this standard deviation along each axis; 0: "
-        "exactly.",
+        "Prior for the camera's position in the LiDAR frame, with its standard deviation along each axis; 0 means "
+        "exact.",
         type=NUMBERS_AND_SIGMA,
         metavar="X Y Z SIGMA",
     )
     prior_rotation_deg: tuple[float, ...] | None = option(
-        "The camera's roll, pitch and yaw in the LiDAR frame (as in URDF: yaw turns to the left, pitch looks down) are "
-        "known beforehand, with this standard deviation about each axis; 0: exactly.",
+        "Prior for the camera's roll, pitch and yaw in the LiDAR frame (as in URDF: positive yaw turns left, positive "
+        "pitch looks down), with its standard deviation about each axis; 0 means exact.",
         type=NUMBERS_AND_SIGMA,
         metavar="R P Y SIGMA",
     )
 
     def check_estimator(self) -> None:
-        """Check that torch is there if MINE is asked for.
+        """Check that torch is installed if MINE is chosen.
 
         Raises:
             InputError: it is not installed.
@@ -237,7 +238,7 @@ class RefinementSettings(StartSettings):
             check_torch("--estimator mine")
 
     def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
-        """Give the cues to compare, of which MINE takes labels if none are named."""
+        """Give the cues to compare; MINE defaults to labels."""
         return LABELS if self.estimator == "mine" and cues == AUTO else cues
 
     @property
@@ -245,15 +246,15 @@ class RefinementSettings(StartSettings):
         """Settings of the refinement.
 
         Raises:
-            click.UsageError: intrinsics that are estimated are stated to be exact.
+            click.UsageError: intrinsics are to be estimated and are stated to be exact.
         """
         jointly = JointlyConfig(self.intrinsics, with_delay=self.estimate_delay)
         if self.intrinsics_sigma is not None:
             focal_percent, center_px = self.intrinsics_sigma
             if self.intrinsics and min(self.intrinsics_sigma) < LEAST_SIGMA:
                 raise click.UsageError(
-                    f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, --refine-intrinsics requires "
-                    f"{LEAST_SIGMA:g} or more of both."
+                    f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, --refine-intrinsics requires at least "
+                    f"{LEAST_SIGMA:g} for both."
                 )
             sigmas = 0.01 * focal_percent, center_px
             jointly = JointlyConfig(self.intrinsics, *sigmas, with_delay=self.estimate_delay)
@@ -268,11 +269,11 @@ class RefinementSettings(StartSettings):
 
     @cached_property
     def priors(self) -> tuple[Prior, ...]:
-        """What is known beforehand; exact knowledge comes last.
+        """Prior knowledge of the pose; exact knowledge comes last.
 
         Raises:
             click.UsageError: no axis is left to estimate.
-            InputError: the known place of the camera is farther from the LiDAR than is allowed.
+            InputError: the prior puts the camera farther from the LiDAR than is allowed.
         """
         from semcal_cli.assessment.priors import EXACT, Prior
         from semcal_cli.geometry.poses import check_baseline, pose_from_mounting

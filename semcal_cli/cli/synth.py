@@ -17,18 +17,18 @@ from semcal_cli.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class SynthSettings(SynthConfig, ThreadSettings):
-    """What the options of `synth` say, among them all settings of a synthetic drive."""
+    """Settings of `synth`, including all settings of a synthetic drive."""
 
     out: Path = argument()
     num_drives: int | None = option(
-        "Write N drives of one rig, OUT/000000 and so on, each of a seed of its own.",
+        "Write N drives of one rig, OUT/000000 and so on, each with its own seed.",
         "--drives",
         least=1,
         most=999_999,
     )
     num_cameras: int | None = option(
-        "Mount N cameras evenly around the LiDAR, the first at --camera-azimuth-deg or ahead: a drive each, "
-        "OUT/camera_0 and so on, which share their clouds, and OUT/rig.yaml.",
+        "Mount N cameras evenly around the LiDAR, the first at --camera-azimuth-deg or straight ahead. Writes "
+        "OUT/rig.yaml and one drive per camera, OUT/camera_0 and so on, which share their clouds.",
         "--cameras",
         least=2,
         most=99,
@@ -40,7 +40,7 @@ class SynthSettings(SynthConfig, ThreadSettings):
         """List the drives to write, with their folders.
 
         Raises:
-            click.UsageError: settings do not go together.
+            click.UsageError: settings contradict each other.
         """
         from semcal_cli.synthetic.motion import check_motion
 
@@ -65,8 +65,8 @@ class SynthSettings(SynthConfig, ThreadSettings):
 def synth(settings: SynthSettings) -> None:
     """Write a synthetic drive, with labels, images and its true T_camera_lidar, to the folder OUT.
 
-    Streets are drawn from the seed, with 20 classes under CARLA's names and ids. Both sensors see true
-    parallax. What the mounting options leave open is drawn from the seed, too.
+    The seed determines the streets, and the mounting as far as options do not. The 20 classes have CARLA's names and
+    ids. The sensors see true parallax.
     """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
@@ -87,7 +87,7 @@ def synth(settings: SynthSettings) -> None:
             else:
                 summary = synthesize_rig(config, num_cameras, folder, tell, force=force)
             terminal.print(f"wrote {folder}")
-    each = "" if settings.num_drives is None else "of the last drive: "
+    each = "" if settings.num_drives is None else "last drive: "
     terminal.print(
         f"{each}{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes in "
         f"{perf_counter() - start:.1f} s",

@@ -23,8 +23,8 @@ Rows: TypeAlias = list[tuple[str, str]]
 """Labels and texts."""
 COLUMNS = 80
 LABEL_WIDTH = 17
-WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "nothing tells how sure it is"}
-"""What an answer that was not assessed is worth."""
+WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "its uncertainty is not known"}
+"""What is said of a result that was not assessed."""
 
 
 def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[str]:
@@ -32,7 +32,7 @@ def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[st
 
     Args:
         calibration: The calibration.
-        verbose: Whether to add figures for experts: how many labels agree.
+        verbose: Whether to add expert figures: how many labels agree.
     """
     T = calibration.pose
     rows = [
@@ -49,7 +49,7 @@ def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[st
 
 
 def pose_rows(T: Pose) -> Rows:
-    """Tell in words where a pose puts the camera."""
+    """Describe where a pose puts the camera."""
     return [
         ("camera at", f"{row(camera_center(T).tolist())} m in the LiDAR frame"),
         ("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
@@ -59,7 +59,7 @@ def pose_rows(T: Pose) -> Rows:
 def verdict_lines(calibration: Calibration) -> list[str]:
     """State the verdict, and how sure it is.
 
-    A trusted pose is told with its widest 95 % intervals, and what they are in pixels 10 m away.
+    A trusted pose is given with its widest 95 % intervals, and their size in pixels at 10 m.
     """
     status = calibration.status
     is_start = status == "not_assessed" and [*calibration.stages] == ["initial"]
@@ -71,7 +71,7 @@ def verdict_lines(calibration: Calibration) -> list[str]:
 
 
 def figures(calibration: Calibration) -> str:
-    """Say how many reasons speak against a calibration, or else its interval; empty if that is not known."""
+    """Say how many doubts there are about a calibration, or else its interval; empty if that is not known."""
     if calibration.status == "not_trusted":
         count = len(calibration.reasons)
         return f"{count} doubt{'s' if count > 1 else ''}"
@@ -80,7 +80,7 @@ def figures(calibration: Calibration) -> str:
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
-    """Put a label before a text and wrap it at `COLUMNS` by words, which are never broken; later lines are indented."""
+    """Put a label before a text and wrap it at `COLUMNS`; words are never broken, and later lines are indented."""
     lines = textwrap.wrap(printable(text), COLUMNS - indent, break_long_words=False, break_on_hyphens=False)
     first, *rest = lines or [""]
     return [f"{label:<{indent}}{first}".rstrip(), *(f"{'':<{indent}}{line}" for line in rest)]

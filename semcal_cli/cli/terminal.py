@@ -1,4 +1,4 @@
-"""The terminal output of a running command: what it does, a line for each stage, the items of a run, and times."""
+"""The terminal output of a running command: its current work, a line for each stage, the items of a run, and times."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from semcal_cli.drive.events import Event, Progress, StageDone, movement
 from semcal_cli.errors import printable
 
 STAGE_WIDTH = 20
-"""Columns before what a stage did: its name and its time."""
+"""Columns for the name and the time of a stage."""
 COLORS = {
     **dict.fromkeys(("trusted", "pass"), "bold green"),
     **dict.fromkeys(("not_trusted", "fail"), "bold red"),
@@ -28,10 +28,10 @@ COLORS = {
 """Colour of each verdict."""
 REFRESHES_PER_S = 2.0
 MAX_RUNNING = 16
-"""Most running items that are named."""
+"""Largest number of running items that are named."""
 MINUTE_S, HOUR_S = 60.0, 3600.0
 SWITCH = 1.5
-"""Multiple of a unit from which a time is told in it."""
+"""A time is given in a unit from this multiple of it on."""
 
 
 class Terminal:
@@ -79,7 +79,7 @@ class Terminal:
             self.console.print(line, markup=False)
 
     def print_changes(self, changes: Iterable[tuple[str, str]]) -> None:
-        """Print where the camera and the clock of a result differ from those of a drive."""
+        """Print how the camera and the clock of a result differ from those of a drive."""
         self.print(*(line for change in changes for line in wrapped(*change)))
 
     def print_paths(self, label: str, paths: Iterable[Path]) -> None:
@@ -91,7 +91,7 @@ class Terminal:
         self.console.print(line, style=COLORS[status], markup=False)
 
     def log_document(self, num_threads: int | None) -> dict[str, object]:
-        """Document of times, host and threads."""
+        """Make the document of times, host and threads."""
         stages = [
             {"name": s.name, "seconds": round(s.seconds, 4), "note": s.note, "details": s.details}
             for s in self._stages
@@ -105,13 +105,13 @@ class Terminal:
 
 
 def make_console(quiet: bool) -> Console:
-    """Make a console on stderr that neither wraps nor highlights, so that a pipe gets plain lines."""
+    """Make a console on stderr that neither wraps nor highlights lines, so that a pipe gets them plain."""
     return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True, emoji=False)
 
 
 @contextmanager
 def live_lines(console: Console, lines: Callable[[], Sequence[Text]]) -> Iterator[None]:
-    """Show lines that change on a terminal, each cut to its width, until the work is done; nothing on a pipe."""
+    """Show changing lines on a terminal, each cut to its width, until the work is done; nothing on a pipe."""
     if not console.is_terminal or console.quiet:
         yield
         return
@@ -127,7 +127,7 @@ def live_lines(console: Console, lines: Callable[[], Sequence[Text]]) -> Iterato
 
 
 def running_lines(pace: Pace) -> list[Text]:
-    """List the items that are being done, each with the time since it began."""
+    """List the running items, each with the time since it began."""
     running = pace.running()
     lines = [Text(f"  {clock_time(elapsed_s):>8}  {printable(name)}") for name, elapsed_s in running]
     more = [Text(f"and {len(lines) - MAX_RUNNING:,} more")] if len(lines) > MAX_RUNNING else []
@@ -135,7 +135,7 @@ def running_lines(pace: Pace) -> list[Text]:
 
 
 def time_left(pace: Pace) -> str:
-    """Tell about how long the rest takes; empty while nothing is known or nothing is left."""
+    """Say about how long the rest takes; empty while nothing is known or nothing is left."""
     left_s = pace.left_s()
     if left_s is None or pace.num_left == 0:
         return ""

@@ -39,23 +39,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class VerifySettings(LimitSettings, EstimateSettings):
-    """What the options of `verify` say."""
+    """Settings of `verify`."""
 
-    rules = [none_of("--cue features", because="vectors have no exact histogram")]
+    rules = [none_of("--cue features", because="feature vectors have no histogram")]
     calibration: Path = argument()
     init_direction: Direction | None = option(DIRECTION.format("CALIBRATION"))
     max_delay_ms: float | None = option(
-        "Largest allowed offset of the camera's clock, which is estimated as well then. Needs `motion:` with poses or "
-        "a twist, different speeds, and turns.",
+        "Largest allowed time offset of the camera, which is then estimated, too. Needs `motion:` with poses or a "
+        "twist, varying speeds, and turns.",
         above=0.0,
         most=MAX_LIMIT,
         metavar="MS",
     )
     as_json: bool = json_flag()
     junit: Path | None = output_file("Also write a JUnit XML file.")
-    page: Path | None = output_file("Also write a page about the verdict: .html.", "--report")
+    page: Path | None = output_file("Also write a report of the verdict: .html.", "--report")
     images: Path | None = option(
-        "Also draw the points on at most 20 images, as the transform and as the one that was found put them.",
+        "Also draw the points on at most 20 images, at the given transform and at the estimated one.",
         "--overlay",
         metavar="DIR",
     )
@@ -67,7 +67,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
         """The transform.
 
         Raises:
-            InputError: the file is none.
+            InputError: the file is not a transform.
         """
         return read_initial_pose(self.calibration, self.init_direction, direction_option="--init-direction")
 
@@ -84,7 +84,7 @@ class VerifySettings(LimitSettings, EstimateSettings):
         return Limits(self.max_rotation_deg, self.max_translation_m, delay_s)
 
     def check(self) -> None:
-        """Check all that can be said about the options without the drive.
+        """Check everything about the options that can be checked without the drive.
 
         Raises:
             InputError: the calibration is not a transform.
@@ -94,12 +94,13 @@ class VerifySettings(LimitSettings, EstimateSettings):
 
 @command(
     VerifySettings,
-    help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
+    help=f"""Verify the transform in CALIBRATION on DRIVE. CALIBRATION is {KNOWN_TRANSFORMS}.
 
-    The pose is estimated again, starting at the transform. Limits are along and about each
-    axis of the camera, and in all; --max-delay-ms is that of its clock. Exit code 0: each passes.
-    3: an offset lies beyond its limit with its whole 95 % interval. 4: the data cannot decide;
-    --inconclusive makes it another one.
+    The pose is estimated again, starting from the transform. The limits hold along and about each
+    axis of the camera, and in total; --max-delay-ms adds one for the time offset.
+
+    Exit code 0: every check passes. 3: an offset is beyond its limit with its whole 95 % interval.
+    4: the data cannot decide; --inconclusive changes this code.
     """,
 )
 def verify(settings: VerifySettings) -> None:
@@ -134,7 +135,7 @@ def verify(settings: VerifySettings) -> None:
 def _illustrate(
     found: Verification, data: LoadedDrive, initial_pose: InitialPose, outputs: Outputs, terminal: Terminal
 ) -> None:
-    """Write the page and the images of a verification, where requested."""
+    """Write the page and the images of a verification, if requested."""
     from semcal_cli.drive.events import Progress
     from semcal_cli.report.page import both_overlays, write_verification
 

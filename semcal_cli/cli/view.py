@@ -1,4 +1,4 @@
-"""`semcal view`: a drive that is moved by hand."""
+"""`semcal view`: a transform that is adjusted by hand."""
 
 from __future__ import annotations
 
@@ -26,31 +26,33 @@ MAX_PORT = 65_535
 
 @dataclass(frozen=True, kw_only=True)
 class ViewSettings(EstimateSettings):
-    """What the options of `view` say."""
+    """Settings of `view`."""
 
-    rules = [none_of("--cue features", because="vectors have no classes to show")]
+    rules = [none_of("--cue features", because="feature vectors have no classes to show")]
     calibration: Path | None = argument()
     output: Path | None = output_file(
-        "File that the page saves the transform to: .yaml, .yml or .json. The browser saves it if not given.",
+        "File to which the page saves the transform: .yaml, .yml or .json. If not given, the browser saves it.",
         "-o",
         "--output",
     )
-    port: int = option("Port of the page; 0 takes a free one.", default=0, least=0, most=MAX_PORT)
+    port: int = option("Port of the page; 0 picks a free one.", default=0, least=0, most=MAX_PORT)
     is_opened: bool = option("Also open the page in the browser.", "--open", default=False)
 
 
 @command(
     ViewSettings,
-    help=f"""Move the points of DRIVE on its images by hand, as a page in a browser shows them.
+    help=f"""Adjust a transform by hand, on a page in the browser that shows the points of DRIVE on its images.
 
-    CALIBRATION is where it begins: {KNOWN_TRANSFORMS}. Without one, the page offers mountings to begin with.
-    Sliders and the mouse move the camera, the page tells how well labels agree, refines from the pose, and saves it
-    for `semcal calibrate DRIVE --init FILE`. The page is served to this machine alone, at an address that holds
-    a random word. It ends with Ctrl-C (exit code 130) or, with -o, with its button "Save and end" (0).
+    CALIBRATION is the start: {KNOWN_TRANSFORMS}. Without it, the page offers mountings to start from. Sliders and the
+    mouse move the camera. The page shows how well the labels agree, can refine the pose, and saves it for
+    `semcal calibrate DRIVE --init FILE`.
+
+    The page is served to this machine only, at an address with a random word. The command ends with Ctrl-C (exit code
+    130) or, with -o, with the button "Save and end" (0).
     """,
 )
 def view(settings: ViewSettings) -> None:
-    """Show a drive on a page where it is moved by hand."""
+    """Show a drive on a page where its transform is adjusted by hand."""
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.report.view.server import ViewServer
@@ -73,7 +75,7 @@ def view(settings: ViewSettings) -> None:
         T_start = None if start is None else start.T_camera_lidar
         session = _session(applied.drive, config, T_start, output, terminal)
     server = ViewServer(session, settings.port)
-    terminal.print("open this address in a browser of this machine; Ctrl-C ends it")
+    terminal.print("open this address in a browser on this machine; press Ctrl-C to stop")
     # The address is the result of the command, and the only way to the page.
     click.echo(server.address)
     if settings.is_opened:
@@ -84,7 +86,7 @@ def view(settings: ViewSettings) -> None:
 
 
 def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
-    """Check that the page can save the transform, and that this replaces nothing that is read."""
+    """Check that the page can save the transform, and that this replaces no input."""
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.writing import descriptor
@@ -102,7 +104,7 @@ def _session(
     output: Path | None,
     terminal: Terminal,
 ) -> Session:
-    """Load the drive; one whose files allow no cue is shown without classes, unless one was asked for."""
+    """Load the drive. If its files allow no cue and none was requested, it is shown without classes."""
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.drive.loading import LoadedDrive, load
     from semcal_cli.drive.reading import load_points, read_clouds
@@ -122,9 +124,9 @@ def _session(
         data = LoadedDrive(few, load_points(few))
     session = Session(data, read_clouds(data.drive, sweeps), config, start, output, unlabelled)
     for frame in range(len(data.drive.frames)):
-        picture_of(data.drive, session.observations, frame)  # a missing one is told before the page is
+        picture_of(data.drive, session.observations, frame)  # a missing one is reported before the page opens
     if unlabelled:
-        terminal.print(f"note: nothing tells how well points fit: {unlabelled}")
+        terminal.print(f"note: the page cannot show how well the points fit: {unlabelled}")
     return session
 
 

@@ -1,4 +1,4 @@
-"""The run of a command on a drive of a batch, in a process of the batch: see `semcal_cli.batches.run`."""
+"""The run of a command on one drive of a batch, in a process of the batch: see `semcal_cli.batches.run`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from semcal_cli.errors import os_reason
 
 
 def run_task(task: Task, inputs: Inputs) -> Outcome:
-    """Run the command of a task, and record its outcome, unless the machine failed, not the drive."""
+    """Run the command of a task, and record its outcome, unless the machine failed and not the drive."""
     ending = _run_to_files(task)
     if ending.exit_code in (0, 3, 4):
         outcome = describe_result(task, ending.exit_code)
@@ -32,7 +32,7 @@ def run_task(task: Task, inputs: Inputs) -> Outcome:
 
 def _run_to_files(task: Task) -> Ending:
     """Run the command of a task, with its output redirected to files."""
-    # The batch tells the CI system of all of its drives together.
+    # The batch reports all of its drives to the CI system together.
     for name in (GITHUB_ACTIONS, GITHUB_STEP_SUMMARY):
         os.environ.pop(name, None)
     folder, result = Path(task.folder), str(task.result)
@@ -56,7 +56,7 @@ def _run_to_files(task: Task) -> Ending:
 
 
 def _run(arguments: list[str]) -> Ending:
-    """Run a command; a failure that nobody expected is one as well."""
+    """Run a command; an unexpected exception counts as a failure, too."""
     try:
         return run(arguments)
     except Exception as failure:
@@ -68,7 +68,7 @@ def _run(arguments: list[str]) -> Ending:
 def _redirected(descriptor: int, path: Path | None) -> Iterator[None]:
     """Redirect a file descriptor to a new file for a while; None is the null device.
 
-    An existing file is replaced, not written to: another name of it may be a person's.
+    An existing file is replaced, not written to: a user may have another hard link to it.
     """
     before = os.dup(descriptor)
     try:
