@@ -53,7 +53,7 @@ def test_a_camera_that_changes_is_an_error_that_says_when(
         return bag.camera_info(CAMERA, stamp, K=K) if count < 10 or index in (0, changed) else None
 
     message = refused(small(tmp_path, kind, count, info=change), tmp_path / "drive")
-    when = f"found another camera {changed / 10:.3f} s after the start: K 9.5, 0, 8"
+    when = f"found other intrinsics {changed / 10:.3f} s after the start: K 9.5, 0, 8"
     assert f"/cam/camera_info: {when}" in message
 
 
@@ -178,11 +178,11 @@ CONTRADICTION = fixed(
     {("base", "lidar"): T_MOUNT, ("base", "optical"): np.eye(4), ("optical", "lidar"): np.eye(4)}
 )
 TOLD: dict[str, tuple[dict[str, Maker], str]] = {
-    "a loose body": ({"odom": odometry("base")}, "/odom tell of frames that no fixed transform ties to 'lidar'"),
+    "a loose body": ({"odom": odometry("base")}, "no fixed transform connects the frames of /odom to 'lidar'"),
     "two parents": ({"tf": two_parents}, "/tf of lidar in odom, /tf of lidar in map: choose one"),
     "contradicting frames": ({"tf_static": CONTRADICTION}, "no reference: fixed transforms contradict one another"),
     "one frame of both": ({"points": cloud(frame="same"), "image": image(frame="same")},
-                          "no reference: sweeps and images both say that they are in frame 'same'"),
+                          "no reference: sweeps and images both state the frame 'same'"),
     "no frames": ({}, "no reference from 'lidar' to 'optical': there are no fixed transforms"),
 }  # fmt: skip
 

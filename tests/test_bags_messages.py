@@ -228,11 +228,11 @@ def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
     again = {"cam/image_raw/compressed": compressed(cv2.imencode(".jpg", COLORS)[1].tobytes())}
     path = small(tmp_path, **again)
     told = (
-        "/cam/image_raw/compressed is not taken: its messages are those of /cam/image_raw in another encoding"
+        "/cam/image_raw/compressed is not used: it holds the messages of /cam/image_raw in another encoding"
     )
     assert told in remarks(path, tmp_path / "raw")
     named = remarks(path, tmp_path / "named", image="/cam/image_raw/compressed")
-    assert "is not taken" not in named
+    assert "is not used" not in named
     suffixes = [
         {Path(str(frame.image)).suffix for frame in read_drive(tmp_path / name).frames}
         for name in ("raw", "named")

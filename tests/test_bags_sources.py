@@ -98,7 +98,7 @@ def test_frames_of_a_video_are_decoded_from_the_key_frame_before_them(tmp_path: 
     ("pictures", "told"),
     [
         (lambda bag, index, stamp: bag.packet(b"\0\0\1\1", "h264", stamp), "without a key frame"),
-        (lambda bag, index, stamp: bag.packet(b"\0\0\1\5", "h264", stamp), "damaged frame of a video"),
+        (lambda bag, index, stamp: bag.packet(b"\0\0\1\5", "h264", stamp), "damaged video frame"),
         (lambda bag, index, stamp: bag.packet(b"", "vp8", stamp), "'vp8', needed H.264, H.265 or AV1"),
     ],
 )
@@ -179,7 +179,7 @@ HOSTILE_JSON: dict[str, tuple[str, Any, str]] = {
     "number for bytes": ("image", {"data": 10**9}, "found data 1000000000, needed bytes"),
     "stamp": ("points", {"timestamp": {"sec": 10**320, "nsec": 0}}, "found a stamp of 100000"),
     "surrogate": ("points", {"fields": [X | {"name": "\ud800"}]}, "found the fields ?, needed x, y and z"),
-    "no text": ("points", {"frame_id": None}, "found frame_id nothing, needed a text"),
+    "no text": ("points", {"frame_id": None}, "found frame_id nothing, needed a string"),
     "many fields": ("points", {"fields": [X] * 200}, "found 200 fields, needed at most 128"),
     "P": ("info", {"P": [1.0, 2.0]}, "/cam/camera_info: found 2 numbers in P, needed 12"),
     "many values": ("info", {"D": [0] * (1 << 20)}, "of JSON with 1,0"),
@@ -200,7 +200,7 @@ def test_the_frame_is_that_of_the_first_message_that_is_whole(tmp_path: Path) ->
 
     found = done(fill(FoxgloveWriter(tmp_path, "json"), 6, points=points), tmp_path / "drive")
     assert found.written.num_frames == 5
-    assert [why for why in found.left_out if "are no foxglove.PointCloud" in why]
+    assert [why for why in found.left_out if "are not a foxglove.PointCloud" in why]
 
 
 def test_a_schema_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -159,7 +159,7 @@ def test_damage_in_the_middle_costs_what_lies_there(
     middle = len(content) // 2
     content[middle : middle + 64] = bytes(64)
     path.write_bytes(content)
-    assert "damaged data, left out" in remarks(path, tmp_path / "drive")
+    assert "left out damaged data" in remarks(path, tmp_path / "drive")
     assert 1 <= len(read_drive(tmp_path / "drive").frames) < len(synthetic.frames)
 
 
@@ -169,7 +169,7 @@ def test_a_bag_without_its_index_names_what_mends_it(synthetic: Drive, tmp_path:
         part = cut(path, share, tmp_path / "part.bag")
         message = refused(part, tmp_path / "drive")
         assert message.startswith(f"{part}: found a recording that cannot be read: ")
-        assert message.endswith("; if it is damaged, `rosbag reindex` may mend it")
+        assert message.endswith("; if it is damaged, `rosbag reindex` may repair it")
 
 
 @pytest.mark.parametrize("name", ["other.db3?x.db3", "run#1.db3", "50%25.db3"])
@@ -181,7 +181,7 @@ def test_a_database_is_the_one_that_is_named(name: str, tmp_path: Path) -> None:
 
 
 TABLES = "found no tables 'topics' and 'messages'"
-ODD_ROWS = "1 rows whose timestamp is no whole number or whose data are no bytes"
+ODD_ROWS = "1 rows whose timestamp is not a whole number or whose data are not bytes"
 DATABASES = {
     "a timestamp that is text": ("UPDATE messages SET timestamp = 'soon' WHERE id = 3", ODD_ROWS),
     "a timestamp with a fraction": ("UPDATE messages SET timestamp = 0.5 WHERE id = 3", ODD_ROWS),

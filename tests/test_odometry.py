@@ -130,7 +130,7 @@ def written(folder: Path, street: MovingStreet, count: int = 12, **makers: Any) 
 def test_a_recording_without_poses_gets_them_from_its_sweeps(street: MovingStreet, tmp_path: Path) -> None:
     path = written(tmp_path, street)
     result = run_cli("import", "bag", path, "-o", tmp_path / "drive", "--odometry")
-    assert "estimates the motion of the LiDAR from the sweeps: the drive's motion" in " ".join(
+    assert "estimates the motion of the LiDAR from the sweeps; the drive uses it" in " ".join(
         result.stderr.split()
     )
     drive = read_drive(tmp_path / "drive")
@@ -158,11 +158,11 @@ def test_a_recordings_own_odometry_is_preferred_and_compared(
         motion: "\n".join(done(path, tmp_path / str(motion), odometry=True, motion=motion).written.remarks)
         for motion in (None, "none")
     }
-    assert "/odom tells of the motion of 'lidar'" in found[None]
+    assert "/odom states the motion of 'lidar'" in found[None]
     assert ("/odom agrees with the motion estimated from the sweeps" in found[None]) == is_true
     way = r"/odom disagrees with .* the sweeps: they differ by (9\.9|10) m/s and 1[12] degrees per second"
     assert bool(re.search(way, found[None])) == (not is_true)
-    assert ("--motion none takes that of the sweeps" in found[None]) == (not is_true)
+    assert ("--motion none uses that of the sweeps" in found[None]) == (not is_true)
     assert "KISS-ICP" in found["none"]
     assert "/odom" not in found["none"]
 

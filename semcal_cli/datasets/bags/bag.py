@@ -1,4 +1,4 @@
-"""A recording: one or several files of ROS or Foxglove as one series of messages."""
+"""A recording: one or more files of ROS or Foxglove, read as one series of messages."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Storage(Protocol):
     damage: str | None
     """Description of what is missing; None if nothing is."""
     is_indexed: bool
-    """Whether a time can be looked up without reading all that stands before it."""
+    """Whether messages at a time can be found without reading everything before them."""
 
     def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield the messages of some topics from `start_ns` to before `stop_ns`, in the order of receipt."""
@@ -43,9 +43,9 @@ class Format(NamedTuple):
     """A format of recordings."""
 
     reader: Callable[[Path, ExitStack], Storage]
-    """What opens a file of it, until the stack closes it."""
+    """Function that opens a file of this format, until the stack closes it."""
     repair: str
-    """Command that mends what the reader cannot read."""
+    """Command that repairs a file that the reader cannot read."""
 
 
 FORMATS = {
@@ -57,23 +57,23 @@ FORMATS = {
 SUFFIXES = (".bag", ".mcap", ".db3", ".zstd")
 METADATA = "metadata.yaml"
 MAX_RATIO, MAX_SMALL_BYTES = 100, 1 << 30
-"""A compressed file may unpack to this multiple of its size, or to so many bytes."""
+"""A compressed file may unpack to this multiple of its size, or to this many bytes if that is more."""
 PART_BYTES = 1 << 20
 STEP_NS = NS // 2
-"""How far behind damaged messages reading goes on; it doubles until there is something to read."""
+"""How long after a damaged message reading resumes; it doubles until something can be read."""
 
 
 class Bag:
     """An open recording; a context manager.
 
-    Messages come in the order in which they were received. What is damaged is left out, and told in `remarks`.
+    Messages come in order of receipt. Damaged data are left out; `damage_remarks` lists them.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
         """Open all files.
 
         Raises:
-            InputError: a path is missing, or is no recording, or nothing of it is whole.
+            InputError: a path is missing, is not a recording, or holds no whole message.
         """
         self.paths = paths
         self.remarks: list[str] = []
@@ -113,11 +113,11 @@ class Bag:
 
     @property
     def is_indexed(self) -> bool:
-        """Whether a time can be looked up in all files without reading what stands before it."""
+        """Whether messages at a time can be found in all files without reading everything before them."""
         return all(storage.is_indexed for storage in self._storages.values())
 
     def of_types(self, types: Collection[str]) -> list[Topic]:
-        """List the topics that have messages whose content is that of one of these ROS types."""
+        """List the topics whose messages have the content of one of these ROS types, without empty topics."""
         return [topic for topic in self.topics if topic.is_a(types) and topic.span.num_messages]
 
     def first(self, topic: Topic) -> Message | None:
@@ -127,7 +127,7 @@ class Bag:
     def messages(
         self, topics: Collection[Topic], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Message]:
-        """Yield the messages of some topics from `start_ns` to before `stop_ns`, and leave out damaged ones."""
+        """Yield the undamaged messages of some topics from `start_ns` to before `stop_ns`, in order of receipt."""
         start = self.start_ns if start_ns is None else start_ns
         stop = self.end_ns + 1 if stop_ns is None else stop_ns
         parts = [self._part_messages(file, set(topics), start, stop) for file in self._storages]
@@ -138,7 +138,7 @@ class Bag:
         found = [
             f"{reason} ({count:,} times)" if count > 1 else reason for reason, count in self._damaged.items()
         ]
-        return [*self.remarks, *(f"found damaged data, left out: {each}" for each in found)]
+        return [*self.remarks, *(f"left out damaged data: {each}" for each in found)]
 
     def _part_messages(self, file: Path, topics: set[Topic], start: int, stop: int) -> Iterator[Message]:
         storage, step = self._storages[file], STEP_NS
@@ -155,7 +155,7 @@ class Bag:
                 start, step = start + step, 2 * step
 
     def _files_of(self, path: Path) -> list[Path]:
-        """List the files of a recording: those that the metadata of a folder names, else all in it."""
+        """List the files of a recording: those that the metadata of a folder names, or else all in the folder."""
         if not is_folder(path):
             return [path]
         metadata = path / METADATA
@@ -165,7 +165,7 @@ class Bag:
                 return _listed_files(parse_document(text, metadata), metadata)
             except InputError as error:
                 self.remarks.append(
-                    f"{error}; the files of the folder are read without it; `ros2 bag reindex` makes a new one"
+                    f"{error}; all files of the folder are read instead; `ros2 bag reindex` writes new metadata"
                 )
         files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
         if not files:
@@ -189,7 +189,7 @@ def _open(path: Path, stack: ExitStack) -> Storage:
         start = read_start(source, max(map(len, FORMATS)))
     known = next((each for magic, each in FORMATS.items() if start.startswith(magic)), None)
     if known is None:
-        found = f"{path.stat().st_size:,} bytes of no known format"
+        found = f"{path.stat().st_size:,} bytes of an unknown format"
         raise InputError(f"{path}: found {found}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
     try:
         return known.reader(source, stack)
@@ -197,7 +197,7 @@ def _open(path: Path, stack: ExitStack) -> Storage:
         raise
     except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
         found = f"found a recording that cannot be read: {_told(error)}"
-        raise InputError(f"{path}: {found}; if it is damaged, `{known.repair}` may mend it") from None
+        raise InputError(f"{path}: {found}; if it is damaged, `{known.repair}` may repair it") from None
 
 
 def _listed_files(document: dict[Any, Any], metadata: Path) -> list[Path]:
@@ -211,7 +211,7 @@ def _listed_files(document: dict[Any, Any], metadata: Path) -> list[Path]:
 
 
 def _unpacked(message: Message) -> Message:
-    """Unpack a message of ROS 2 that is compressed by itself; others start with CDR's 0."""
+    """Unpack a message of ROS 2 that is compressed on its own; others start with CDR's 0."""
     is_plain = message.topic.is_ros1 or message.topic.decode is not None
     if is_plain or not message.raw.startswith(ZSTD_MAGIC):
         return message
@@ -234,6 +234,6 @@ def _unpacked_file(path: Path, folder: Path) -> Path:
 
 
 def _told(error: Exception) -> str:
-    """Say in a few words what a library found."""
+    """Shorten a library's message to a few words."""
     text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     return text if len(text) <= 120 else f"{text[:117]}..."

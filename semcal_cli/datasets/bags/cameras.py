@@ -18,7 +18,7 @@ def read_camera_info(message: Message) -> CameraInfo:
     """Read a CameraInfo of ROS 1 (`K`) or ROS 2 (`k`).
 
     Raises:
-        MessageError: the bytes are none.
+        MessageError: the bytes are not a CameraInfo.
     """
     info = message.content
     matrices = {name: getattr(info, name if hasattr(info, name) else name.lower()) for name in "KDRP"}
@@ -45,17 +45,17 @@ def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, 
     """Make the `camera:` block of a drive.
 
     Args:
-        info: What the topic states.
+        info: The content of a CameraInfo.
         topic: Its name, for messages.
-        rectified: Whether the images are rectified: P counts then, and neither K nor the coefficients.
+        rectified: Whether the images are rectified. If so, P is used instead of K and the distortion.
 
     Raises:
-        InputError: the camera is not calibrated, or its lens is not known, or a value cannot be right.
+        InputError: the camera is not calibrated, its lens model is unknown, or a value cannot be right.
     """
     name = "P" if rectified else "K"
     if not any(info[name]):
         raise InputError(
-            f"{topic}: {name}: found zeros only, needed a calibrated camera; or give --intrinsics FILE"
+            f"{topic}: {name}: found zeros only, needed a calibrated camera, or --intrinsics FILE"
         )
     document: dict[Any, Any] = {key: value for key, value in info.items() if key not in ("R", "P")}
     if rectified:

@@ -22,22 +22,22 @@ from semcal_cli.datasets.bags.video import Packet, Video
 from semcal_cli.drive.frame_selection import evenly_spaced, farthest_points
 
 CANDIDATES = 2
-"""Pairs that are looked at for each frame that is kept, when scenes are to differ."""
+"""Number of pairs that are read for each frame that is kept, when scenes should differ."""
 LEAST_TRAVELLED_M = 5.0
-"""Way of the rig from which on frames are spread along it; below, by how much their images differ."""
+"""Shortest path of the rig along which frames are spread; on shorter ones, frames whose images differ are chosen."""
 MAX_SPREAD = 500
-"""Most frames that are chosen by how much they differ; more, which would take long, are spaced evenly."""
+"""Largest number of frames that are chosen by how much they differ; more would take long and are spaced evenly."""
 Looks = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A pair whose messages lie on disk."""
+    """A pair whose messages are on disk."""
 
     pair: Pair
     """The pair, without the bytes of its messages."""
     places: tuple[slice, slice]
-    """Where the bytes of its sweep and its image lie."""
+    """Where the bytes of its sweep and its image are."""
     look: Looks
     """Thumbnail of the image."""
 
@@ -75,7 +75,7 @@ class Spool:
 
 
 def wanted_times(bag: Bag, topics: Topics, request: Request) -> list[int]:
-    """Choose the times, as messages were received, near which pairs are looked for; nanoseconds, ascending."""
+    """Choose the times of receipt near which pairs are searched; nanoseconds, ascending."""
     span = topics.points.span
     if request.every_s is not None:
         wanted = range(span.first_ns, span.last_ns + 1, max(round(request.every_s * NS), 1))
@@ -84,7 +84,7 @@ def wanted_times(bag: Bag, topics: Topics, request: Request) -> list[int]:
         count = CANDIDATES * (request.max_frames or MAX_FRAMES)
         wanted = range(span.first_ns, span.last_ns, max((span.last_ns - span.first_ns) // count, 1))
     if len(wanted) >= span.num_messages or span.first_ns == span.last_ns:
-        # Every sweep is wanted, however unevenly they came.
+        # Every sweep is wanted, however unevenly they arrived.
         return sorted(message.received_ns for message in bag.messages([topics.points]))
     return list(wanted[:count])
 
@@ -97,15 +97,15 @@ def read_pairs(
     trajectory: Trajectory | None,
     on_place: Callable[[int, int], None],
 ) -> Iterator[Pair]:
-    """Read the pairs near wanted times: no more of the recording than that takes, if it has an index.
+    """Read the pairs near wanted times. If the recording has an index, only the parts around these times are read.
 
     Args:
         bag: The recording.
         wanted_ns: The times.
-        pairing: What finds the pairs.
+        pairing: Finder of the pairs.
         watched: Function that yields the sweeps and images from a start to before a stop.
-        trajectory: What has to be read around a sweep for the poses of its points; None for nothing.
-        on_place: Called with the number of times that were read, and of all.
+        trajectory: States how much to read around a sweep for the poses of its points; None if no poses are needed.
+        on_place: Called with the number of wanted times that are done, and of all.
     """
     if not bag.is_indexed:
         on_place(0, 1)
@@ -149,13 +149,15 @@ def choose(
         left_out["pairs: more than --max-frames"] += len(kept) - count
         return kept[:count]
     way = None if trajectory is None else _way_m([trajectory.position(each.pair.sweep_ns) for each in kept])
-    why = "their images are like those of others" if way is None else "others are spread better along the way"
+    why = (
+        "their images are like those of others" if way is None else "others are spread better along the path"
+    )
     left_out[f"pairs: {why}"] += len(kept) - count
     return [kept[index] for index in _most_different([each.look for each in kept], count, way)]
 
 
 def _way_m(positions: Sequence[npt.NDArray[np.float64] | None]) -> npt.NDArray[np.float64] | None:
-    """Compute the length of the way to each position (N,), metres; None if it is short, or a position is unknown."""
+    """Compute the path length up to each position (N,), metres; None if the path is short or a position is unknown."""
     known = [position for position in positions if position is not None]
     if len(known) < max(len(positions), 2):
         return None
@@ -165,8 +167,8 @@ def _way_m(positions: Sequence[npt.NDArray[np.float64] | None]) -> npt.NDArray[n
 
 
 def longest_ascending(values: Sequence[int]) -> list[int]:
-    """Find the longest strictly ascending part of a sequence, by its indices: what is left without outliers."""
-    ends: list[int] = []  # Index of the smallest last value of an ascending part of each length.
+    """Find the indices of the longest strictly ascending subsequence: what is left without outliers."""
+    ends: list[int] = []  # Index of the smallest last value of an ascending subsequence of each length.
     before: list[int | None] = []
     for index, value in enumerate(values):
         length = bisect_left(ends, value, key=lambda end: values[end])
@@ -181,12 +183,12 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
 
 
 def _most_different(looks: Sequence[Looks], count: int, way: npt.NDArray[np.float64] | None) -> list[int]:
-    """Choose `count` pairs that are far apart along the way or whose images differ, in ascending order.
+    """Choose `count` pairs that are far apart along the path or whose images differ, in ascending order.
 
     Args:
         looks: Thumbnails of the images.
         count: How many to choose.
-        way: (N,) way to each, metres; None if it is not known. Where it is, images count as much as a metre at most.
+        way: (N,) path length up to each, metres, or None. With it, images that differ count as a metre at most.
     """
     if count > MAX_SPREAD:
         return evenly_spaced(range(len(looks)), count)

@@ -1,6 +1,6 @@
 """Sweeps of recordings as binary PCD, with all their fields.
 
-Numbers stay as they are, but for times whose unit no reader could know: these become seconds, see
+Numbers stay as they are, except times whose unit no reader could know: these become seconds, see
 `_with_readable_times`.
 """
 
@@ -31,20 +31,20 @@ POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
 MAX_POINT_BYTES, MAX_FIELDS = 1024, 128
 PACKET_POINTS = 384
-"""Most points of a packet of a Velodyne: 12 blocks of 32."""
+"""Largest number of points in a packet of a Velodyne: 12 blocks of 32."""
 LIVOX_POINT = [
     ("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"), ("line", "u1"),
 ]  # fmt: skip
 """CustomPoint.msg of both of Livox' drivers."""
 TIMES = ("t", "time", "timestamp", "offset_time", "time_offset", "time_stamp", "timestamps", "gps_time")
-"""Names of fields of times, the best first."""
+"""Names of fields of times, the preferred ones first."""
 READ_AS_TIME = ("t", "time", "timestamp", "offset_time", "time_offset", "gps_time")
 """Those of them that the reader of point clouds knows."""
 TICKS_S = {"nanoseconds": 1e-9, "microseconds": 1e-6, "milliseconds": 1e-3, "seconds": 1.0}
 CDR_BYTES = 4
-"""Bytes of CDR's encapsulation, behind which alignment counts."""
+"""Bytes of CDR's encapsulation header; alignment is relative to its end."""
 SHORTEST_SWEEP_S, LONGEST_SWEEP_S = 0.004, 1.5
-"""Time that the points of a sweep can span. Units are a thousand apart, so that at most one of them fits."""
+"""Times that the points of a sweep can span. Units differ by a factor of a thousand, so at most one of them fits."""
 
 
 class PointTimes(NamedTuple):
@@ -55,7 +55,7 @@ class PointTimes(NamedTuple):
     ends_s: tuple[float, float] = (0.0, 0.0)
     """Times of the first and the last point with a range, seconds after the stamp."""
     remark: str | None = None
-    """What the user should know of them."""
+    """Sentence about them that the user should read."""
 
 
 class Sweep(NamedTuple):
@@ -103,7 +103,7 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
         stamp_ns: Time of the sweep, which its points' times refer to.
 
     Raises:
-        MessageError: the message is damaged, or contradicts itself, or has no points with a range.
+        MessageError: the message is damaged, contradicts itself or has no point with a range.
     """
     if message.is_a(VELODYNE):
         records = _velodyne(message, stamp_ns)
@@ -116,12 +116,12 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
         raise MessageError(f"found several numbers in field {several[0]!r}, needed one")
     has_range = _has_range(records)
     if not has_range.any():
-        raise MessageError(f"found no point of {records.size:,} with a range")
+        raise MessageError(f"found {records.size:,} points, none with a range")
     return _with_readable_times(records, has_range, stamp_ns)
 
 
 def _count(field: np.dtype[Any]) -> int:
-    """Number of numbers of a field."""
+    """Count the numbers of a field in one record."""
     return int(np.prod(field.shape, dtype=int))
 
 
@@ -175,10 +175,10 @@ def _layout(cloud: Any, step: int) -> np.dtype[Any]:
 
 
 def _livox(message: Message) -> npt.NDArray[np.void]:
-    """Read the points of a CustomMsg from its bytes, which a reader of any message would make an object of each.
+    """Read the points of a CustomMsg directly from its bytes: a general reader would make an object of each point.
 
-    After the header stand `timebase` (u8 bytes), `point_num`, `lidar_id` with three reserved bytes, and the points with
-    their number in front. CDR aligns each of these, and each point, to the size of its numbers.
+    The header is followed by `timebase` (8 bytes), `point_num`, `lidar_id` with three reserved bytes, and the points,
+    preceded by their number. CDR aligns each of these, and each point, to the size of its numbers.
     """
     order, raw = message.byte_order, message.raw
     layout = np.dtype([(name, order + kind) for name, kind in LIVOX_POINT], align=not message.topic.is_ros1)
@@ -188,13 +188,13 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
     )
     if not message.topic.is_ros1:
         place += (CDR_BYTES - place) % 8
-    place += 8 + 4 + 4  # timebase, point_num, and lidar_id with what is reserved
+    place += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
     if place + 4 > len(raw):
-        raise MessageError(f"found {len(raw):,} bytes that are no {message.topic.type}")
+        raise MessageError(f"found {len(raw):,} bytes that are not a {message.topic.type}")
     (count,) = struct.unpack_from(f"{order}I", raw, place)
     if count == 0:
         raise MessageError("found a cloud without points")
-    # The last point has no padding behind it.
+    # The last point has no padding after it.
     if count > MAX_POINTS or place + 4 + (count - 1) * layout.itemsize + packed.itemsize > len(raw):
         raise MessageError(f"found {count:,} points in {len(raw):,} bytes")
     padded = raw[place + 4 :] + bytes(layout.itemsize - packed.itemsize)
@@ -203,7 +203,7 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
 
 @cache
 def _velodyne_decoder() -> Any:
-    """Import the library, whose bindings list their leaks on standard error as a process ends: nobody reads them."""
+    """Import the library, and hide the leaks that its bindings report on standard error when the process ends."""
     import velodyne_decoder
 
     atexit.register(lambda: os.dup2(os.open(os.devnull, os.O_WRONLY), 2))
@@ -219,7 +219,7 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
         found = f"found {len(scan.packets):,} packets"
         raise MessageError(f"{found}, needed at most {MAX_POINTS // PACKET_POINTS:,}")
     stamps_ns = [each.stamp.sec * NS + each.stamp.nanosec for each in scan.packets]
-    # The library takes no times below zero.
+    # The library does not accept negative times.
     begin_ns = min(stamps_ns) - NS
     stamps_s = [(each - begin_ns) / NS for each in stamps_ns]
     packets = velodyne_decoder.PacketVector()
@@ -239,11 +239,11 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
 def _with_readable_times(
     records: npt.NDArray[np.void], has_range: npt.NDArray[np.bool_], stamp_ns: int
 ) -> Sweep:
-    """Tell what the times of points refer to, and make those readable that are not.
+    """Find out what the times of points refer to, and convert them if no reader could read them.
 
-    Whole numbers are read as nanoseconds and others as seconds. Times in another unit, or under a name that no reader
-    knows, become seconds relative to the stamp, as float64, under the name `t`. Points without a range often have no
-    time either, and do not count.
+    Readers take whole numbers for nanoseconds and others for seconds. Times in another unit, or under a name that no
+    reader knows, become seconds relative to the stamp, as float64, under the name `t`. Points without a range often
+    have no time either and are ignored.
     """
     lowered = {name.lower(): name for name in reversed(records.dtype.names or ())}
     name = next((lowered[each] for each in TIMES if each in lowered), None)
@@ -252,21 +252,21 @@ def _with_readable_times(
     alike = [each for each in records.dtype.names or () if each.lower() in (name.lower(), "t")]
     if len(alike) > 1:
         raise MessageError(
-            f"found the fields {listed(alike)}, of which nobody can tell which holds the times"
+            f"found the fields {listed(alike)}, any of which may hold the times, needed only one"
         )
     values = records[name]
     first, last = _ends(values[has_range])
     spans = [
         unit for unit, tick in TICKS_S.items() if SHORTEST_SWEEP_S <= (last - first) * tick <= LONGEST_SWEEP_S
     ]
-    told = f"the times of points, {name!r},"
+    told = f"the point times {name!r}"
     if not spans:
-        remark = f"{told} span a sweep in no usual unit: written as they are, no motion"
+        remark = f"{told} do not span a sweep in any usual unit: they are written unchanged, without motion"
         return Sweep(records, PointTimes(remark=remark))
     tick_s = TICKS_S[spans[0]]
     shift = _shift(first, tick_s, stamp_ns)
     if shift is None:
-        remark = f"{told} are on another clock than the header: written as they are, no motion"
+        remark = f"{told} use another clock than the header: they are written unchanged, without motion"
         return Sweep(records, PointTimes(remark=remark))
     # Whole numbers are subtracted as such: as float64, nanoseconds since 1970 would lose their last 8 bits.
     exact = values.astype(np.int64) if values.dtype.kind in "iu" else values
@@ -274,7 +274,7 @@ def _with_readable_times(
     ends_s = _ends(seconds[has_range])
     if name.lower() in READ_AS_TIME and tick_s == (1.0 if values.dtype.kind == "f" else 1e-9):
         return Sweep(records, PointTimes("absolute" if shift else "relative", ends_s), seconds)
-    remark = f"{told} {spans[0]}, are written as seconds after the sweep's stamp, 't'"
+    remark = f"{told}, {spans[0]}, are written as 't', seconds after the sweep's stamp"
     return Sweep(_with_times(records, name, seconds), PointTimes("relative", ends_s, remark), seconds)
 
 
@@ -294,7 +294,7 @@ def _shift(first: float, tick_s: float, stamp_ns: int) -> int | None:
 def _with_times(
     records: npt.NDArray[np.void], name: str, seconds: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.void]:
-    """Replace a field by times in seconds, with the name that is read first."""
+    """Replace a field by times in seconds, under the preferred name."""
     layout = records.dtype
     changed = records.astype(
         [("t", "<f8") if each == name else (each, layout[each]) for each in layout.names or ()]

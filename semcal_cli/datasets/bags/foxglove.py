@@ -1,4 +1,4 @@
-"""Messages of Foxglove's schemas (docs.foxglove.dev), in Protobuf or JSON, with the fields of ROS's types."""
+"""Messages of Foxglove's schemas (docs.foxglove.dev), in Protobuf or JSON, converted to the fields of ROS types."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ POINT_FIELD_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
 CAMERA_NUMBERS = {"D": range(33), "K": (0, 9), "R": (0, 9), "P": (0, 12)}
 """How many numbers the arrays of a camera may have."""
 MAX_WHOLE, MAX_SECONDS = (1 << 32) - 1, 1 << 33
-"""Largest whole number of ROS's messages, and largest time from 1970 on or before it."""
+"""Largest whole number in ROS messages, and largest time before or after 1970, in seconds."""
 MAX_JSON_BYTES, MAX_JSON_VALUES = 1 << 28, 1 << 20
-"""Largest message in JSON, and most values in it: each takes a hundred times the bytes that it is written in."""
+"""Largest message in JSON, and largest number of values in it: in memory, a value takes a hundred times its bytes."""
 
 
 def _header(message: Any, frame: str = "frame_id") -> SimpleNamespace:
@@ -41,13 +41,15 @@ def _header(message: Any, frame: str = "frame_id") -> SimpleNamespace:
     is_json = hasattr(time, "nsec")
     seconds = int(time.sec if is_json else time.seconds)
     if abs(seconds) > MAX_SECONDS:
-        raise MessageError(f"found a stamp of {describe(seconds)} s, needed one within {MAX_SECONDS:,} s")
+        raise MessageError(
+            f"found a stamp of {describe(seconds)} s, needed one within {MAX_SECONDS:,} s of 1970"
+        )
     stamp = SimpleNamespace(sec=seconds, nanosec=_whole(time, "nsec" if is_json else "nanos"))
     return SimpleNamespace(stamp=stamp, frame_id=_text(message, frame))
 
 
 def _whole(message: Any, name: str) -> int:
-    """Read a number that ROS's message has no sign for; JSON can hold any."""
+    """Read a number that is unsigned in ROS; JSON can hold any number."""
     number = int(getattr(message, name))
     if not 0 <= number <= MAX_WHOLE:
         raise MessageError(f"found {name} {describe(number)}, needed a whole number from 0 to {MAX_WHOLE:,}")
@@ -58,7 +60,7 @@ def _text(message: Any, name: str) -> str:
     text = getattr(message, name)
     if not isinstance(text, str) or len(text) > MAX_FRAME_ID:
         raise MessageError(
-            f"found {name} {describe(text)}, needed a text of up to {MAX_FRAME_ID:,} characters"
+            f"found {name} {describe(text)}, needed a string of up to {MAX_FRAME_ID:,} characters"
         )
     return text.encode("utf-8", "replace").decode()
 
@@ -76,7 +78,7 @@ def _point_cloud(message: Any) -> SimpleNamespace:
     if pose is not None:
         place, turn = pose.position, pose.orientation
         if any(map(float, (place.x, place.y, place.z, turn.x, turn.y, turn.z))):
-            raise MessageError("found points with a pose of their own, needed points in their frame")
+            raise MessageError("found points with their own pose, needed points in their frame")
     if len(message.fields) > MAX_FIELDS:
         raise MessageError(f"found {len(message.fields):,} fields, needed at most {MAX_FIELDS}")
     data, step = _data(message), _whole(message, "point_stride")
@@ -126,7 +128,7 @@ def _camera_calibration(message: Any) -> SimpleNamespace:
             raise MessageError(f"found {len(values):,} numbers in {name}, needed {max(counts)}")
         numbers[name] = [float(each) for each in values]
     region = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
-    # R and P that are left out stay zero.
+    # R and P stay zero if they are left out.
     numbers = {"R": [0.0] * 9, "P": [0.0] * 12} | {name: each for name, each in numbers.items() if each}
     return SimpleNamespace(
         header=_header(message),
@@ -190,7 +192,7 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
 
     Returns:
         The ROS type with the same content, and the function that reads a message into the fields of that type; empty
-        and None for a schema that is not used.
+        and None for an unused schema.
 
     Raises:
         InputError: the library for Protobuf is not installed.

@@ -1,6 +1,6 @@
 """The files of a drive's frames: sweeps, images, and the poses of the LiDAR.
 
-They are named by the topic and the stamp that they come from, and written as a whole or not at all.
+They are named after their topic and stamp, and written as a whole or not at all.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from semcal_cli.drive.events import Listener, Progress
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
 
 MAX_NAME = 100
-"""Longest name of a folder that is the name of a topic alone."""
+"""Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
 AT_A_TIME = 2
-"""Frames that are written at a time."""
+"""Number of frames that are written at a time."""
 
 
 class WrittenFrame(NamedTuple):
-    """A frame whose files are there."""
+    """A frame whose files are written."""
 
     source: SourceFrame
     """The frame."""
@@ -63,7 +63,7 @@ def write_frames(
         topics: The topics that they come from.
         folder: Folder of the drive.
         on_event: Called with each event.
-        left_out: Counts the pairs that cannot be used, by the reason.
+        left_out: Counts the pairs that cannot be used, by reason.
 
     Raises:
         InputError: a file cannot be written.
@@ -89,7 +89,7 @@ def write_frames(
 def write_motion(
     trajectory: Trajectory, written: Sequence[WrittenFrame], drive: Path
 ) -> tuple[dict[str, Any] | None, list[SourceFrame], str]:
-    """Write the poses of the LiDAR, if the points of most frames have times that they can correct.
+    """Write the poses of the LiDAR, if the points of most frames have times to deskew them by.
 
     Returns:
         The `motion:` block of the drive, the frames that the poses cover, and a sentence about it; without a block,
@@ -109,16 +109,16 @@ def write_motion(
     if 2 * min(num_timed, len(covered)) < len(written):
         why = "there are no poses around most frames"
         if 2 * num_timed < len(written):
-            why = "most points have no times that it could correct"
+            why = "most points have no times to deskew them by"
         return None, [each.source for each in written], f"{told}, but {why}; no motion is written"
-    # Which poses there are depends on the frames, so that they are of this drive alone.
+    # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"
     make_folder(path.parent)
     write_text(trajectory.tum(), path)
     block: dict[str, Any] = {"poses": path.relative_to(drive.parent).as_posix(), "point_times": reference}
     if trajectory.source is None:
         block["sigma"] = SIGMA
-    return block, covered, f"{told}: the drive's motion"
+    return block, covered, f"{told}; the drive uses it"
 
 
 def _write_frame(
@@ -131,7 +131,7 @@ def _write_frame(
     needed = camera["width"], camera["height"]
     if picture.size != needed:
         found, states = ("{} x {}".format(*size) for size in (picture.size, needed))
-        raise MessageError(f"found an image of {found} pixels, needed {states}, as its camera states")
+        raise MessageError(f"found an image of {found} pixels, needed {states}, as its intrinsics state")
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
     image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.image_ns)}{picture.suffix}"
     for path, content in ((points, sweep.pcd()), (image, picture.content)):
@@ -143,7 +143,7 @@ def _write_frame(
 
 
 def _slug(topic: str) -> str:
-    """Make a name of a folder of the name of a topic, another one for each: /camera/image_raw is camera.image_raw."""
+    """Turn the name of a topic into a unique name of a folder: /camera/image_raw becomes camera.image_raw."""
     parts = (
         quote(part, safe="").replace(".", "%2E").replace("~", "%7E") for part in topic.split("/") if part
     )

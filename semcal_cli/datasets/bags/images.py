@@ -1,4 +1,4 @@
-"""Images of recordings as files: PNG of what is stored as pixels, and the bytes of JPEG and PNG as they are."""
+"""Images of recordings as files: raw pixels become PNG; JPEG and PNG stay as they are."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class Encoding(NamedTuple):
     scalar: str
     """NumPy's name of the type of a number."""
     channels: int
-    """Numbers of a pixel."""
+    """Numbers per pixel."""
     conversion: int | None
-    """OpenCV's conversion to grey, or to blue, green and red; None if they are that."""
+    """OpenCV's conversion to grey, or to blue, green and red; None if none is needed."""
 
 
 _SAME, _RGB, _RGBA, _BGRA = None, cv2.COLOR_RGB2BGR, cv2.COLOR_RGBA2BGR, cv2.COLOR_BGRA2BGR
-# OpenCV names a Bayer pattern by its second row, second pixel; ROS by its first row.
+# OpenCV's names with four letters are ROS's names; those with two name another corner of the pattern.
 _BAYER = {
     "rggb": cv2.COLOR_BayerRGGB2BGR,
     "bggr": cv2.COLOR_BayerBGGR2BGR,
@@ -62,9 +62,9 @@ ENCODINGS = {
 THUMBNAIL = 32, 18
 """Columns and rows of the thumbnails by which images are compared."""
 SAMPLED_ROWS = 180
-"""Rows and columns at least that a thumbnail is made of, where an image has more."""
+"""Larger images are subsampled before their thumbnail is made, to no fewer rows and columns than this."""
 PNG_SPEED = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-"""Little compression: files are a fifth larger, and written four times as fast."""
+"""Little compression: files are a fifth larger but are written four times as fast."""
 
 
 class Picture(NamedTuple):
@@ -79,10 +79,10 @@ class Picture(NamedTuple):
 
 
 def read_picture(message: Message) -> Picture:
-    """Make the file of an image: PNG of an Image, and the bytes of a CompressedImage as they are.
+    """Make the file of an image: PNG from an Image, or the unchanged bytes of a CompressedImage.
 
     Raises:
-        MessageError: the message is damaged, or has an encoding that is not read.
+        MessageError: the message is damaged, or its encoding is not supported.
     """
     if message.is_a(COMPRESSED):
         return _compressed(message)
@@ -128,7 +128,7 @@ def _compressed(message: Message) -> Picture:
 
 
 def _pixels(message: Message) -> Pixels:
-    """Take the pixels (H, W) grey or (H, W, 3) blue, green, red out of an Image."""
+    """Extract the pixels of an Image: (H, W) grey, or (H, W, 3) blue, green, red."""
     image = message.content
     width, height, step = int(image.width), int(image.height), int(image.step)
     _check_size(width, height)

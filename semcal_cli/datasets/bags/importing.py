@@ -1,4 +1,4 @@
-"""A drive from a recording: its topics, its frames, and the files that are written of them."""
+"""Import of a recording: choose topics and frames, and write the files of a drive."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from semcal_cli.files.writing import make_folder
 from semcal_cli.formats.intrinsics import read_intrinsics
 
 AROUND_NS = NS
-"""Time before the first and after the last wanted time whose sweeps tell the motion, too."""
+"""Odometry uses sweeps from this long before the first wanted time to this long after the last, too."""
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
 MAX_TOLD = 3
-"""Most remarks about damage in an error."""
+"""Largest number of remarks about damage in an error."""
 MAX_LATCHED = 100
-"""Messages of a camera that is stated now and then; those of one that comes with each image are more."""
+"""Largest number of messages of a camera that is published now and then, rather than with each image."""
 
 
 class ImportedDrive(NamedTuple):
@@ -54,17 +54,17 @@ class ImportedDrive(NamedTuple):
     num_sweeps: int
     """Number of sweeps in the recording."""
     left_out: Counter[str]
-    """What was looked at and left out, by what and why."""
+    """Number of sweeps, images and pairs that were read and left out, by kind and reason."""
 
 
 def import_bag(request: Request, out: Path, on_event: Listener = ignore) -> ImportedDrive:
     """Make a drive of a recording. The drive.yaml is written last, and each file as a whole or not at all.
 
-    Files are named by the topic and the stamp that they come from, so that a second import writes the same files, and
-    several cameras of one recording can share a folder.
+    Files are named after their topic and stamp, so a second import writes the same files, and several cameras of one
+    recording can share a folder.
 
     Args:
-        request: The recording, and what is wanted of it.
+        request: The recording, and the user's choices.
         out: Folder of the drive, or its drive.yaml.
         on_event: Called with each event.
 
@@ -87,7 +87,7 @@ class _Import:
         self.info: CameraInfo | None = None
         self.trajectory: Trajectory | None = None
         self.remarks = [
-            f"{topic.name} is not taken: its messages are those of {topic.name.rpartition('/')[0]} in another encoding"
+            f"{topic.name} is not used: it holds the messages of {topic.name.rpartition('/')[0]} in another encoding"
             for topic in self.topics.again
         ]
         self.left_out: Counter[str] = Counter()
@@ -133,7 +133,7 @@ class _Import:
             if odometry is not None and self._poses_topic is not None:
                 self.remarks.append(self._comparison(self._poses_topic.name, odometry, found))
             if left := len(found) - len(frames):
-                self.left_out["pairs: no poses around them, or no times of points"] += left
+                self.left_out["pairs: no poses around them, or no point times"] += left
         recording = Recording(
             camera=camera,
             frames=frames,
@@ -147,7 +147,7 @@ class _Import:
         return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
 
     def _check_output(self) -> None:
-        """Check before the work begins that the drive.yaml replaces nothing that is read."""
+        """Check, before the work begins, that the drive.yaml replaces no file that is read."""
         if is_folder(self.path):
             raise InputError(f"{self.path}: is a folder, needed a file to write to")
         if any(is_same_file(self.path, file) for file in self.read):
@@ -161,7 +161,7 @@ class _Import:
         return InputError("; ".join([found, *self.bag.damage_remarks()[:MAX_TOLD]]))
 
     def _camera(self) -> dict[str, Any]:
-        """Read the camera from the file that is given, or from the first message about it."""
+        """Read the camera from the user's file, or from the first message of its topic."""
         if self.request.intrinsics is not None:
             return read_intrinsics(self.request.intrinsics)
         topic, image = self.topics.camera_info, self.topics.image
@@ -169,19 +169,21 @@ class _Import:
         first = self.bag.first(topic)
         if first is None:
             raise self._refusal(
-                f"{topic.name}: found no whole message, needed a camera; or give --intrinsics FILE"
+                f"{topic.name}: found no whole message, needed the intrinsics, or --intrinsics FILE"
             )
         try:
             self.info = read_camera_info(first)
         except MessageError as error:
             raise InputError(f"{topic.name}: {error}") from None
         if not self.topics.is_beside:
-            self.remarks.append(f"{topic.name} does not lie beside {image.name}; its camera is taken")
+            self.remarks.append(f"{topic.name} is not beside {image.name}; its intrinsics are used")
         if topic.span.num_messages <= MAX_LATCHED:
             for message in self.bag.messages([topic]):
                 self._check_same(message)
         if self.topics.is_rectified:
-            self.remarks.append(f"{image.name} holds rectified images: P of {topic.name} counts, not K and D")
+            self.remarks.append(
+                f"{image.name} holds rectified images: P of {topic.name} is used, not K and D"
+            )
         return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
 
     def _first_frame(self, topic: Topic) -> str:
@@ -205,21 +207,26 @@ class _Import:
         return odometry
 
     def _doubts(self, odometry: Odometry) -> list[str]:
-        """Say that frames are left out where the motion by the sweeps is doubtful."""
+        """Say that frames are left out where the motion estimated from the sweeps is doubtful."""
         if not odometry.doubtful_ns:
             return []
         count, first_s = len(odometry.doubtful_ns), (odometry.doubtful_ns[0] - self.bag.start_ns) / NS
-        told = f"the motion by the sweeps is doubtful at {count:,} of them, first {first_s:.1f} s after the start"
-        return [f"{told}: frames within {DOUBTFUL_NS / NS:g} s are left out"]
+        when = f"at {count:,} of them, first {first_s:.1f} s after the start"
+        left_out = f"frames within {DOUBTFUL_NS / NS:g} s are left out"
+        return [f"the motion estimated from the sweeps is doubtful {when}: {left_out}"]
 
     def _comparison(self, name: str, odometry: Odometry, written: Sequence[WrittenFrame]) -> str:
-        """Say whether the topic that tells the motion agrees with the sweeps."""
+        """Say whether the topic of the motion agrees with the sweeps."""
         assert self.trajectory is not None
         moments_ns = [each.moments_ns[0] for each in written]
         difference = compare_motions(self.trajectory.poses, odometry.poses(), moments_ns)
         if difference is None:
-            return f"{name} could not be compared with the motion by the sweeps: no frame has poses of both around it"
-        return f"{difference.told(name)}{'' if difference.agrees else '; --motion none takes that of the sweeps'}"
+            return (
+                f"{name} could not be compared with the sweeps' motion: no frame has poses of both around it"
+            )
+        return (
+            f"{difference.told(name)}{'' if difference.agrees else '; --motion none uses that of the sweeps'}"
+        )
 
     def _candidates(self, spool: Spool, wanted: Sequence[int]) -> list[Candidate]:
         """Read pairs near wanted times, and check on the way that the camera stays the same."""
@@ -245,17 +252,17 @@ class _Import:
         looked_at = len(found) + sum(n for why, n in self.left_out.items() if not why.startswith("images"))
         not_read = self.topics.points.span.num_messages - looked_at
         if not_read > 0:
-            self.left_out["sweeps: lie between the times that were looked at"] += not_read
+            self.left_out["sweeps: between the times that were read"] += not_read
         return found
 
     @property
     def _poses_topic(self) -> Topic | None:
-        """The topic whose messages tell the motion, if one does."""
+        """The topic whose messages state the motion, if there is one."""
         source = None if self.trajectory is None else self.trajectory.source
         return None if source is None else source.topic
 
     def _watched(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
-        """Yield sweeps and images; poses and cameras are looked at here."""
+        """Yield sweeps and images; poses and cameras are handled here."""
         info = None if self.info is None else self.topics.camera_info
         poses = self._poses_topic
         topics = [topic for topic in (*self.frame_ids, info, poses) if topic is not None]
@@ -283,11 +290,11 @@ class _Import:
             return
         if changed is not None:
             seconds = (message.received_ns - self.bag.start_ns) / NS
-            found = f"found another camera {seconds:.3f} s after the start: {changed}"
+            found = f"found other intrinsics {seconds:.3f} s after the start: {changed}"
             raise InputError(f"{message.topic.name}: {found}; needed the same throughout")
 
     def _check_clocks(self, pairing: Pairing, count: int) -> None:
-        """Notice clocks of the LiDAR and of the camera that differ, by how late messages were received."""
+        """Detect that the clocks of LiDAR and camera differ, by how late their messages were received."""
         sweeps, pictures = (pairing.delays_s[is_image] for is_image in (False, True))
         difference_s = float(np.median(sweeps) - np.median(pictures)) if sweeps and pictures else 0.0
         names = f"{self.topics.points.name} and {self.topics.image.name}"

@@ -1,4 +1,4 @@
-"""An MCAP, also without its summary (mcap.dev/spec)."""
+"""Reader of MCAP files, with or without their summary (mcap.dev/spec)."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ MAGIC_BYTES = 8
 MAX_INDEX_BYTES = 1 << 26
 """Largest size of the indexes of a chunk that are read."""
 MAX_RECORDS, RECORD_HEAD = 1 << 20, struct.Struct("<BQ")
-"""Most records of a chunk, each of which takes more memory than its bytes, and what stands in front of one."""
+"""Largest number of records in a chunk, as each takes more memory than its bytes; and the head of a record."""
 
 
 class McapFile:
     """An MCAP of ROS 1, of ROS 2, or of Foxglove's schemas."""
 
     def __init__(self, path: Path, stack: ExitStack) -> None:
-        """Open the file, until `stack` closes it, and read its index, or without one all of it.
+        """Open the file, until `stack` closes it, and read its index, or all of it if there is none.
 
-        The library raises errors of any kind for what is no MCAP.
+        The library raises errors of any kind if the file is not an MCAP.
         """
         self._path = path
         self._file = stack.enter_context(open_file(path))
@@ -64,7 +64,7 @@ class McapFile:
     def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield the messages of some topics from `start_ns` to before `stop_ns`.
 
-        They come in the order of receipt; without an index, in that of the file.
+        They come in order of receipt; without an index, in the order of the file.
 
         Raises:
             ValueError: a chunk is damaged, or too large; without an index, those are left out.
@@ -80,7 +80,7 @@ class McapFile:
                 yield Message(self._topics[each.channel_id], each.log_time, each.data)
 
     def _indexed(self, channels: Collection[int], start_ns: int, stop_ns: int) -> Iterator[McapRecord]:
-        """Yield the messages of the chunks that hold some channels at some time, in the order of receipt."""
+        """Yield the messages of the chunks that hold some channels at some time, in order of receipt."""
         chunks = [
             chunk
             for chunk in self._chunks
@@ -105,7 +105,7 @@ class McapFile:
             yield heappop(waiting)[-1]
 
     def _reader(self, file: IO[bytes]) -> StreamReader:
-        """Read the records from here on; a chunk as a whole, so that it is unpacked up to a limit."""
+        """Read the records from here on. A chunk is one record, so that it is unpacked up to a limit."""
         return StreamReader(
             file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=self._size
         )
@@ -167,7 +167,7 @@ class McapFile:
         for key, channel in channels.items():
             self._topics[key] = _topic(channel, schemas, spans.get(key, Span()))
         missing = [] if is_whole else ["its index"]
-        missing += [f"the last {self._missing:,} bytes, which are not whole"] if self._missing else []
+        missing += [f"the last {self._missing:,} bytes, which are incomplete"] if self._missing else []
         missing += [f"{self._num_bad:,} damaged chunks"] if self._num_bad else []
         self.damage = ", ".join(missing) or None
 
@@ -188,12 +188,12 @@ class McapFile:
                 except (EndOfFile, RecordLengthLimitExceeded, struct.error):
                     self._missing = self._size - end
                     return
-                except Exception:  # A chunk that cannot be unpacked; the next record stands behind it.
+                except Exception:  # A chunk that cannot be unpacked; the next record follows it.
                     self._num_bad += 1
 
 
 def _is_index(summary: Summary) -> bool:
-    """Whether a summary states all that is needed to read by it."""
+    """Whether a summary has all that is needed to read by it."""
     if summary.statistics is None or not summary.chunk_indexes:
         return False
     used = set(summary.statistics.channel_message_counts)
@@ -206,7 +206,7 @@ def _opened(chunk: Chunk) -> list[McapRecord]:
     """List the records of a chunk, which is unpacked up to the size that it states.
 
     Raises:
-        ValueError: it states more than is read, or holds more, or more records than are read.
+        ValueError: it states more bytes than are allowed, holds more than it states, or has too many records.
     """
     if chunk.uncompressed_size > MAX_UNPACKED_BYTES:
         found = f"found a chunk that states {chunk.uncompressed_size:,} bytes"

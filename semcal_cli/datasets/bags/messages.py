@@ -1,4 +1,4 @@
-"""Messages of recordings: their header from their first bytes, and their content by ROS's own definitions."""
+"""Messages of recordings: headers are read from the first bytes, contents by ROS's own definitions."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class Span(NamedTuple):
     num_messages: int = 0
     """Number of messages."""
     first_ns: int = 0
-    """Time of the first, as it was received."""
+    """Time at which the first was received."""
     last_ns: int = 0
-    """Time of the last."""
+    """Time at which the last was received."""
 
     def joined(self, other: Span) -> Span:
         """Join the messages of two parts."""
@@ -66,11 +66,11 @@ class Topic:
     name: str
     """Name of the topic."""
     type: str
-    """Name of the type of its messages, as sensor_msgs/msg/Image."""
+    """Name of the type of its messages, such as sensor_msgs/msg/Image."""
     span: Span = field(default=Span(), compare=False)
     """Number and times of its messages."""
     is_ros1: bool = False
-    """Whether its messages are serialized as in ROS 1, and not in CDR."""
+    """Whether its messages are serialized as in ROS 1 rather than in CDR."""
     kind: str = ""
     """ROS type with the same content as a Foxglove type; empty if `type` is a ROS type."""
     decode: Callable[[bytes], Any] | None = field(default=None, compare=False)
@@ -104,7 +104,7 @@ class Message:
 
     @property
     def byte_order(self) -> str:
-        """The sign of the byte order in `struct`."""
+        """The character of the byte order in `struct`."""
         return "<" if self.topic.is_ros1 or self.raw[1:2] in (b"\1", b"\3") else ">"
 
     @property
@@ -119,7 +119,7 @@ class Message:
 
     @property
     def frame_id(self) -> str:
-        """The coordinate frame of the header, without the slash in front that ROS 1 allows.
+        """The coordinate frame of the header, without the leading slash that ROS 1 allows.
 
         Raises:
             MessageError: the message is too short for a header.
@@ -131,7 +131,7 @@ class Message:
         """The message with the fields of ROS's type.
 
         Raises:
-            MessageError: the bytes are no message of this type.
+            MessageError: the bytes are not a message of this type.
         """
         if (read := self.topic.decode) is None:
             store = _types(self.topic.is_ros1)
@@ -142,7 +142,7 @@ class Message:
         except MessageError:
             raise
         except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
-            raise MessageError(f"found {len(self.raw):,} bytes that are no {self.topic.type}") from error
+            raise MessageError(f"found {len(self.raw):,} bytes that are not a {self.topic.type}") from error
 
     @cached_property
     def _header(self) -> tuple[int, int, str]:
@@ -153,7 +153,7 @@ class Message:
         if len(self.raw) < HEADER_BYTES:
             raise MessageError(f"found {len(self.raw)} bytes, needed a header of {HEADER_BYTES} or more")
         is_ros1 = self.topic.is_ros1
-        # A CompressedVideo of ROS 1 has no sequence number in front.
+        # A CompressedVideo of ROS 1 does not begin with a sequence number.
         start = 0 if is_ros1 and self.is_a(VIDEO) else 4
         seconds, nanoseconds, length = struct.unpack_from(
             f"{self.byte_order}{'I' if is_ros1 else 'i'}II", self.raw, start
@@ -165,13 +165,13 @@ class Message:
 
 
 def plain_frame(name: str) -> str:
-    """Remove what does not count in the name of a coordinate frame."""
+    """Remove leading slashes and trailing zero bytes from the name of a coordinate frame."""
     return name.rstrip("\0").lstrip("/")
 
 
 @cache
 def _types(is_ros1: bool) -> Any:
-    """Load ROS's own definitions; those in a recording are not needed for its usual messages, and can be broken."""
+    """Load ROS's own definitions; those in a recording are not needed for the usual messages and may be broken."""
     store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     for name, text in DEFINITIONS.items():
         if name not in store.fielddefs:

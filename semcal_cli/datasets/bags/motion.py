@@ -30,27 +30,27 @@ NONE = "none"
 SCOUTED_PLACES, SCOUTED_NS = 8, NS
 """Places of the recording, and time from each, at which `/tf` is read to learn which of its frames move."""
 LONGEST_SWEEP_NS, LONGEST_LATENCY_NS = NS // 5, NS
-"""Time before the stamp that the points of a sweep may begin, and time that poses may take to be received."""
+"""How long before its stamp a sweep's first point may be, and how late poses may be received."""
 
 
 class MotionSource(NamedTuple):
-    """A frame whose poses a topic tells."""
+    """A frame whose poses a topic states."""
 
     topic: Topic
     """The topic."""
     frame: str
     """The frame that moves."""
     parent: str | None
-    """The frame that it moves in; None if that is not known."""
+    """The frame that it moves in; None if unknown."""
 
 
 class Trajectory:
     """Poses of the LiDAR in a fixed frame, by their stamps."""
 
     def __init__(self, source: MotionSource | None, T_frame_lidar: Pose) -> None:
-        """Without poses as yet; the LiDAR has a fixed transform (4, 4), metres, in the frame that moves."""
+        """Start without poses; T_frame_lidar (4, 4), metres, is the fixed pose of the LiDAR in the moving frame."""
         self.source = source
-        """The topic that tells the poses; None if they are estimated from the sweeps."""
+        """The topic that states the poses; None if they are estimated from the sweeps."""
         self._T_frame_lidar = T_frame_lidar
         self._poses: dict[int, Pose] = {}
         self._stamps: list[int] = []
@@ -65,23 +65,23 @@ class Trajectory:
 
     @property
     def told(self) -> str:
-        """Sentence that says what the motion comes from."""
+        """Sentence about the source of the motion."""
         if self.source is None:
             return f"{estimator()} estimates the motion of the LiDAR from the sweeps"
-        return f"{self.source.topic.name} tells of the motion of {self.source.frame!r}"
+        return f"{self.source.topic.name} states the motion of {self.source.frame!r}"
 
     @property
     def before_ns(self) -> int:
-        """What has to be read before the stamp of a sweep, so that there is a pose before its first point."""
+        """How much to read before the stamp of a sweep, so that there is a pose before its first point."""
         return MAX_GAP_NS + LONGEST_SWEEP_NS
 
     @property
     def after_ns(self) -> int:
-        """What has to be read after the receipt of a sweep, so that there is a pose after its last point."""
+        """How much to read after the receipt of a sweep, so that there is a pose after its last point."""
         return MAX_GAP_NS + self._latency_ns
 
     def take(self, message: Message, received: bool) -> None:
-        """Add the poses of a message, with the stamps of headers, or with the time at which it was received."""
+        """Add the poses of a message, with the stamps of headers or, if `received`, with the time of receipt."""
         assert self.source is not None
         try:
             found = _poses(message, self.source)
@@ -101,11 +101,11 @@ class Trajectory:
         return {stamp: self._poses[stamp] for stamp in self._stamps}
 
     def covers(self, *stamps_ns: int) -> bool:
-        """Whether poses stand closely before and after each of the stamps."""
+        """Whether poses lie close before and after each of the stamps."""
         return covered(self._stamps, stamps_ns)
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
-        """Position (3,) of the pose that is nearest in time, metres; None without poses."""
+        """Return the position (3,) of the pose that is nearest in time, metres; None without poses."""
         if not self._stamps:
             return None
         place = bisect_left(self._stamps, stamp_ns)
@@ -115,15 +115,15 @@ class Trajectory:
         return position
 
     def tum(self) -> str:
-        """Write the poses, one line each (see `tum_text`); the first one says if they are estimated."""
+        """Format the poses, one per line (see `tum_text`); estimated ones follow a comment that says so."""
         note = "" if self.source is not None else f"# {self.told}\n"
         return note + tum_text(self.poses)
 
 
 def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
-    """Read the fixed transforms of a recording, and what moves by its topics of transforms.
+    """Read the fixed transforms of a recording, and the frames that its topics of transforms move.
 
-    Transforms of `/tf` that stay the same at every place that is read are fixed, too: ROS 1 has no other way.
+    Transforms of `/tf` that are the same at every place that is read are fixed, too: ROS 1 often publishes them there.
     """
     tree, moving = FrameTree(), []
     topics = bag.of_types(TRANSFORMS)
@@ -168,22 +168,22 @@ def find_motion(
     wanted: str | None,
     frame: str | None,
 ) -> tuple[Trajectory | None, str | None]:
-    """Find the topic that tells how the LiDAR moves.
+    """Find the topic that states the motion of the LiDAR.
 
     Args:
         bag: The recording.
         tree: Its fixed transforms.
-        moving: Its frames that move by topics of transforms.
+        moving: Its frames that topics of transforms move.
         lidar: Frame of the sweeps.
         wanted: Name of the topic, or `none`; None for the only one.
         frame: Frame whose poses the topic holds; None for the one that its messages name.
 
     Returns:
-        The trajectory, if there is one, without poses as yet, and a sentence that says why there is none although
-        there are topics of poses.
+        The trajectory, still without poses, or None; and a sentence that says why there is none although there are
+        topics of poses.
 
     Raises:
-        InputError: the topic that is wanted is missing, or does not fit.
+        InputError: the wanted topic is missing or does not fit.
     """
     if wanted == NONE:
         return None, None
@@ -199,11 +199,11 @@ def find_motion(
         raise _misfit(bag, wanted, posed, carrying, fixed)
     if usable:
         names = listed(f"{each.topic.name} of {each.frame} in {each.parent}" for each in usable)
-        return None, f"several topics tell of motion, {names}: choose one by --motion"
+        return None, f"several topics state a motion, {names}: choose one by --motion"
     others = dict.fromkeys(each.topic.name for each in (*posed, *moving))
     if not others:
         return None, None
-    reason = f"no motion: {listed(others)} tell of frames that no fixed transform ties to {lidar!r}"
+    reason = f"no motion: no fixed transform connects the frames of {listed(others)} to {lidar!r}"
     return None, f"{reason}; see --motion and --motion-frame"
 
 
@@ -214,7 +214,7 @@ def _misfit(
     carrying: Sequence[MotionSource],
     fixed: Iterable[str],
 ) -> InputError:
-    """Say why the topic that is wanted tells of no motion."""
+    """Explain why the wanted topic states no motion of the LiDAR."""
     known = [topic for topic in bag.of_types([ODOMETRY, POSE, *TRANSFORMS]) if topic.name != TF_STATIC]
     if wanted not in [topic.name for topic in known]:
         names = listed([*(topic.name for topic in known), NONE])
@@ -227,12 +227,12 @@ def _misfit(
     if posed[0].topic.is_a([POSE]) and not posed[0].frame:
         needed = "needed --motion-frame FRAME: a PoseStamped does not say whose pose it is"
         return InputError(f"--motion {wanted}: {needed}")
-    needed = f"needed one that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
+    needed = f"needed those of a frame that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
     return InputError(f"--motion {wanted}: found poses of {posed[0].frame or 'nothing'!r}, {needed}")
 
 
 def _posed(bag: Bag, wanted: str | None, frame: str | None) -> list[MotionSource]:
-    """List the topics of poses, or the one that is wanted; without a frame where its messages do not name one."""
+    """List the topics of poses, or only the wanted one; the frame is empty if its messages do not name one."""
     found = []
     for topic in bag.of_types([ODOMETRY, POSE]):
         if wanted in (None, topic.name):
@@ -246,7 +246,7 @@ def _posed(bag: Bag, wanted: str | None, frame: str | None) -> list[MotionSource
 
 
 def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:
-    """Read stamps and poses of a source from a message; those of other frames do not count."""
+    """Read the stamps and poses of a source from a message, without those of other frames."""
     content = message.content
     if message.is_a(*TRANSFORMS):
         return [

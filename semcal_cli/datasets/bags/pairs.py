@@ -1,4 +1,4 @@
-"""Sweeps with the images nearest in time, while the recording streams by."""
+"""Pairs of a sweep and the image nearest in time, found while the recording is read."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from semcal_cli.datasets.bags.messages import NS, Message, MessageError, Topic
 from semcal_cli.datasets.bags.motion import Trajectory
 
 MAX_KEPT_BYTES = {True: 1 << 27, False: 1 << 26}
-"""Most bytes of images (True) and of sweeps that are kept for what may be nearest to them."""
+"""Largest number of bytes of images (True) and of sweeps that are kept as possible partners."""
 PATIENCE_NS = NS
-"""How far apart the messages of one moment may be received: drivers are slow by different times."""
+"""How far apart the messages of one moment may be received: drivers have different delays."""
 BEFORE_NS, AFTER_NS = NS // 2, 2 * NS
-"""What is read before and after a wanted time: images before the first sweep, and sweeps until one has an image."""
+"""How much is read before and after a wanted time: images before the first sweep, and sweeps until one has an image."""
 MARGIN_NS = NS // 20
-"""What is read before the images that were as late as any so far."""
+"""How much is read beyond the longest time so far from the receipt of an image to that of its sweep."""
 CLOSE = 0.4
-"""Gap, as a share of the time from sweep to sweep, below which no other sweep can be nearer to an image."""
+"""Gap, relative to the time from sweep to sweep, below which no other sweep can be nearer to an image."""
 LEARNED = 5
-"""Number of pairs from which on it is known how late images are."""
+"""Number of pairs after which it is known how long before their sweeps images are received."""
 
 
 class Pair(NamedTuple):
@@ -40,7 +40,7 @@ class _Stamped(NamedTuple):
 
 
 class _Recent:
-    """The last messages of a topic, as long as something may be nearest to them."""
+    """The last messages of a topic, kept while they may still be the nearest to something."""
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes, self._num_bytes = max_bytes, 0
@@ -61,15 +61,15 @@ class _Recent:
         return min(self._kept, key=lambda kept: abs(kept.stamp_ns - stamp_ns), default=None)
 
     def reaches(self, stamp_ns: int) -> bool:
-        """Whether the last message is at or after a stamp, so that no later one is nearer to what lies before."""
+        """Whether the last message is at or after a stamp, so that no later one is nearer to an earlier time."""
         return bool(self._kept) and self._kept[-1].stamp_ns >= stamp_ns
 
 
 class Pairing:
     """Finds a pair soon after each wanted time: a sweep and an image, each the nearest to the other.
 
-    The first sweep that was received at or after a wanted time is taken, or another one that is nearer to its image;
-    if that has no image within the largest gap, the next one, until `PATIENCE_NS` later.
+    The first sweep that was received at or after a wanted time is taken, or another one that is nearer to its image.
+    If it has no image within the largest gap, the next sweeps are tried, until `PATIENCE_NS` later.
     """
 
     def __init__(
@@ -93,21 +93,21 @@ class Pairing:
         self._last_ns = 0
         self._num_leads, self._lead_ns = 0, 0
         self.read_ns = 0
-        """Time just after the last message that was looked at."""
+        """Time just after the last message that was read."""
         self.delay_ns = 0
-        """Longest time between the stamp and the receipt of a sweep so far, of those within `PATIENCE_NS`."""
+        """Longest time so far between the stamp and the receipt of a sweep, of those within `PATIENCE_NS`."""
         self.left_out: Counter[str] = Counter()
-        """Number of sweeps and images that were looked at and left out, by the reason."""
+        """Number of sweeps and images that were read and left out, by reason."""
         self.delays_s: dict[bool, list[float]] = {False: [], True: []}
         """Times between stamp and receipt, of sweeps and of images (True)."""
 
     @property
     def before_ns(self) -> int:
-        """What has to be read before a wanted time, so that the images of its sweep are there."""
+        """How much to read before a wanted time, so that the image of its sweep is included."""
         return BEFORE_NS if self._num_leads < LEARNED else self._lead_ns + MARGIN_NS
 
     def is_wanted(self, time_ns: int) -> bool:
-        """Whether no sweep was taken for a wanted time yet."""
+        """Whether a wanted time up to this one has no sweep yet."""
         return bool(self._wanted) and self._wanted[0] <= time_ns
 
     def pairs(
@@ -119,9 +119,9 @@ class Pairing:
         """Yield the pairs of a stretch of the recording, in order.
 
         Args:
-            messages: The sweeps and images of the stretch, which follows those before.
+            messages: The sweeps and images of the stretch, which comes after the stretches before.
             goal_ns: The wanted time for which the stretch is read, until there is a pair; None reads all.
-            trajectory: What tells how long to read on for poses after its sweep; None if none are wanted.
+            trajectory: States how much to read after a sweep for the poses of its points; None if no poses are needed.
         """
         for message in messages:
             is_image = message.topic == self._image_topic
@@ -148,7 +148,7 @@ class Pairing:
         self._retry_until_ns = 0
 
     def stamp_ns(self, message: Message) -> int:
-        """Tell the time of a message.
+        """Return the time of a message.
 
         Raises:
             MessageError: it has no header, or a stamp of zero.
@@ -156,7 +156,7 @@ class Pairing:
         if self._by_receipt:
             return message.received_ns
         if message.header_ns == 0:
-            raise MessageError("found a stamp of zero, needed a time; or give --stamps receive")
+            raise MessageError("found a stamp of zero, needed a time, or --stamps receive")
         return message.header_ns
 
     def _takes(self, received_ns: int) -> bool:
@@ -165,16 +165,16 @@ class Pairing:
         if self._wanted and self._wanted[0] <= received_ns:
             self._wanted.popleft()
             is_taken = True
-        while self._wanted and self._wanted[0] < received_ns:  # Those of the same time are of sweeps to come.
+        while self._wanted and self._wanted[0] < received_ns:  # Equal times belong to sweeps to come.
             self._wanted.popleft()
         self._retry_until_ns = 0
         return is_taken
 
     def _settled(self, now: Message | None) -> Iterator[Pair]:
-        """Yield the pairs to whose parts nothing nearer can come."""
+        """Yield the pairs for whose parts no nearer partner can come."""
         while self._waiting:
             first = self._waiting[0]
-            # Messages of one moment come within this time; what has not come by then does not count.
+            # Messages of one moment arrive within this time; later ones are ignored.
             is_late = now is None or now.received_ns - first.message.received_ns > PATIENCE_NS
             picture = self._pictures.nearest(first.stamp_ns)
             gap_ns = self._max_gap_ns if picture is None else abs(picture.stamp_ns - first.stamp_ns)

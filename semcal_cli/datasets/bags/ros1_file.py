@@ -1,4 +1,4 @@
-"""A `.bag` of ROS 1, by its index."""
+"""Reader of `.bag` files of ROS 1, by their index."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from semcal_cli.datasets.bags.messages import Message, Span, Topic
 from semcal_cli.datasets.bags.unpacking import unpack
 
 COMPRESSIONS = {bz2.decompress: "bz2", lz4.frame.decompress: "lz4"}
-"""Compressions of chunks, by the functions that the library would unpack them with, up to any size."""
+"""Compressions of chunks, by the library's functions, which would unpack them to any size."""
 
 
 class Ros1File:
@@ -26,7 +26,7 @@ class Ros1File:
     is_indexed = True
 
     def __init__(self, path: Path, stack: ExitStack) -> None:
-        """Open the bag, until `stack` closes it; errors of any kind say that it has no whole index."""
+        """Open the bag, until `stack` closes it; raises errors of any kind if its index is not whole."""
         self._reader = stack.enter_context(Reader(path))
         for place, chunk in self._reader.chunks.items():
             name = COMPRESSIONS.get(chunk.decompressor)
@@ -48,6 +48,6 @@ class Ros1File:
             yield Message(Topic(connection.topic, connection.msgtype, is_ros1=True), received_ns, raw)
 
     def _span(self, connections: Sequence[Connection]) -> Span:
-        """Count messages, and find their times in the index, which needs no chunk to be unpacked."""
+        """Count messages and find their times in the index, without unpacking chunks."""
         times = [each.time for connection in connections for each in self._reader.indexes[connection.id]]
         return Span(len(times), min(times), max(times)) if times else Span()

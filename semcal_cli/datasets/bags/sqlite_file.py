@@ -1,4 +1,4 @@
-"""A `.db3` of ROS 2, also cut off."""
+"""Reader of `.db3` files of ROS 2, even if they are cut off."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from semcal_cli.datasets.bags.messages import Message, Span, Topic
 
 TABLES = "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0"
-"""Tables that are neither views nor virtual, whose rows could be anything, without an end."""
+"""Tables, but not views or virtual tables, whose rows could be anything and never end."""
 IS_MESSAGE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 """Whether a row is a message: a column can hold anything."""
 IN_RANGE = f"""SELECT topic_id, timestamp, data FROM messages WHERE timestamp >= ? AND timestamp < ?
@@ -29,21 +29,21 @@ class SqliteFile:
         """Open the database, until `stack` closes it, and count its rows.
 
         Raises:
-            ValueError: it has not the tables of a recording.
-            sqlite3.Error: it is no database, or too damaged.
+            ValueError: it does not have the tables of a recording.
+            sqlite3.Error: it is not a database, or is too damaged.
         """
-        # A URI lets nothing be written beside the file; it is quoted, for a name can hold `?`, `#` and `%`.
+        # A URI keeps SQLite from writing beside the file; it is quoted because a name can hold `?`, `#` and `%`.
         uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._database = stack.enter_context(closing(sqlite3.connect(uri, uri=True)))
         self.is_indexed = True
         self._database.execute("PRAGMA trusted_schema = OFF")
         spans = self._spans()
-        missing = [] if self.is_indexed else ["its end, for the database is cut off or damaged"]
+        missing = [] if self.is_indexed else ["its end: the database is cut off or damaged"]
         if odd := sum(span.num_messages for (_, is_message), span in spans.items() if not is_message):
-            missing.append(f"{odd:,} rows whose timestamp is no whole number or whose data are no bytes")
+            missing.append(f"{odd:,} rows whose timestamp is not a whole number or whose data are not bytes")
         log = path.with_name(f"{path.name}-wal")
         if log.is_file() and (size := log.stat().st_size):
-            missing.append(f"what stands in {log.name}, {size:,} bytes: the recording was not closed")
+            missing.append(f"the content of {log.name}, {size:,} bytes: the recording was not closed")
         self.damage = "; ".join(missing) or None
         self._topics = {
             key: Topic(name, kind, spans.get((key, 1), Span()))
@@ -55,7 +55,7 @@ class SqliteFile:
     def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
         """Yield the messages of some topics from `start_ns` to before `stop_ns`.
 
-        They come in the order of receipt; where the database is damaged, in that of the file.
+        They come in order of receipt; if the database is damaged, in the order of the file.
         """
         for topic_id, time_ns, raw in self._rows(topics, start_ns, stop_ns):
             yield Message(self._topics[topic_id], time_ns, raw)
@@ -66,7 +66,7 @@ class SqliteFile:
             query = IN_RANGE.format(",".join("?" * len(keys)))
             yield from self._database.execute(query, [start_ns, stop_ns, *keys])
             return
-        with suppress(sqlite3.Error):  # The damage was told when the rows were counted.
+        with suppress(sqlite3.Error):  # The damage was reported when the rows were counted.
             for topic_id, is_message, time_ns, raw in self._database.execute(ROWS.format("data")):
                 if is_message and topic_id in keys and start_ns <= time_ns < stop_ns:
                     yield topic_id, time_ns, raw
@@ -80,7 +80,7 @@ class SqliteFile:
             tables = self._database.execute(TABLES).fetchall()
         except sqlite3.DatabaseError:
             self.is_indexed = False
-            # A file that is shorter than its header says can be read with this alone (sqlite.org/recovery.html).
+            # A file that is shorter than its header says can be read only with this (sqlite.org/recovery.html).
             self._database.execute("PRAGMA writable_schema = ON")
             tables = self._database.execute(TABLES).fetchall()
         if not {("topics",), ("messages",)} <= set(tables):
@@ -91,6 +91,6 @@ class SqliteFile:
                 one = Span(1, time_ns, time_ns) if is_message else Span(1)
                 key = topic_id, is_message
                 spans[key] = spans.get(key, Span()).joined(one)
-        except sqlite3.DatabaseError:  # What was read before the damage counts.
+        except sqlite3.DatabaseError:  # What was read before the damage is kept.
             self.is_indexed = False
         return spans

@@ -25,9 +25,9 @@ from semcal_cli.errors import InputError, check_installed, listed
 RECTIFIED = "image_rect"
 """Start of the name of a topic with rectified images (image_proc)."""
 MAX_FRAMES = 70
-"""Frames that are kept if nothing else is asked for."""
+"""Default of the largest number of frames."""
 MAX_GAP_S = 0.05
-"""Largest time between a sweep and its image if nothing else is asked for."""
+"""Default of the largest time between a sweep and its image, seconds."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class Request:
     intrinsics: Path | None = None
     """File of the intrinsics, instead of a topic."""
     max_frames: int | None = None
-    """Most frames; None for `MAX_FRAMES`, or for all that `every_s` asks for."""
+    """Largest number of frames; None for `MAX_FRAMES`, or for all that `every_s` asks for."""
     every_s: float | None = None
     """Time from one frame to the next, seconds; None spreads them so that scenes differ."""
     by_receipt: bool = False
-    """Whether times are those at which messages were received, and not those of their headers."""
+    """Whether times are those at which messages were received, rather than those of their headers."""
     max_gap_s: float = MAX_GAP_S
     """Largest time between a sweep and its image, seconds."""
     motion: str | None = None
@@ -57,7 +57,7 @@ class Request:
     motion_frame: str | None = None
     """Frame whose poses that topic holds; None for the one that its messages name."""
     odometry: bool = False
-    """Whether the motion is estimated from the sweeps if no topic tells it."""
+    """Whether the motion is estimated from the sweeps if no topic states it."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class Topics:
     camera_info: Topic | None
     """The intrinsics; None if a file holds them."""
     is_beside: bool = True
-    """Whether the intrinsics are those that lie beside the images, or that the user names."""
+    """Whether the topic of the intrinsics is beside that of the images, or was named by the user."""
     again: tuple[Topic, ...] = ()
-    """Topics that nobody named, and that hold the same sweeps or images in another encoding; see `_others_of`."""
+    """Topics that hold the same sweeps or images in another encoding and that the user did not name."""
 
     @property
     def is_rectified(self) -> bool:
@@ -93,10 +93,10 @@ TRANSPORTS = (
     "ffmpeg",
     "foxglove",
 )
-"""Names below a topic under which the plugins of image_transport and point_cloud_transport publish it once more."""
+"""Names below a topic under which the plugins of image_transport and point_cloud_transport publish it again."""
 REPLAY_OUSTER = (
-    "; packets of an Ouster become sweeps when they are replayed: `ros2 launch ouster_ros replay.launch.xml "
-    "bag_file:=BAG` beside `ros2 bag record`"
+    "; to turn packets of an Ouster into sweeps, replay them: `ros2 launch ouster_ros replay.launch.xml bag_file:=BAG` "
+    "beside `ros2 bag record`"
 )
 USES = {
     "sweeps": CLOUDS,
@@ -104,14 +104,14 @@ USES = {
     "intrinsics": (CAMERA_INFO,),
     "motion": (ODOMETRY, POSE, *TRANSFORMS),
 }
-"""Types of messages by what they are good for."""
+"""Types of messages by their use."""
 
 
 def choose_topics(bag: Bag, request: Request) -> Topics:
     """Choose the topics that the user names, or the only ones of their kind.
 
     Raises:
-        InputError: there is none of a kind, or several, or a name is none of them.
+        InputError: a kind has no topic or several, or there is no topic of a given name.
     """
     points = _choose(
         bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg, VelodyneScan)"
@@ -174,7 +174,7 @@ def _info_beside(bag: Bag, image: Topic) -> Topic | None:
 
 
 def roles(bag: Bag) -> dict[Topic, str]:
-    """Say of each topic that can be used what for."""
+    """Say for each usable topic what it is used for."""
     return {
         topic: "fixed frames" if topic.name == TF_STATIC else use
         for use, types in USES.items()

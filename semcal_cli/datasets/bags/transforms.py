@@ -1,4 +1,4 @@
-"""Coordinate frames of a recording: chains of transforms from `/tf_static`, and what moves by `/tf`."""
+"""Coordinate frames of a recording: chains of fixed transforms from `/tf_static` and `/tf`."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ class FrameTree:
         self.edges: dict[Edge, Pose] = {}
         """T_parent_child (4, 4) by parent and child, metres."""
         self.changed: set[Edge] = set()
-        """Edges that were stated again with another transform; the last one counts."""
+        """Edges that were stated again with another transform; the last one is used."""
         self.contradictory: set[str] = set()
-        """Frames that several chains lead to, which contradict one another; known once `reached` has been there."""
+        """Frames to which several chains lead that contradict one another; `reached` adds those that it finds."""
 
     def add(self, edge: Edge, T: Pose) -> None:
-        """Take in T_parent_child (4, 4) of a parent and a child."""
+        """Add T_parent_child (4, 4) of a parent and a child."""
         if np.abs(self.edges.get(edge, T) - T).max() > SAME:
             self.changed.add(edge)
         self.edges[edge] = T
 
     def reached(self, frame: str) -> dict[str, Pose]:
-        """Find every frame that is fixed to one, with T_frame_other (4, 4), that frame itself among them."""
+        """Find every frame that is fixed to a frame, including itself, with T_frame_other (4, 4)."""
         neighbours: dict[str, list[tuple[str, Pose]]] = {}
         for (parent, child), T in self.edges.items():
             neighbours.setdefault(parent, []).append((child, T))
@@ -62,7 +62,7 @@ class FrameTree:
         if not self.edges:
             return "there are no fixed transforms"
         from_source, from_target = (listed(sorted(self.reached(frame))) for frame in (source, target))
-        return f"no chain of fixed transforms: {from_source} hang together, and {from_target}"
+        return f"no chain of fixed transforms connects {from_source} with {from_target}"
 
 
 def reference(
@@ -80,31 +80,34 @@ def reference(
         The transform, if there is one, and sentences about it.
 
     Raises:
-        InputError: R is no rotation.
+        InputError: R is not a rotation.
     """
     told = []
     if tree.changed:
         edges = listed(f"{parent} to {child}" for parent, child in sorted(tree.changed))
-        told.append(f"{TF_STATIC} states several transforms of {edges}: the last counts")
+        told.append(f"{TF_STATIC} states several transforms of {edges}: the last one is used")
     T = tree.reached(optical).get(lidar)
     if lidar == optical:
-        why_not = f": sweeps and images both say that they are in frame {lidar!r}"
+        why_not = f": sweeps and images both state the frame {lidar!r}"
     elif T is not None and tree.contradictory:
         why_not = f": fixed transforms contradict one another at {listed(sorted(tree.contradictory))}"
     elif T is None or not lidar:
         why_not = f" from {lidar!r} to {optical!r}: {tree.missing(lidar, optical)}"
     elif rectification is not None and (rectification["P"][3] or rectification["P"][7]):
-        why_not = ": P is that of the second camera of a stereo pair, whose frame is not stated"
+        why_not = ": P belongs to the second camera of a stereo pair, whose frame is not stated"
     else:
         if rectification is not None and any(rectification["R"]):
             T[:3] = np.reshape(rectification["R"], (3, 3)) @ T[:3]
             T = rigid(f"{optical}: R of the camera in this frame", T)
-        return T, [*told, f"the reference T_camera_lidar is the recording's, from {lidar!r} to {optical!r}"]
+        return T, [
+            *told,
+            f"the reference T_camera_lidar is that of the recording, from {lidar!r} to {optical!r}",
+        ]
     return None, [*told, f"no reference{why_not}"]
 
 
 def stated_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:
-    """Read TransformStamped messages: T_parent_child (4, 4) by parent and child; no transform that is not rigid."""
+    """Read TransformStamped messages: T_parent_child (4, 4) by parent and child, without those that are not rigid."""
     found = []
     for each in transforms:
         T = pose_of(each.transform.rotation, each.transform.translation)

@@ -10,7 +10,7 @@ from zstandard import CONTENTSIZE_UNKNOWN, ZstdDecompressor, ZstdError, get_fram
 MAX_UNPACKED_BYTES = 1 << 28
 """Largest size of a chunk or of a message, unpacked; recorders write chunks of some megabytes."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-"""First bytes of what Zstandard has compressed."""
+"""First bytes of data compressed by Zstandard."""
 
 
 def unpack(compression: str, packed: bytes, max_bytes: int = MAX_UNPACKED_BYTES) -> bytes:
@@ -19,10 +19,10 @@ def unpack(compression: str, packed: bytes, max_bytes: int = MAX_UNPACKED_BYTES)
     Args:
         compression: `zstd`, `lz4`, `bz2`, or empty or `none` for bytes that are not compressed.
         packed: The bytes.
-        max_bytes: Most bytes that are unpacked.
+        max_bytes: Largest size of the unpacked bytes.
 
     Raises:
-        ValueError: there are more, they are cut off, or the compression is not known; the libraries raise errors of
+        ValueError: there are more, they are cut off, or the compression is unknown; the libraries raise errors of
             other kinds for damaged bytes.
     """
     match compression:

@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
 CODECS = {"264": "h264", "265": "hevc", "hevc": "hevc", "av1": "libdav1d"}
-"""Decoders, by a part of the name of the encoding or of the encoder, such as `libx264` or `hevc_nvenc`."""
+"""Decoders, by a part of the name of the encoding or of the encoder, which may be `libx264` or `hevc_nvenc`."""
 NAL_UNIT = re.compile(rb"\x00\x00\x01(.)", re.DOTALL)
 H264_KEY, HEVC_KEYS = 5, range(16, 22)
 """Types of the NAL units of key frames (ITU-T H.264, table 7-1; H.265, table 7-1)."""
 AV1_SEQUENCE = 1
-"""Type of the unit with which a key frame of AV1 begins, behind a temporal delimiter."""
+"""Type of the unit with which a key frame of AV1 begins, after a temporal delimiter."""
 FFMPEG_KEY = 1
 """Flag of a key frame in an FFMPEGPacket."""
 MAX_GROUP_BYTES = 1 << 28
-"""Largest size of a key frame and what follows until the next one."""
+"""Largest size of a key frame together with the frames up to the next one."""
 
 
 class Group:
@@ -83,7 +83,7 @@ class Still(Message):
     """A decoded frame of a video, whose bytes are those of a PNG."""
 
     def is_a(self, *types: str) -> bool:
-        """It has the content of a CompressedImage."""
+        """Whether `types` include CompressedImage, whose content it has."""
         return COMPRESSED in types
 
     @property
@@ -93,7 +93,7 @@ class Still(Message):
 
 
 class Video:
-    """The frames of a topic of video, each with what it is decoded from."""
+    """The frames of a video topic, each with the group that it is decoded from."""
 
     def __init__(self, bag: Bag, topic: Topic) -> None:
         """Read the packets of a topic."""
@@ -103,7 +103,7 @@ class Video:
         self._decoder: _Decoder | None = None
 
     def seek(self, start_ns: int) -> None:
-        """Move on to the time from which packets are taken next, and find the group that it lies in."""
+        """Advance to the time from which packets are taken next, and find the group that contains it."""
         back_ns = NS
         while self._read_ns < start_ns:
             first_ns = max(start_ns - back_ns, self._read_ns)
@@ -138,12 +138,12 @@ class Video:
         """Decode a frame.
 
         Raises:
-            MessageError: it is damaged, its encoding is not read, or no key frame stands before it.
+            MessageError: it is damaged, its encoding is not supported, or no key frame precedes it.
         """
         codec = _frame(packet).codec
         if packet.group is None or packet.group.codec != codec:
             raise MessageError(
-                f"found a frame of a video without a key frame in the {MAX_GROUP_BYTES >> 20} MiB before"
+                f"found a video frame without a key frame in the {MAX_GROUP_BYTES >> 20} MiB before it"
             )
         if self._decoder is None or not self._decoder.is_before(packet.group, packet.index):
             self._decoder = _Decoder(packet.group)
@@ -163,22 +163,22 @@ class _Decoder:
         self._is_flushed = False
         context = av.CodecContext.create(group.codec, "r")
         assert isinstance(context, av.VideoCodecContext)
-        # Threads that decode a frame each would hold frames back, and a decoder of AV1 with several threads never
-        # ends where a frame is cut off.
+        # Threads that decode one frame each would delay frames, and a multithreaded decoder of AV1 never ends if a
+        # frame is cut off.
         context.thread_count = 1
         context.options = {"max_pixels": str(MAX_PIXELS)}
         self._context = context
 
     def is_before(self, group: Group, index: int) -> bool:
-        """Whether the decoder has not yet given a frame."""
+        """Whether the decoder can still return a frame."""
         first = min([each.pts for each in self._ready if each.pts is not None], default=self._next)
         return group is self._group and index >= first and not (self._is_flushed and index >= self._next)
 
     def frame(self, index: int) -> npt.NDArray[np.uint8]:
-        """Decode the frames up to one, and give that one (H, W, 3): blue, green, red.
+        """Decode the frames up to one, and return that one (H, W, 3): blue, green, red.
 
         Raises:
-            MessageError: it is damaged, or not given.
+            MessageError: it is damaged, or the decoder does not return it.
         """
         import av
 
@@ -188,7 +188,7 @@ class _Decoder:
                     found = self._ready.popleft()
                     if found.pts == index:
                         if found.is_corrupt:
-                            raise MessageError("found a damaged frame of a video")
+                            raise MessageError("found a damaged video frame")
                         return np.asarray(found.to_ndarray(format="bgr24"), np.uint8)
                 packet = None
                 if self._next < len(self._group.frames):
@@ -198,12 +198,12 @@ class _Decoder:
                 self._ready.extend(self._context.decode(packet))
         except av.FFmpegError as error:
             self._is_flushed = True
-            raise MessageError(f"found a damaged frame of a video: {error.strerror}") from None
-        raise MessageError("found a frame of a video that its decoder does not give")
+            raise MessageError(f"found a damaged video frame: {error.strerror}") from None
+        raise MessageError("found a video frame that its decoder does not return")
 
 
 def _last_group(packets: Iterable[Message]) -> list[Message] | None:
-    """Find the last key frame with what follows; nothing of a group that is too large, None without a key frame."""
+    """Find the last key frame and the frames after it; none of a group that is too large, None without a key frame."""
     group: list[Message] | None = None
     num_bytes = 0
     for each in packets:
@@ -223,11 +223,11 @@ def _frame(message: Message) -> _Frame:
     """Read the frame of a packet.
 
     Raises:
-        MessageError: the message is damaged, or has an encoding that is not read.
+        MessageError: the message is damaged, or its encoding is not supported.
     """
     content = message.content
     name = content.encoding if message.is_a(FFMPEG) else content.format
-    # Later versions of ffmpeg_image_transport add formats of pixels, behind semicolons.
+    # Later versions of ffmpeg_image_transport add pixel formats after semicolons.
     encoding = name.split(";")[0].lower()
     codec = next((codec for part, codec in CODECS.items() if part in encoding), None)
     if codec is None:
@@ -240,7 +240,7 @@ def _nal_units(data: bytes, shift: int, mask: int) -> Iterator[int]:
 
 
 def _av1_units(data: bytes) -> Iterator[int]:
-    """Types of the open bitstream units of a packet, whose sizes are stated (AV1 specification, 5.3)."""
+    """Yield the types of the open bitstream units of a packet, whose sizes are stated (AV1 specification, 5.3)."""
     place = 0
     while place < len(data):
         header, size, shift = data[place], 0, 0
