@@ -255,7 +255,7 @@ class PointCard(Card):
         numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
         return [
             ("size", f"{self.columns} x {self.rows}, rows by {self.row_by}"),
-            ("field", f"{low:g} to {high:g} degrees up, {left:g} to {right:g} around"),
+            ("field", f"elevation {low:g} to {high:g}, azimuth {left:g} to {right:g} degrees"),
             ("channels", " ".join(self.channels)),
             ("numbers", f"(channel - mean) / std, with mean and std {numbers}; {self.empty:g} where empty"),
         ]
