@@ -4,6 +4,7 @@ import ast
 import doctest
 import html
 import inspect
+import json
 import os
 import re
 import subprocess
@@ -142,6 +143,19 @@ def test_the_site_builds(site: Path) -> None:
         published = site / schema_address(key, NEWEST_VERSION).removeprefix(f"{ADDRESS}/")
         assert published.read_bytes() == schema_file(key).read_bytes()
     assert entry_address("clocks") == f"{ADDRESS}/troubleshooting/#clocks"
+
+
+def test_the_notebook_is_stored_without_outputs_and_shown_with_them(site: Path) -> None:
+    cells = json.loads((DOCS / "notebook.ipynb").read_text())["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert [(cell["outputs"], cell["execution_count"]) for cell in code] == [([], None)] * len(code)
+    page = (site / "notebook" / "index.html").read_text()
+    text = " ".join(html.unescape(re.sub(r"<[^>]+>", "", page)).split())
+    assert re.search(r"Trusted: ± \d+\.\d mm, ± 0\.\d+ degrees \(95 %\)", text)
+    assert "'pass'" in text
+    assert "fail: The camera is not where the transform says." in text
+    assert "ros2 run tf2_ros static_transform_publisher --x" in text
+    assert len(re.findall(r'<img alt="[^"]+" src="data:image/jpeg;base64,', page)) == 2
 
 
 def test_links_of_the_page_on_pypi_lead_to_the_site(site: Path) -> None:
