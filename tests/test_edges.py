@@ -119,7 +119,7 @@ def test_a_start_two_degrees_off_comes_back_and_few_scenes_are_not_trusted(
     assert error.rotation_deg < 0.3
     assert error.camera_center_cm < 8.0
     few = calibrate(data.of_frames([0, 1]), config, initial_pose=start)
-    assert any("edges of 2 scenes were compared, needed at least 4" in reason for reason in few.reasons)
+    assert any("edges were compared in 2 scenes, needed at least 4" in reason for reason in few.reasons)
 
 
 def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_truth: Pose) -> None:
@@ -174,7 +174,7 @@ def test_edges_alone_want_a_start(bare: Path, street_truth: Pose, tmp_path: Path
     result = invoke("calibrate", drive, "-o", tmp_path / "found.yaml", "-q")
     assert result.exit_code == 1
     assert isinstance(result.exception, InputError)
-    assert "drive.yaml: edges tell no mountings apart, needed a start" in str(result.exception)
+    assert "drive.yaml: edges cannot find the mounting, needed a start" in str(result.exception)
     write_transform(FAR @ street_truth, tmp_path / "far.txt", "lidar2cam")
     result = invoke("calibrate", drive, "--init", tmp_path / "far.txt", "-o", tmp_path / "found.yaml", "-q")
     assert result.exit_code in (0, 3), result.output
@@ -187,7 +187,7 @@ def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth:
     walked = make_pose((0.0, 0.09, 0.0), (0.3, 0.0, 0.3)) @ street_truth
     (finding,) = check_guide(guide, walked, street_truth).findings
     assert finding.topic == "cues-disagree"
-    assert "5.2 degrees and 42 cm away" in finding.sentence
+    assert "5.2 degrees and 42 cm from" in finding.sentence
 
 
 def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> None:

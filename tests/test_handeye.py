@@ -156,7 +156,7 @@ def test_edges_start_from_nothing_where_the_car_turns(turning: Path, tmp_path: P
     result = invoke("calibrate", turning, "--cue", "edges", "-o", tmp_path / "found.yaml")
     assert result.exit_code in (0, 3), result.output
     words = " ".join(result.stderr.split())
-    assert "the motion of camera and LiDAR tells the rotation to +-" in words
+    assert "the motion of camera and LiDAR gives the rotation to +-" in words
     assert "which agrees with the pose" in words
     error = compare_poses(read_transform(tmp_path / "found.yaml"), read_transform(turning))
     # Small images of few streets: as in tests of edges.
@@ -175,7 +175,7 @@ def test_without_turns_or_images_that_follow_one_another_a_start_is_asked_for(
     assert choose_pairs(sparse) == []
     found = hand_eye(sparse)
     assert isinstance(found, NotDetermined)
-    assert "no frames follow one another, needed images at most 0.75 s apart" in found.why
+    assert "no frames are consecutive, needed images at most 0.75 s apart" in found.why
     assert isinstance(hand_eye(drive.model_copy(update={"motion": None})), NotDetermined)
     size = {"width": 160, "height": 90, "channels": 16, "columns": 600}
     write_images(LongSweeps(num_frames=8, motion="steady", **size), tmp_path / "straight")

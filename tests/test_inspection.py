@@ -63,7 +63,7 @@ def test_what_is_too_little_is_said(drive: Path) -> None:
     with edited(drive) as document:
         all_frames, camera = document["frames"], document["camera"]
         document["frames"] = all_frames[:2]
-    few = "2 frames are few: 4 or more decide the mounting, 20 the accuracy"
+    few = "2 frames are few: use 4 or more to find the mounting, and 20 for accuracy"
     assert looked_at(drive).advice == (few,)
     with edited(drive) as document:
         K = [[1000.0, 0.0, 319.5], [0.0, 1000.0, 179.5], [0.0, 0.0, 1.0]]
@@ -104,7 +104,7 @@ def test_a_drive_without_labels_is_looked_at(drive: Path) -> None:
     output = unwrapped(found.output, LABEL_WIDTH)
     suspicious, *others = output.splitlines()
     assert suspicious == (
-        "suspicious  no labels of pixels: `semcal label` makes them with a network; without them a calibration needs a "
+        "suspicious  no image labels: `semcal label` makes them with a network; without them a calibration needs a "
         "start (`--init`)"
     )
     assert not any(line.startswith("suspicious") for line in others)
@@ -119,8 +119,16 @@ IDS = np.arange(WIDE * HIGH).reshape(HIGH, WIDE)
 @pytest.mark.parametrize(
     ("picture", "ignored", "expected"),
     [
-        (np.zeros((HIGH, WIDE), np.uint8), [], ["pixels of 0 only, over all frames", "pixels of 0 only"]),
-        ((IDS % 300).astype(np.uint16), [], ["300 classes of pixels: instance ids or colours, perhaps"]),
+        (
+            np.zeros((HIGH, WIDE), np.uint8),
+            [],
+            ["pixels have only the class 0 in all frames", "pixels have only the class 0"],
+        ),
+        (
+            (IDS % 300).astype(np.uint16),
+            [],
+            ["300 classes of pixels: perhaps they are instance ids or colours"],
+        ),
         (
             np.where(IDS < 9, IDS % 3, 255).astype(np.uint8),
             [255],

@@ -26,8 +26,8 @@ def test_metres_are_not_noted(street_observations: Observations) -> None:
     [
         (3.28084, "clouds may not be in metres, but in feet: "),
         (1000.0, "clouds may not be in metres, but in millimetres: "),
-        (1.2, "clouds may not be in metres, as sizes are 1.2"),
-        (0.8, "clouds may not be in metres, as sizes are 0.8"),
+        (1.2, "clouds may not be in metres, because sizes are 1.2"),
+        (0.8, "clouds may not be in metres, because sizes are 0.8"),
     ],
 )
 def test_other_units_are_noted(street_observations: Observations, scale: float, said: str) -> None:
@@ -42,13 +42,13 @@ def test_without_names_only_ranges_tell(street_observations: Observations) -> No
     assert check_scale(unnamed) == []
     assert check_scale(scaled(unnamed, 3.28084)) == []
     (note,) = check_scale(scaled(unnamed, 1000.0))
-    assert note.endswith(" m, usual are 0.5 to 100")
+    assert note.endswith(" m, usually 0.5 to 100")
 
 
 def test_a_sensor_on_a_mast() -> None:
     (note,) = judge_scale(20.0, [8.9, 9.0, 9.2], {"cars": np.full(20, 1.5)})
     assert note == (
-        "clouds may not be in metres: the sensor's height above the ground is 9 m, usual are 0.1 to 5"
+        "clouds may not be in metres: the sensor's height above the ground is 9 m, usually 0.1 to 5"
     )
 
 
@@ -57,6 +57,6 @@ def test_cars_and_people_speak_together() -> None:
     assert judge_scale(9.0, [1.8], {"cars": high, "people": low}) == []
     (note,) = judge_scale(9.0, [1.8], {"cars": high, "people": np.full(9, 1.72 * 1.2)})
     assert note == (
-        "clouds may not be in metres, as sizes are 1.20 times the usual: cars are 1.86 m high, the median of 9, usual "
-        "are 1.55; people are 2.06 m high, the median of 9, usual are 1.72"
+        "clouds may not be in metres, because sizes are 1.20 times the usual ones: cars are 1.86 m high (median of 9), "
+        "usually 1.55; people are 2.06 m high (median of 9), usually 1.72"
     )

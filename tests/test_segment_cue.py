@@ -257,12 +257,12 @@ def test_sweeps_of_one_kind_of_segments_are_named(bare: Path) -> None:
         points[:, 2] = -1.7
         points.tofile(sweep)
     shown = invoke("inspect", bare)
-    assert ": its points show ground only: --cue segments needs ground and objects" in unwrapped(
+    assert ": its points show only ground: --cue segments needs ground and objects" in unwrapped(
         shown.output, 12
     )
     answer = invoke("initialize", bare, "--cue", "segments", "-q")
     assert isinstance(answer.exception, CalibrationError)
     expected = (
-        f"{bare / 'drive.yaml'}: no initial calibration: found points of ground only, needed two classes"
+        f"{bare / 'drive.yaml'}: no initial calibration: found points of only ground, needed two classes"
     )
     assert str(answer.exception) == expected

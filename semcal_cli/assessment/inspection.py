@@ -53,7 +53,7 @@ FEW_FRAMES, USUAL_FRAMES, NARROW_DEG = 4, 20, 50.0
 view below which a lens needs more of them."""
 MIN_MIRROR_MARGIN = 2.0
 """Number of standard errors by which mirrored clouds must explain the labels better for a finding."""
-NO_VIEW = "the lens sees next to nothing: K, distortion or parameters are wrong"
+NO_VIEW = "the lens sees almost nothing: K, distortion or parameters are wrong"
 
 
 @dataclass(frozen=True)
@@ -173,12 +173,12 @@ def _advice(num_frames: int, num_scenes: int, across_deg: float) -> tuple[str, .
         counted = f"{num_scenes} {'scene' if num_scenes == 1 else 'scenes'}"
         advice.append(
             f"the {num_frames} frames show {counted}, and frames of one scene count as one: record while driving, past "
-            "different things"
+            "different objects"
         )
     are = "is" if num_scenes == 1 else "are"
     if num_scenes < FEW_FRAMES:
         advice.append(
-            f"{counted} {are} few: {FEW_FRAMES} or more decide the mounting, {USUAL_FRAMES} the accuracy"
+            f"{counted} {are} few: use {FEW_FRAMES} or more to find the mounting, and {USUAL_FRAMES} for accuracy"
         )
     elif across_deg < NARROW_DEG and num_scenes < USUAL_FRAMES:
         seen = f"{across_deg:.0f} degrees across"
@@ -219,7 +219,7 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
             errors.append(str(error))
     suspicions = [*errors, *_check_side("points", point_classes, points_ignored)]
     if point_classes is None and num_points and len(kinds) < len(KINDS):
-        shown = f"{' and '.join(kinds)} only" if kinds else "no segments"
+        shown = f"only {' and '.join(kinds)}" if kinds else "no segments"
         suspicions.append(f"its points show {shown}: --cue segments needs {' and '.join(KINDS.values())}")
     suspicions += _check_side("pixels", image_classes, pixels_ignored)
     gap_s = None
@@ -257,11 +257,17 @@ def _check_side(side: str, counts: Mapping[str, int] | None, num_ignored: int) -
         return []
     found = []
     if len(counts) < 2:
-        found.append(f"{side} of {' and '.join(counts) or 'no class'} only")
+        found.append(f"{side} have {_one_class(counts)}")
     ignored = num_ignored / max(num_ignored + sum(counts.values()), 1)
     if ignored > MAX_IGNORED:
         found.append(f"{ignored:.0%} of the {side} carry no information")
     return found
+
+
+def _one_class(names: Iterable[str]) -> str:
+    """Say which class is the only one, if there is one."""
+    (name, *_) = (*names, "")
+    return f"only the class {name}" if name else "no class"
 
 
 def _pattern(points: Sequence[Points]) -> str:
@@ -271,7 +277,7 @@ def _pattern(points: Sequence[Points]) -> str:
         return str(error)
     if grid.columns == round(math.tau / grid.cell_height):
         return f"no channels; its points fill cells of {math.degrees(grid.cell_height):.2f} degrees"
-    return f"{grid.rows} channels of about {grid.columns:,} returns a turn"
+    return f"{grid.rows} channels of about {grid.columns:,} returns per turn"
 
 
 def _field_of_points(points: Sequence[Points]) -> tuple[tuple[float, float], float]:
@@ -297,9 +303,7 @@ def _field_of_view(drive: Drive) -> tuple[float, float]:
 def _check_scale(points: Sequence[Points], few: Observations | None) -> list[str]:
     middle_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
     if middle_m > MAX_RANGE_M:
-        return [
-            f"half of the points are {middle_m:,.0f} m away or more: clouds have to be in the LiDAR frame"
-        ]
+        return [f"half of the points are {middle_m:,.0f} m away or more: clouds must be in the LiDAR frame"]
     return judge_scale(middle_m) if few is None else check_scale(few)
 
 
@@ -324,11 +328,11 @@ def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -
     for side, names in (("points", points), ("pixels", pixels)):
         if names is None:
             # Segments and edges replace point labels.
-            found += [f"no labels of pixels: {LABEL}"] * (side == "pixels")
+            found += [f"no image labels: {LABEL}"] * (side == "pixels")
         elif len(names) < 2:
-            found.append(f"{side} of {' and '.join(names) or 'no class'} only, over all frames")
+            found.append(f"{side} have {_one_class(names)} in all frames")
         elif len(names) > MANY_CLASSES:
-            found.append(f"{len(names)} classes of {side}: instance ids or colours, perhaps")
+            found.append(f"{len(names)} classes of {side}: perhaps they are instance ids or colours")
     return found
 
 

@@ -100,19 +100,19 @@ def judge_scale(
     ratio, unusual, as_if = _ratio(heights_m), list[str](), ""
     if ratio is not None:
         unusual = [
-            f"{kind} are {np.median(heights):.3g} m high, the median of {len(heights)}, usual are {HEIGHTS_M[kind]:g}"
+            f"{kind} are {np.median(heights):.3g} m high (median of {len(heights)}), usually {HEIGHTS_M[kind]:g}"
             for kind, heights in heights_m.items()
         ]
         unit, scale = min(UNITS.items(), key=lambda item: abs(math.log(ratio / item[1])))
         is_unit = abs(math.log(ratio / scale)) < NEAR_UNIT
-        as_if = f", but in {unit}" if is_unit else f", as sizes are {ratio:.2f} times the usual"
+        as_if = f", but in {unit}" if is_unit else f", because sizes are {ratio:.2f} times the usual ones"
     measures = [("half of the points are within", range_m, RANGES_M)]
     if sensors_m:
         height_m = float(np.median(sensors_m))
         measures.insert(0, ("the sensor's height above the ground is", height_m, SENSOR_HEIGHTS_M))
     for what, value_m, (low, high) in measures:
         if not low <= value_m <= high:
-            unusual.append(f"{what} {value_m:,.3g} m, usual are {low:g} to {high:g}")
+            unusual.append(f"{what} {value_m:,.3g} m, usually {low:g} to {high:g}")
     return [f"clouds may not be in metres{as_if}: {'; '.join(unusual)}"] if unusual else []
 
 

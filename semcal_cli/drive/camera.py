@@ -92,7 +92,7 @@ OF_K = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
 
 
 class IntrinsicsSigma(StrictModel):
-    """Standard deviations of the intrinsics, as of independent errors, from the report of a camera calibration."""
+    """Standard deviations of the intrinsics, as independent errors, from the report of a camera calibration."""
 
     fx: Sigma = 0.0
     """Standard deviation of fx, in pixels."""
@@ -124,13 +124,13 @@ class Camera(StrictModel):
     parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
     """Parameters of a model beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
     intrinsics_sigma: IntrinsicsSigma | None = None
-    """Standard deviations of the intrinsics, which become part of the intervals of the pose. Absent, they are taken for
-    0.1 % and one pixel (`semcal_cli.drive.camera.sigma_of`); zeros say that the intrinsics are exact."""
+    """Standard deviations of the intrinsics, which become part of the intervals of the pose. If absent, they are 0.1 %
+    and one pixel (`semcal_cli.drive.camera.sigma_of`); zeros mean that the intrinsics are exact."""
     readout_s: Readout = 0.0
-    """Time from the first line of an image to the last, of a rolling shutter, in seconds; 0 is a global shutter.
-    `image_stamp` is when the first line is read. It is compensated where the drive gives a motion."""
+    """Time that a rolling shutter takes from the first row of an image to the last, in seconds; 0 is a global shutter.
+    `image_stamp` is the time of the first row. The shutter is compensated if the drive gives a motion."""
     direction: ReadoutDirection = "down"
-    """Way in which a rolling shutter reads the lines; down begins with the uppermost row."""
+    """Direction in which a rolling shutter reads the rows; down starts with the top row."""
 
     @field_validator("K", "distortion", mode="before")
     @classmethod

@@ -65,7 +65,7 @@ class Lidar(StrictModel):
     channels: Annotated[int, Field(ge=2, le=4096)]
     """Number of beams, which is the number of rows of the spherical image."""
     columns: Annotated[int, Field(ge=4, le=0xFFFF)]
-    """Number of firings a turn."""
+    """Number of firings per turn."""
     fov_up_deg: ElevationDeg
     """Elevation of the highest beam, in degrees."""
     fov_down_deg: ElevationDeg
@@ -133,35 +133,35 @@ class Twist(StrictModel):
     """Constant motion of the LiDAR, in its own frame."""
 
     linear_m_s: Annotated[tuple[Speed, ...], length(3, 3)]
-    """Velocity, in metres a second."""
+    """Velocity, in metres per second."""
     angular_rad_s: Annotated[tuple[Rate, ...], length(3, 3)]
-    """Angular velocity, in radians a second."""
+    """Angular velocity, in radians per second."""
 
 
 class MotionSigma(StrictModel):
-    """Standard deviations of a motion that is known roughly, of each axis. All frames may be off alike."""
+    """Standard deviations of a roughly known motion, for each axis. All frames may have the same error."""
 
     linear_m_s: Annotated[float, Field(ge=0.0, le=1e3)] = 0.0
-    """Of the velocity, in metres a second."""
+    """Standard deviation of the velocity along each axis, in metres per second."""
     angular_rad_s: Annotated[float, Field(ge=0.0, le=1e2)] = 0.0
-    """Of the angular velocity, in radians a second."""
+    """Standard deviation of the angular velocity about each axis, in radians per second."""
 
 
 class Motion(StrictModel):
-    """Motion of the LiDAR, which moves points from their times, or from `points_stamp`, to the image's moment."""
+    """Motion of the LiDAR, which moves points from their times, or from `points_stamp`, to the time of the image."""
 
     twist: Twist | None = None
     """Constant motion in all frames."""
     poses: FileName | None = None
     """File of the LiDAR's poses in a fixed frame, one line each: seconds x y z qx qy qz qw (the TUM format)."""
     speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
-    """Speed of the LiDAR, in metres a second. It has no direction, so it corrects nothing and only tells how many
-    pixels the motion may cost, and how far a clock that is not checked may move the camera."""
+    """Speed of the LiDAR, in metres per second. Without a direction it corrects nothing; it only shows how many
+    pixels the motion may cost, and how far an unchecked clock may move the camera."""
     point_times: Literal["relative", "absolute"] = "relative"
     """Whether the times of points are relative to `points_stamp`, or absolute on the clock of the stamps."""
     sigma: MotionSigma | None = None
-    """How far the velocities by the poses or the twist may be off, which is part of the interval of the pose. Without
-    it, they are taken as right."""
+    """Standard deviations of the velocities from the poses or the twist, which are part of the interval of the pose.
+    Without them, the velocities are assumed to be exact."""
 
     @model_validator(mode="after")
     def _check_one(self) -> Motion:
@@ -180,7 +180,7 @@ class Drive(StrictModel):
     semcal_drive: Version
     """Version of this format."""
     camera: Camera
-    """Camera of the drive. Its intrinsics are taken as right unless they are estimated together with the pose."""
+    """Camera of the drive. Its intrinsics are assumed to be right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
     """Scan pattern of the LiDAR. Without it, the pattern is estimated from the points."""
     frames: Annotated[tuple[Frame, ...], length(1)]
@@ -192,15 +192,15 @@ class Drive(StrictModel):
     palette: Annotated[dict[str, Color], Field(min_length=1, max_length=255)] | None = None
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
-    """Motion of the LiDAR, by which points are moved to the moment of the image."""
+    """Motion of the LiDAR, which moves points to the time of the image."""
     time_offset_s: TimeOffset = 0.0
-    """Time by which images are later than image_stamp says, in seconds; negative if they are earlier. It counts only
-    with a motion."""
+    """Time by which images are later than image_stamp says, in seconds; negative if they are earlier. It has
+    an effect only with a motion."""
     time_offset_sigma_s: Annotated[float, Field(ge=0.0, le=MAX_OFFSET_S)] = DEFAULT_CLOCK_SIGMA_S
-    """Standard deviation of `time_offset_s`, in seconds, by what is known before; 0 where the camera is triggered.
-    Where the rig moves by what is stated, it is part of the interval, as far as the frames do not tell it."""
+    """Standard deviation of `time_offset_s`, in seconds, as known beforehand; 0 if the camera is triggered. If the
+    drive states its motion, it is part of the interval, as far as the frames do not determine the offset."""
     networks: LabelNetworks | None = None
-    """Networks that made the labels, as `semcal label` writes them; a result repeats them."""
+    """Networks that made the labels, as written by `semcal label`; a result repeats them."""
     T_camera_lidar: Transform | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 

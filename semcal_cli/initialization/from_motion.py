@@ -1,4 +1,4 @@
-"""A start for edges, which tell no mountings apart: the rotation that the motion of camera and LiDAR tells."""
+"""A start for edges, which cannot find the mounting: the rotation from the motion of camera and LiDAR."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from semcal_cli.initialization.handeye import NotDetermined, hand_eye
 from semcal_cli.initialization.search import Initialization, as_given
 
 NO_START = (
-    "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
+    "edges cannot find the mounting, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
     "--search-deg; `semcal view` makes one by hand), or image labels (--image-model cityscapes)"
 )
-"""What is missing where a search is asked for by edges without image labels, and motion gives no start."""
+"""Error of a search by edges without image labels if motion gives no start."""
 
 
 def start_by_motion(observations: Observations, drive: Drive, config: InitializationConfig) -> Initialization:
-    """Start at the rotation that the motion of camera and LiDAR tells, and at what it tells of the camera's place.
+    """Start at the rotation and position that the motion of camera and LiDAR determines.
 
     Args:
         observations: Points and pixels of the frames that are used.
-        drive: The drive with all frames, by which motion is seen between them.
+        drive: The drive with all frames, for the motion between them.
         config: Settings of the search, which is left out.
 
     Raises:
@@ -31,7 +31,7 @@ def start_by_motion(observations: Observations, drive: Drive, config: Initializa
     """
     found = hand_eye(drive)
     if isinstance(found, NotDetermined):
-        none = "the motion of camera and LiDAR gives none"
+        none = "the motion of camera and LiDAR gives no start"
         raise InputError(f"{drive.path}: {NO_START}; {none}: {found.why}")
     given = as_given(observations, found.T_camera_lidar, config)
     settings = {**given.settings, "hand_eye": found.record}

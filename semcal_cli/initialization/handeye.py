@@ -53,10 +53,10 @@ MEDIAN_CHI2 = 4.351
 """Median of chi squared with the five degrees of freedom of a pair."""
 
 NO_MOTION = "the drive gives no motion, needed motion.poses or motion.twist: `semcal odometry` writes them"
-NO_IMAGES = "the drive gives no images, needed image of consecutive frames"
+NO_IMAGES = "the drive gives no images, needed images of consecutive frames"
 NO_PAIRS = (
-    f"no frames follow one another, needed images at most {MAX_GAP_S} s apart: of a recording, `import bag --every` "
-    "keeps them"
+    f"no frames are consecutive, needed images at most {MAX_GAP_S} s apart: `import bag --every` keeps those of a "
+    "recording"
 )
 
 
@@ -96,7 +96,7 @@ class HandEye(NamedTuple):
     def sentence(self) -> str:
         """Say how well the rotation is known, and by what."""
         return (
-            f"the motion of camera and LiDAR tells the rotation to +- {self.half_width_deg:.2f} degrees (95 %), by "
+            f"the motion of camera and LiDAR gives the rotation to +- {self.half_width_deg:.2f} degrees (95 %), from "
             f"{self.num_pairs} pairs of images that turn by {self.turned_deg:.0f} degrees in all"
         )
 
@@ -144,12 +144,12 @@ def hand_eye(drive: Drive) -> HandEye | NotDetermined:
             found.append(Pair(motion.R, motion.direction, motion.across, covariance, T_B))
     if len(found) < MIN_PAIRS:
         matched = f"features match in {len(found)} of {len(pairs)} pairs of images"
-        return NotDetermined(f"{matched}, needed {MIN_PAIRS}: sharp images that follow one another")
+        return NotDetermined(f"{matched}, needed {MIN_PAIRS}: give sharp consecutive images")
     solved = solve(found)
     if solved.half_width_deg > MAX_HALF_WIDTH_DEG:
         return NotDetermined(
             f"{solved.num_pairs} pairs of images leave the rotation open to +- {solved.half_width_deg:.1f} degrees, "
-            f"needed {MAX_HALF_WIDTH_DEG:g}: more turns, and straight ways beside them"
+            f"needed at most {MAX_HALF_WIDTH_DEG:g}: record more turns, and straight driving as well"
         )
     return solved
 
@@ -272,7 +272,7 @@ def _missing(motions: Sequence[Pose]) -> str | None:
     """Say what is missing where LiDAR motions (4, 4) leave the rotation open, however well a camera sees them."""
     turned_deg = math.degrees(sum(map(_turn, motions)))
     if len(motions) < MIN_PAIRS:
-        return f"{len(motions)} pairs of images follow one another in motion, needed {MIN_PAIRS}"
+        return f"{len(motions)} pairs of consecutive images are in motion, needed {MIN_PAIRS}"
     H = np.diag([0.0] * 3 + [CAMERA_SIGMA_M**-2] * 3)
     for T in motions:
         exact = Pair(T[:3, :3], T[:3, 3], _across_of(T), _least_covariance(T), T)
@@ -281,8 +281,8 @@ def _missing(motions: Sequence[Pose]) -> str | None:
     if half_width_deg(_inverse(H), len(motions)) <= MAX_HALF_WIDTH_DEG:
         return None
     return (
-        f"the drive has too few turns, {turned_deg:.1f} degrees in {len(motions)} pairs of images: straight ways leave "
-        "the rotation about them open"
+        f"the drive has too few turns, {turned_deg:.1f} degrees in {len(motions)} pairs of images: straight driving "
+        "leaves the rotation about its direction open"
     )
 
 

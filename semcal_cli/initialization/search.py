@@ -117,8 +117,8 @@ def _candidates(
     )
     # With points of one class, no placement of the image is better than another.
     if len(found := np.flatnonzero(counts[:NO_CLASS]).tolist()) < 2:
-        of_what = " and ".join(observations.point_class_names[index] for index in found) or "no class"
-        raise CalibrationError(f"no initial calibration: found points of {of_what} only, needed two classes")
+        of_what = "".join(f"only {observations.point_class_names[index]}" for index in found) or "no class"
+        raise CalibrationError(f"no initial calibration: found points of {of_what}, needed two classes")
     around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
     return _align(observations, register(observations, config, seed, around), config, seed)
 

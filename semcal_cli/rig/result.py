@@ -46,7 +46,7 @@ class RigResult(StrictModel):
     cameras: dict[str, CameraResult]
     """Result of each camera."""
     pairs: list[dict[str, Any]]
-    """Transform between each two cameras; it is recomputed where it is needed."""
+    """Transform between each pair of cameras; it is recomputed when needed."""
     num_sweeps: int
     """Number of different clouds that were read."""
     input: dict[str, Any]
