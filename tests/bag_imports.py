@@ -99,8 +99,9 @@ def remarks(path: Path, out: Path, **settings: Any) -> str:
 
 
 def refused(path: Path, out: Path, **settings: Any) -> str:
-    """Import what has to be refused, and return the message."""
+    """Import what has to be refused, and return the message; a new folder is not left behind empty."""
+    was_there = out.exists()
     with pytest.raises(InputError) as error:
         done(path, out, **settings)
-    assert not (out / "drive.yaml").exists()
+    assert was_there or not out.exists()
     return str(error.value)

@@ -44,9 +44,9 @@ class Import:
 
     def complaint(self, *arguments: object) -> str:
         """What is said of an import that writes nothing; the root of the tree is {root}."""
-        before = sorted(self.out.rglob("*"))
+        before = sorted(self.out.parent.rglob("*"))
         found = complaint(self.name, self.root, *self.tree.arguments, *arguments, "-o", self.out)
-        assert sorted(self.out.rglob("*")) == before
+        assert sorted(self.out.parent.rglob("*")) == before
         return found.replace(str(self.root), "{root}")
 
     def check(self) -> None:

@@ -57,6 +57,14 @@ def test_a_camera_that_changes_is_an_error_that_says_when(
     assert f"/cam/camera_info: {when}" in message
 
 
+def test_a_refused_import_leaves_no_folder_that_it_made(tmp_path: Path) -> None:
+    path, kept = small(tmp_path / "bag", image=image("yuv420")), tmp_path / "kept"
+    kept.mkdir()
+    for out in (tmp_path / "new/drive", tmp_path / "new/drive/front.yaml", kept / "drive", kept):
+        assert "found no usable pair" in refused(path, out)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["bag", "kept"]
+
+
 def test_rectified_images_use_P(tmp_path: Path) -> None:
     R = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     P = np.array([[7.0, 0, 6, 0], [0, 7.5, 5, 0], [0, 0, 1, 0]])

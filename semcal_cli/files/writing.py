@@ -17,7 +17,7 @@ from time import monotonic, sleep
 from typing import BinaryIO
 
 from semcal_cli.errors import InputError, os_reason
-from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, check_own_file, check_size, read_reason
+from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, check_own_file, check_size, is_folder, read_reason
 
 STANDARD_INPUT, STANDARD_OUTPUT = Path("/dev/stdin"), Path("/dev/stdout")
 PATIENCE_S, RETRY_S = 5.0, 0.05
@@ -189,6 +189,19 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be created: {os_reason(error)}") from None
+
+
+@contextmanager
+def no_empty_folder(path: Path) -> Iterator[None]:
+    """Remove a folder and the folders above it again if the block created them, failed and left them empty."""
+    missing = [folder for folder in (path, *path.parents) if not is_folder(folder)]
+    try:
+        yield
+    except BaseException:
+        for folder in missing:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 @contextmanager

@@ -33,7 +33,7 @@ from semcal_cli.drive.document import output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import is_folder, is_same_file
-from semcal_cli.files.writing import make_folder
+from semcal_cli.files.writing import make_folder, no_empty_folder
 from semcal_cli.formats.intrinsics import read_intrinsics
 
 AROUND_NS = NS
@@ -71,7 +71,7 @@ def import_bag(request: Request, out: Path, on_event: Listener = ignore) -> Impo
     Raises:
         InputError: the recording has no usable pairs, or contradicts itself or the request.
     """
-    with Bag(request.paths) as bag:
+    with Bag(request.paths) as bag, no_empty_folder(output_drive_file(out).parent):
         return _Import(bag, request, out, on_event).run()
 
 
