@@ -25,6 +25,8 @@ MOST_NETWORKS = 2
 """Largest number of networks that label the same images."""
 NAME_WIDTH = 12
 """Columns of the short names in the table of networks."""
+SHOW_WIDTH = 10
+"""Columns of the labels of `--show`."""
 
 
 def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> bool:
@@ -186,6 +188,7 @@ def label(settings: LabelSettings) -> None:
     A run that was stopped continues where it left off. Frames that cannot be labelled are reported and left out; the
     exit code is then 1.
     """
+    from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.labelling.hub import find_model
     from semcal_cli.labelling.images import describe_model
@@ -198,7 +201,7 @@ def label(settings: LabelSettings) -> None:
             path = find_model(settings.show, settings.max_download_mb, terminal.on_event)
             network = open_network(path, settings.device, settings.threads)
             for name, text in describe_model(network, settings.image_card or settings.point_card):
-                click.echo(f"{name:<10}{text}")
+                click.echo("\n".join(wrapped(name, text, SHOW_WIDTH)))
             return
         if settings.drive is None:
             raise click.UsageError("Missing argument 'DRIVE'.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -50,6 +51,12 @@ ClassesOfCard: TypeAlias = Annotated[
     Discriminator(_kind_of_classes),
 ]
 """Classes of a card: the name of a table, a list of names, or ids by name."""
+
+
+def _mean_and_std(mean: Sequence[float], std: Sequence[float]) -> str:
+    """Write the numbers by which channels are normalised."""
+    means, stds = (" ".join(f"{each:g}" for each in numbers) for numbers in (mean, std))
+    return f"mean {means}; std {stds}"
 
 
 class Card(StrictModel):
@@ -178,11 +185,10 @@ class CompleteImageCard(ImageCard):
         if self.short_side is not None:
             most = "" if self.long_side is None else f", the longer side at most {self.long_side}"
             size += f", shorter side scaled to {self.short_side}{most}"
-        numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
         return [
             ("size", f"{size}, {self.fit}{'' if self.resample is None else f', {self.resample}'}"),
             ("colours", f"{self.color}, {self.layout.replace('_', ' ')}"),
-            ("numbers", f"(pixel * {self.scale:g} - mean) / std, with mean and std {numbers}"),
+            ("values", f"(pixel * {self.scale:g} - mean) / std; {_mean_and_std(self.mean, self.std)}"),
         ]
 
 
@@ -252,12 +258,14 @@ class PointCard(Card):
     def describe(self) -> list[tuple[str, str]]:
         """Describe the input, as pairs of a label and a text."""
         (low, high), (left, right) = self.elevation_deg, self.azimuth_deg
-        numbers = " ".join(f"{each:g}" for each in (*self.mean, *self.std))
         return [
             ("size", f"{self.columns} x {self.rows}, rows by {self.row_by}"),
             ("field", f"elevation {low:g} to {high:g}, azimuth {left:g} to {right:g} degrees"),
             ("channels", " ".join(self.channels)),
-            ("numbers", f"(channel - mean) / std, with mean and std {numbers}; {self.empty:g} where empty"),
+            (
+                "values",
+                f"(channel - mean) / std; {_mean_and_std(self.mean, self.std)}; {self.empty:g} if empty",
+            ),
         ]
 
 

@@ -213,7 +213,7 @@ class ImageLabeller:
 def joined_masks(
     outputs: Mapping[str, npt.NDArray[Any]], size: Sequence[int] | None = None
 ) -> npt.NDArray[np.float32]:
-    """Combine the classes and masks of queries to probabilities (1, C, h, w): Cheng et al., Mask2Former, 2022.
+    """Combine the classes and masks of queries into probabilities (1, C, h, w): Cheng et al., Mask2Former, 2022.
 
     Args:
         outputs: Logits of the classes (1, Q, C + 1), the last of which means "none", and of the masks (1, Q, h, w).

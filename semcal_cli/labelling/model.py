@@ -254,7 +254,7 @@ class _Joining:
         wanted = self.card.size or (None, None)
         for name, found, needed in (("columns", columns, wanted[0]), ("rows", rows, wanted[1])):
             if found is not None and needed not in (None, found):
-                raise self._wrong("size", f"{needed} {name}", f"the {found} of {self.network.path}")
+                raise self._wrong("size", f"{needed} {name}", f"{found}, as {self.network.path} states")
         if self.card.fit == "aspect" and (columns, rows) != (None, None):
             raise self._wrong("fit", "aspect", f"another: the size of {self.network.path} is fixed")
         columns, rows = columns or wanted[0], rows or wanted[1]

@@ -86,7 +86,7 @@ class Mosaic:
     images: npt.NDArray[np.uint8]
     """(N,) the image that shows each camera pixel best, or `_core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
-    """(N, 2) the pixel's place there."""
+    """(N, 2) position of each pixel there."""
 
     def joined(self, scores: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
         """Merge the scores (C, h, w) of the views to those (C, H, W) of the images: the mean where tiles overlap.
@@ -119,7 +119,7 @@ class Views:
     views: npt.NDArray[np.uint8]
     """(N,) the view that shows each camera pixel best, or `_core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
-    """(N, 2) the pixel's place there."""
+    """(N, 2) position of each pixel there."""
     mosaic: Mosaic | None = None
     """The images that the views are tiles of; None if no image is cut into several."""
 
@@ -202,7 +202,7 @@ def _pixels(camera: Camera) -> Places:
 
 
 def _rectified(camera: Camera) -> Iterator[Shown]:
-    """Yield one rectified image along the optical axis, or the faces of a cube for a lens that sees too much."""
+    """Yield one rectified image along the optical axis, or the faces of a cube for a lens that is too wide."""
     lens = core_camera(camera)
     rays = lens.unproject(_pixels(camera))
     inside = np.isfinite(rays).all(axis=1)
