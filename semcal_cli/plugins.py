@@ -1,6 +1,6 @@
-"""Formats, data sets and cues of other installed packages, by their entry points.
+"""Formats, data sets and cues from other installed packages, found by their entry points.
 
-Nothing is looked up before a name is asked for that semcal does not have itself, or all names are listed.
+Entry points are read only when all names are listed, or for a name that semcal itself does not have.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ class Plugins:
     """The plugins of one group of entry points."""
 
     def __init__(self, group: str, taken: Iterable[str]) -> None:
-        """Name the group.
+        """Make the plugins of a group.
 
         Args:
-            group: Name of the group, as semcal.cues.
-            taken: Names that semcal has itself, which no plugin takes.
+            group: Name of the group, such as semcal.cues.
+            taken: semcal's own names, which no plugin can have.
         """
         self.group, self.taken = group, tuple(taken)
         self._loaded: dict[str, object] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the plugins, in the order of their packages, less those that were found to be broken."""
+        """Names of the plugins, in the order of their packages, without those known to be broken."""
         return tuple(self._entries)
 
     def package(self, name: str) -> str:
-        """Name the package of a plugin and its version."""
+        """Give the name and the version of a plugin's package."""
         return _package(self._entries[name])
 
     def get(self, name: str, kind: type[Kind]) -> Kind | None:
-        """Load a plugin; None if there is none of this name, or, after one warning, if it is broken.
+        """Load a plugin; None if there is none with this name, or, after one warning, if it is broken.
 
         Args:
             name: Name of the plugin.
-            kind: Class of what its entry point has to name.
+            kind: Required class of the object that its entry point names.
         """
         if name not in self._entries:
             return None
         try:
             found = self._loaded[name] if name in self._loaded else self._entries[name].load()
-        except (Exception, SystemExit) as error:  # whatever a foreign module does as it is imported
+        except (Exception, SystemExit) as error:  # a foreign module may raise anything when it is imported
             self._leave_out(name, f"cannot be imported: {type(error).__name__}: {error}")
             return None
         if not isinstance(found, kind):
@@ -63,13 +63,13 @@ class Plugins:
         return found
 
     def all(self, kind: type[Kind]) -> dict[str, Kind]:
-        """Load all plugins, by their names; broken ones are left out after one warning each."""
+        """Load all plugins, by name; broken ones are left out after one warning each."""
         found = {name: self.get(name, kind) for name in self.names}
         return {name: each for name, each in found.items() if each is not None}
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
-        # Takes 30 ms to import and to look for, of 60 ms that `semcal --help` takes.
+        # The import and the search take 30 ms; `semcal --help` takes 60 ms.
         from importlib.metadata import entry_points
 
         found: dict[str, EntryPoint] = {}
@@ -78,7 +78,7 @@ class Plugins:
                 found[entry.name] = entry
                 continue
             holder = "semcal" if entry.name in self.taken else _package(found[entry.name])
-            _warn(entry, f"found a name that {holder} has, needed another")
+            _warn(entry, f"found a name that {holder} already has, needed another")
         return found
 
     def _leave_out(self, name: str, reason: str) -> None:

@@ -140,9 +140,9 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
         ({"twist": TWIST, "speed_m_s": 3.0}, "motion: found twist and speed_m_s, needed one of"),
         (
             {"speed_m_s": 3.0, "sigma": {"linear_m_s": 0.1}},
-            "motion: found sigma beside speed_m_s, needed poses or a twist, whose errors it tells",
+            "motion: found sigma beside speed_m_s, needed poses or a twist, whose errors it states",
         ),
-        ({"poses": "far.txt"}, "motion: found one that moves points of .* beyond all bounds"),
+        ({"poses": "far.txt"}, "motion: found a motion that moves points of .* to infinity"),
         (
             {"poses": "late.txt"},
             r"late\.txt: the motion at 16\d+(\.\d+)? s is unknown, needed poses",
@@ -151,7 +151,7 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
         ({"poses": "twice.txt"}, r"twice\.txt: found time 1 after 1, needed times that ascend"),
         (
             {"poses": "words.txt"},
-            r"words\.txt: line 1: found something that is no number, needed seconds x y z",
+            r"words\.txt: line 1: found something other than numbers, needed seconds x y z",
         ),
         ({"poses": "short.txt"}, r"short\.txt: line 2: found 7 numbers, needed seconds x y z qx qy qz qw"),
         ({"poses": "long.txt"}, r"long\.txt: line 1: found a quaternion of norm 2, needed norm 1"),
@@ -185,7 +185,7 @@ def test_times_of_another_unit_or_clock_are_refused(tmp_path: Path, skewed: dict
     np.save(tmp_path / "us.npy", microseconds)
     frames = [skewed["frames"][0] | {"points": str(tmp_path / "us.npy")}]
     with pytest.raises(
-        InputError, match=r"us\.npy: found times of points that span 0\.0001 s, needed 0\.005 s"
+        InputError, match=r"us\.npy: found point times that span 0\.0001 s, needed at least 0\.005 s"
     ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
     assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0}).motion_error_px is None
@@ -254,9 +254,7 @@ def test_sweeps_without_times_move_as_a_whole(late: Path, tmp_path: Path) -> Non
     motion = drive.motion and drive.motion.model_copy(update={"point_times": "absolute"})
     absolute = read_observations(drive.model_copy(update={"motion": motion}))
     assert offsets_m(absolute, read_observations(drive)).max() == 0.0
-    note = (
-        f"{len(frames)} of 6 sweeps have no times of points, and are taken to be compensated to points_stamp"
-    )
+    note = f"{len(frames)} of 6 sweeps have no point times, and are assumed to be deskewed to points_stamp"
     assert LoadedDrive(drive, found).notes == (note,)
     assert LoadedDrive(drive, timed).notes == ()
 
@@ -274,4 +272,4 @@ def test_the_clock_is_checked_and_estimated_without_times(
     assert found.clock is not None
     assert found.clock.is_kept
     assert found.clock.time_offset_s == pytest.approx(0.02, abs=CLOSE_S)
-    assert "6 of 6 sweeps have no times of points" in " ".join(err.split())
+    assert "6 of 6 sweeps have no point times" in " ".join(err.split())

@@ -150,7 +150,7 @@ def test_broken_plugins_are_one_line_each(installed: Path, street: Path, tmp_pat
     packages = broken(Path(shutil.copytree(installed, tmp_path / "site")))
     formats = semcal("convert", "--formats", packages=packages)
     assert warned(formats) == [
-        "urdf of semcal.formats: found a name that semcal has, needed another",
+        "urdf of semcal.formats: found a name that semcal already has, needed another",
         "absent of semcal.formats: cannot be imported: ModuleNotFoundError: No module named 'nowhere'",
         "number of semcal.formats: found an object of class int, needed Format",
     ]
@@ -158,14 +158,14 @@ def test_broken_plugins_are_one_line_each(installed: Path, street: Path, tmp_pat
     assert "my-robot" in formats.stdout
     imports = semcal("import", "--help", packages=packages)
     assert warned(imports) == [
-        "folder of semcal.datasets: found a name that semcal has, needed another",
+        "folder of semcal.datasets: found a name that semcal already has, needed another",
         "leaving of semcal.datasets: cannot be imported: SystemExit: not today",
     ]
     assert "leaving" not in imports.stdout
     assert "my-robot" in imports.stdout
     cue = semcal("refine", street, "--init", street, "--cue", "typo", packages=packages, code=1)
     assert warned(cue) == [
-        "brightness of semcal.cues: found a name that my-robot 1.0 has, needed another",
+        "brightness of semcal.cues: found a name that my-robot 1.0 already has, needed another",
         "typo of semcal.cues: cannot be imported: AttributeError: module 'z_robot' has no attribute 'NAMBER'",
     ]
     *_, error = cue.stderr.splitlines()

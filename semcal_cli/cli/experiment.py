@@ -51,10 +51,11 @@ def experiment() -> None:
 def accuracy(
     out: Path, seeds: range, estimators: tuple[str, ...], rows: tuple[str, ...], edge_band: int | None
 ) -> Experiment[Any, Any]:
-    """Compare calibrations with the truth: sensors, lenses, labels and starts.
+    """Compare calibrations with the truth.
 
-    Takes about two minutes per seed. Writes results.csv, summary.json and table.md to a folder in DIR, and keeps its
-    drives in a pool next to it, about 45 MB each. A stopped run resumes where it was.
+    The rows of the table are sensors, lenses, labels and starts. Takes about two minutes per seed. Writes results.csv,
+    summary.json and table.md to a folder in DIR, and keeps its drives in a pool next to it, about 45 MB each. A stopped
+    run resumes where it was.
     """
     from semcal_cli.experiments import accuracy
 
@@ -68,7 +69,7 @@ def accuracy(
 @rows_option("jointly", "intrinsics wrong")
 @measures
 def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, Any]:
-    """Compare jointly estimated intrinsics and time offsets with the truth.
+    """Compare joint estimates of intrinsics and clocks with the truth.
 
     Takes about two minutes per seed. Writes results.csv, summary.json and table.md to a folder in DIR; a stopped run
     resumes where it was.
@@ -102,11 +103,12 @@ def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, A
 )
 @measures
 def trust(out: Path, seeds: range, parts: tuple[str, ...], with_limits: bool) -> Experiment[Any, Any]:
-    """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
+    """Count how often intervals and verdicts are right.
 
-    Drives are also spoiled as real recordings are, and given subtle faults: no result should be trusted and wrong.
-    Takes about two minutes per drive, and seven per spoiled drive. Writes the same files as `accuracy`; a stopped run
-    resumes where it was.
+    Counts how often intervals contain the truth, verdicts are right, and `verify` detects offsets. Drives are also
+    spoiled as real recordings are, and given subtle faults: no result should be trusted and wrong. Takes about two
+    minutes per drive, and seven per spoiled drive. Writes the same files as `accuracy`; a stopped run resumes where it
+    was.
     """
     from semcal_cli.experiments import limits, trust_table
 
@@ -140,20 +142,20 @@ def _rivals(name: str, out: Path, seeds: range, unmended: bool) -> Experiment[An
 
 @_compares
 def pairs(**options: Any) -> Experiment[Any, Any]:
-    """Compare methods over the number of pairs: 1, 2, 5, 10, 20, 50 and 70.
+    """Compare methods over the number of pairs.
 
-    semcal, the paper's method, SOIC and PMI start from the same pose, 2 degrees and 0.2 m off; the paper's method also
-    runs from its own start, without an initial guess. Writes the same files as `accuracy`, and plot.png; a stopped run
-    resumes where it was.
+    The numbers are 1, 2, 5, 10, 20, 50 and 70. semcal, the paper's method, SOIC and PMI start from the same pose, 2
+    degrees and 0.2 m off; the paper's method also runs from its own start, without an initial guess. Writes the same
+    files as `accuracy`, and plot.png; a stopped run resumes where it was.
     """
     return _rivals("pairs", **options)
 
 
 @_compares
 def noise(**options: Any) -> Experiment[Any, Any]:
-    """Compare methods over the share of wrong labels on both sides, 0 to 50 %, with 20 pairs.
+    """Compare methods over the share of wrong labels.
 
-    Otherwise as `pairs`; PMI does not use labels.
+    The share is 0 to 50 % on both sides, with 20 pairs. Otherwise as `pairs`; PMI does not use labels.
     """
     return _rivals("noise", **options)
 
@@ -162,10 +164,10 @@ def noise(**options: Any) -> Experiment[Any, Any]:
 @seeds_options(20, "Number of drives, each with one run per optimiser.", first_seed=55_000)
 @measures
 def gradient(out: Path, seeds: range) -> Experiment[Any, Any]:
-    """Compare gradient ascent with Powell's method on the same mutual information.
+    """Compare gradient ascent with Powell's method.
 
-    Both start 2 degrees and 0.2 m off, with five pairs. Writes results.csv, summary.json and table.md to a folder in
-    DIR; a stopped run resumes where it was.
+    Both maximise the same mutual information, and start 2 degrees and 0.2 m off, with five pairs. Writes results.csv,
+    summary.json and table.md to a folder in DIR; a stopped run resumes where it was.
     """
     from semcal_cli.experiments import gradient
 
@@ -205,11 +207,12 @@ def table(
     out: Path,
     into: Place | None,
 ) -> None:
-    """Compare methods on DRIVE, from the same start, with its reference.
+    """Compare methods on DRIVE with its reference.
 
-    Writes results.csv, summary.json, table.md and the images (a) to (d) to the drive's folder in DIR: the points at the
-    reference, and where SOIC, PMI and semcal put them. If the reference is within 1 degree and 10 cm of that of
-    RELLIS-3D or KITTI-360, the poses that the paper reports are listed below it, measured on the same frames.
+    All methods start from the same pose. Writes results.csv, summary.json, table.md and the images (a) to (d) to the
+    drive's folder in DIR: the points at the reference, and where SOIC, PMI and semcal put them. If the reference is
+    within 1 degree and 10 cm of that of RELLIS-3D or KITTI-360, the poses that the paper reports are listed below it,
+    measured on the same frames.
     """
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.stages import read_initial_pose
@@ -264,7 +267,7 @@ def table(
 def speed(
     out: Path, repeats: int, plain_torch: Path | None, only: str | None, frames: int, width: int, height: int
 ) -> Experiment[Any, Any]:
-    """Time whole processes, and compare the refinement with plain torch.
+    """Time whole processes, and the refinement against plain torch.
 
     Needs an idle machine, and takes about three minutes per repeat. Writes the same files as `accuracy`; a stopped run
     resumes where it was.

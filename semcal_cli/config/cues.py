@@ -9,7 +9,7 @@ from semcal_cli.plugins import Plugins
 
 BuiltInCue: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
 CueName: TypeAlias = BuiltInCue | str
-"""What points and pixels are compared by: a cue of semcal's or of a plugin's; auto takes the best cues that the files
+"""What points and pixels are compared by: a cue of semcal or of a plugin; auto stands for the best cues that the files
 of a drive allow."""
 
 LABELS: tuple[CueName, ...] = ("labels",)
@@ -27,7 +27,7 @@ def check_cues(cues: tuple[CueName, ...]) -> None:
     """Check the cues that a program passes.
 
     Raises:
-        InputError: they are not a tuple of names of cues, each once, of which auto stands alone.
+        InputError: they are not a tuple of known names, each given once, or auto is not alone.
     """
     if not isinstance(cues, tuple) or not cues or len({*map(str, cues)}) < len(cues):
         raise InputError(f"cues: found {cues!r}, needed a tuple of different cues")

@@ -1,1 +1,1 @@
-"""The drive: what a calibration reads."""
+"""The drive: the input of a calibration."""

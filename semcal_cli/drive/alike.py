@@ -1,4 +1,4 @@
-"""Frames that show the same scene, as at a red light or in copies of one frame: they are no new evidence."""
+"""Frames that show the same scene, as at a red light or in copies of a frame: they add no evidence."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import numpy.typing as npt
 from semcal_cli.threads import thread_pool
 
 CELL_DEG = 2.0
-"""Side of a cell of directions whose nearest point is compared, in degrees."""
+"""Size of the cells of directions whose nearest points are compared, in degrees."""
 MAX_POINTS = 30_000
-"""Largest number of points of a cloud that are looked at."""
+"""Largest number of points of a cloud that are used."""
 SAME_RANGE_M, SAME_RANGE = 0.05, 0.01
-"""Difference of two ranges that are the same: metres, and a share of the range."""
+"""Largest difference of two ranges that count as the same: metres, plus a share of the range."""
 MIN_ALIKE = 0.7
-"""Least share of directions with the same range in two frames that show one scene. Copies with 5 mm to 2 cm of noise
-have 0.88 to 0.97, and frames of six synthetic drives at most 0.24. A car that rolls to a halt goes through all values:
-on a drive of KITTI in a traffic jam, neighbouring frames have 0.48 to 0.84."""
+"""Smallest share of directions with the same range in two frames that show one scene. It is 0.88 to 0.97 for copies
+with 5 mm to 2 cm of noise, and at most 0.24 for frames of six synthetic drives. A car that rolls to a halt passes
+through all values: neighbouring frames of a KITTI drive in a traffic jam have 0.48 to 0.84."""
 MIN_COPIED = 0.999
-"""Least share of equal pixels in copies of a label image. A network labels two images of one scene less alike."""
+"""Smallest share of equal pixels in copies of a label image. Labels of two images of one scene by a network are less
+alike."""
 
 
 def ranges_of(clouds: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
@@ -30,10 +31,10 @@ def ranges_of(clouds: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.
 
 
 def alike_frames(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
-    """Group the frames that show one scene, by the `nearest_ranges` of each.
+    """Group the frames that show the same scene, by the `nearest_ranges` of each.
 
     Returns:
-        For each frame the index of the first frame that shows the same scene, directly or by way of others.
+        For each frame the index of the first frame that shows the same scene, directly or through others.
     """
     first = list(range(len(ranges)))
     if len(ranges) < 2:
@@ -51,13 +52,13 @@ def shares_alike(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.f
         nearest: The `nearest_ranges` of each frame.
     """
     ranges, shares = np.array(nearest), np.zeros((len(nearest), len(nearest)))
-    # Most directions are seen in no frame: a LiDAR looks neither up nor down.
+    # Most directions have no points in any frame: a LiDAR looks neither up nor down.
     ranges = ranges[:, np.isfinite(ranges).any(axis=0)]
 
     def with_earlier(frame: int) -> npt.NDArray[np.float64]:
         others, own = ranges[: frame + 1], ranges[frame]
         nearer = np.minimum(others, own)
-        # The difference of two infinite ranges is no number, and below nothing.
+        # The difference of two infinite ranges is NaN, which compares false.
         with np.errstate(invalid="ignore"):
             is_same = np.abs(others - own) < SAME_RANGE_M + SAME_RANGE * nearer
         num_seen = np.count_nonzero(np.isfinite(nearer), axis=1)
@@ -70,7 +71,7 @@ def shares_alike(nearest: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.f
 
 
 def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]) -> list[int]:
-    """Find the frames that are copies of an earlier one: the same scene, with the same labels of pixels.
+    """Find the frames that are copies of an earlier one: the same scene with the same image labels.
 
     Args:
         scenes: Result of `alike_frames`.

@@ -1,4 +1,4 @@
-"""The arrays of a program that stand where a drive's files stand: what they are called, and whether they fit."""
+"""Arrays of a program in place of a drive's files: their names and their checks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from semcal_cli.errors import InputError, one_of
 from semcal_cli.files.arrays import COLORS, POINTS, Array, Form, check_array
 
 POSES = "poses"
-"""Name of the array of the LiDAR's poses, which stands where a drive names their file."""
+"""Name of the array with the LiDAR's poses, in place of their file."""
 LISTS = {
     "points": "points",
     "point_labels": "point_labels",
@@ -22,11 +22,11 @@ LISTS = {
     "point_features": "point_features",
     "image_features": "image_features",
 }
-"""The lists of arrays, one array for each frame, with the keys of a frame under which a drive names their files."""
+"""The lists of arrays, with one array per frame, and the frame keys under which a drive names their files."""
 STAMPS = {"points_stamps": "points_stamp", "image_stamps": "image_stamp"}
-"""The lists of times, one for each frame, with the keys of a frame that hold them."""
+"""The lists of times, with one time per frame, and the frame keys that hold them."""
 TIMES = "point_times"
-"""The list of the times of points, which lie in the file of a sweep."""
+"""The list of point times, which a drive has in the files of its sweeps."""
 OF_DRIVE = (
     "camera",
     "lidar",
@@ -37,22 +37,22 @@ OF_DRIVE = (
     "time_offset_sigma_s",
     "T_camera_lidar",
 )
-"""Keys of a drive that are given as they are."""
+"""Keys of a drive that are taken over unchanged."""
 IDS = (np.integer,), "ids as whole numbers"
 PROBABILITIES = (np.floating, np.uint8), "probabilities as floats or uint8"
 SECONDS = (np.floating,), "seconds as floats"
 
 
 class ArrayInput(TypedDict, total=False):
-    """What a program gives in place of a drive: arrays, one of each list a frame, and the keys of a drive.yaml.
+    """Input of a program in place of a drive: lists with one array per frame, and the keys of a drive.yaml.
 
-    `points` and `camera` are always needed, and each cue needs more, as it does of a drive. None stands for an array
-    that a frame lacks. The arrays are not copied, so that nobody may write to them until the result is there.
+    `points` and `camera` are always needed; each cue needs more, as with a drive. None stands for an array that a frame
+    lacks. The arrays are not copied: do not write to them before the result is there.
     """
 
     points: Sequence[Array]
     """(N, 3) or (N, 4) metres, LiDAR frame, with the intensity in the fourth column. float32 is not converted. Entries
-    that are not finite or all zero are no returns, and are left out with their labels and times."""
+    that are not finite or all zero are not returns, and are left out with their labels and times."""
     camera: Camera
     """Camera of the images."""
     point_labels: Sequence[Array | None]
@@ -68,7 +68,7 @@ class ArrayInput(TypedDict, total=False):
     image_stamps: Sequence[float]
     """Time of each image, in seconds."""
     poses: Array
-    """(M, 8) poses of the LiDAR in a fixed frame: seconds x y z qx qy qz qw. The motion is that of these poses then."""
+    """(M, 8) poses of the LiDAR in a fixed frame: seconds x y z qx qy qz qw. They determine the motion."""
     point_features: Sequence[Array | None]
     """Features (N, C) of the points."""
     image_features: Sequence[Array | None]
@@ -80,38 +80,38 @@ class ArrayInput(TypedDict, total=False):
     classes: Any
     """Names of classes and the raw ids merged into each, as under `classes` in a drive.yaml."""
     motion: Any
-    """Motion of the LiDAR, as under `motion` in a drive.yaml; its `poses` are "poses", the array."""
+    """Motion of the LiDAR, as under `motion` in a drive.yaml; its `poses` can only be "poses", the array."""
     time_offset_s: float
     """Time by which images are later than `image_stamps` say, in seconds."""
     time_offset_sigma_s: float
     """Standard deviation of `time_offset_s`, in seconds."""
     T_camera_lidar: Any
-    """(4, 4) reference transform, p_camera = T_camera_lidar @ p_lidar, metres, for what compares."""
+    """(4, 4) reference transform, p_camera = T_camera_lidar @ p_lidar, metres, only for comparisons."""
     name: str
     """Name of the data in messages and in results; `arrays` if none is given."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldArrays:
-    """The arrays of a drive by their names, which stand where a drive names files."""
+    """The arrays of a drive, by the names that stand in place of file names."""
 
     by_name: Mapping[str, Array]
 
     def times_of(self, points: str) -> dict[str, Array]:
-        """Give the times of the points of a name, by their own name; nothing if there are none."""
+        """Give the point times of a sweep by name, with their own name; empty if there are none."""
         name = TIMES + points.removeprefix("points")
         return {name: self.by_name[name]} if name in self.by_name else {}
 
 
 def document_of(given: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
-    """Check arrays, and write the document of the drive that they are.
+    """Check arrays, and describe them as the document of a drive.
 
     Raises:
-        InputError: an argument is missing, not known or of the wrong form; the message names it.
+        InputError: an argument is missing, unknown or of the wrong form; the message names it.
     """
     known = list(ArrayInput.__annotations__)
     for name in given.keys() - set(known):
-        raise InputError(f"{name}: found an argument that is not known, needed {one_of(name, known)}")
+        raise InputError(f"{name}: found an unknown argument, needed {one_of(name, known)}")
     camera, points = given.get("camera"), given.get("points")
     if not isinstance(camera, Camera):
         raise InputError(f"camera: found {type(camera).__name__}, needed semcal.Camera")
@@ -140,19 +140,19 @@ def document_of(given: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
 
 
 def _listed(given: ArrayInput, argument: str, count: int) -> Iterator[tuple[int, Any]]:
-    """Give the entries of a list with their indices, without those that are None."""
+    """Yield the entries of a list that are not None, with their indices."""
     entries: Sequence[Any] | None = given.get(argument)  # type: ignore[assignment]
     if entries is None:
         return
     if len(entries) != count:
-        raise InputError(f"{argument}: found {len(entries)} of them, needed {count}, one for each of points")
+        raise InputError(f"{argument}: found {len(entries)} entries, needed {count}, one for each of points")
     yield from (
         (index, entry) for index, entry in enumerate(entries) if entry is not None or argument == "points"
     )
 
 
 def _forms(argument: str, camera: Camera, points: Array) -> Sequence[Form]:
-    """List the forms of the array of a frame."""
+    """List the allowed forms of a frame's array."""
     size, count = (camera.height, camera.width), len(points) if isinstance(points, np.ndarray) else 0
     return {
         "points": POINTS,

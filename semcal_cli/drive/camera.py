@@ -1,4 +1,4 @@
-"""The camera of a drive: its lens, its intrinsics by name, and how well they are known."""
+"""The camera of a drive: lens, intrinsics by name, and their uncertainty."""
 
 import math
 from collections.abc import Mapping
@@ -31,11 +31,11 @@ Intrinsics: TypeAlias = Annotated[tuple[Annotated[tuple[Pixels, ...], length(3, 
 Coefficient = Annotated[float, Field(ge=-1e12, le=1e12)]
 """Distortion coefficient. The limits are beyond the sixth power of any telephoto lens, and nothing overflows."""
 Readout = Annotated[float, Field(ge=0.0, le=1.0)]
-"""Time in seconds from the first line of an image to the last. No shutter rolls for longer than a frame takes."""
+"""Time in seconds from the first line of an image to the last. No readout takes longer than a frame."""
 
 DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX = 0.001, 1.0
-"""Standard deviations of the focal lengths, as a share of them, and of the principal point where a drive states none.
-They are a convention, and what the verdict is said to hold for; what they cost the pose stands beside it."""
+"""Default relative standard deviation of the focal lengths, and default standard deviation of the principal point.
+They are a convention, for which the verdict holds; their effect on the pose is reported with it."""
 
 
 class Interval(NamedTuple):
@@ -61,13 +61,13 @@ class Lens(NamedTuple):
     """The numbers of a camera model beyond K."""
 
     coefficients: tuple[str, ...]
-    """Names of the distortion coefficients, in their order."""
+    """Names of the distortion coefficients, in order."""
     counts: tuple[int, ...]
-    """Allowed numbers of them; 0 means a lens without distortion."""
+    """Allowed numbers of coefficients; 0 means a lens without distortion."""
     parameters: Mapping[str, Interval] = {}
-    """Intervals of the parameters that a model needs beyond K and distortion."""
+    """Intervals of the parameters of a model beyond K and distortion."""
     angles: Mapping[int, Interval] = {}
-    """Intervals of the coefficients that are angles, by their index."""
+    """Intervals of the coefficients that are angles, by index."""
 
 
 FOCAL_PX = Interval(1e-3, 1e9)
@@ -108,8 +108,8 @@ class Camera(StrictModel):
     """Image size, intrinsics and lens of a camera."""
 
     model: CameraModel
-    """Camera model. plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are OpenCV's,
-    omnidirectional is OpenCV's omnidir (Mei and Rives), fov is by Devernay and Faugeras, double_sphere is by Usenko,
+    """Camera model. plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are those of OpenCV;
+    omnidirectional is OpenCV's omnidir (Mei and Rives), fov is by Devernay and Faugeras, double_sphere by Usenko,
     Demmel and Cremers."""
     width: ImageSide
     """Columns of the image."""
@@ -213,10 +213,10 @@ def intrinsic_names(model: CameraModel) -> tuple[str, ...]:
 
 
 def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None:
-    """Check that a camera has intrinsics of these names.
+    """Check that a camera has intrinsics with these names.
 
     Raises:
-        InputError: it has not; the message begins with `where`.
+        InputError: it lacks one; the message begins with `where`.
     """
     known = intrinsic_names(camera.model)
     for name in names:
@@ -225,7 +225,7 @@ def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None
 
 
 def with_all_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
-    """Write out the zeros of a lens that leaves out coefficients of these names."""
+    """Add zeros for coefficients with these names that a lens leaves out."""
     lens = CAMERA_MODELS[camera.model]
     needed = max(
         (lens.coefficients.index(name) + 1 for name in names if name in lens.coefficients), default=0
@@ -238,7 +238,7 @@ def with_all_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
 
 
 def without_last_zeros(camera: Camera) -> Camera:
-    """Leave out the zeros that a lens ends with, so that equal lenses have equal coefficients."""
+    """Remove the trailing zeros of a lens, so that equal lenses have equal coefficients."""
     count = max((place for place, value in enumerate(camera.distortion, 1) if value), default=0)
     return camera.model_copy(update={"distortion": camera.distortion[:count]})
 
@@ -273,26 +273,26 @@ def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:
             distortion[CAMERA_MODELS[camera.model].coefficients.index(name)] = value
     document |= {"K": tuple(map(tuple, K)), "distortion": tuple(distortion)}
     if camera.intrinsics_sigma is not None:
-        # What is stated of values that are replaced is not true of the others.
+        # The stated uncertainty of a replaced value does not hold for the new one.
         document["intrinsics_sigma"] |= {name: 0.0 for name in OF_K if name in values}
     return Camera.model_validate(document)
 
 
 def variable(camera: Camera, name: str) -> str:
-    """Name an intrinsic as the core does: those of the lens by their index among its numbers."""
+    """Name an intrinsic as the core does: lens parameters by their index."""
     if name in OF_K:
         return name
     of_lens = CAMERA_MODELS[camera.model].coefficients[: len(camera.distortion)]
     return str((*of_lens, *sorted(camera.parameters)).index(name))
 
 
-# How well they are known.
+# Uncertainty of the intrinsics.
 
 
 def sigma_of(camera: Camera) -> IntrinsicsSigma:
-    """Give the standard deviations of the intrinsics: those that the drive states, or else what a good lens has.
+    """Give the standard deviations of the intrinsics: those that the drive states, or the default.
 
-    The K of an equirectangular image is its size, and exact.
+    The K of an equirectangular image follows from its size, and is exact.
     """
     if camera.intrinsics_sigma is not None:
         return camera.intrinsics_sigma
@@ -300,12 +300,12 @@ def sigma_of(camera: Camera) -> IntrinsicsSigma:
 
 
 def default_sigma(camera: Camera) -> IntrinsicsSigma:
-    """Give the standard deviations that are taken where a drive states none."""
+    """Give the standard deviations for a drive that states none."""
     return _of_shares(camera, DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX)
 
 
 def stating(camera: Camera, jointly: JointlyConfig) -> Camera:
-    """Let a camera state the errors of its intrinsics that settings give; the K of an equirectangular one is exact."""
+    """Set the standard deviations of a camera from settings; the K of an equirectangular one stays exact."""
     share, center_px = jointly.focal_sigma, jointly.center_sigma_px
     if (share is None and center_px is None) or camera.model == "equirectangular":
         return camera

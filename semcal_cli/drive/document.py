@@ -30,15 +30,15 @@ DRIVE_FILE = "drive.yaml"
 RIG_FILE = "rig.yaml"
 """File of a rig of several cameras; see `semcal_cli.rig`."""
 SUFFIXES = (".yaml", ".yml")
-"""Suffixes of a drive's file; any other name is that of its folder."""
+"""Suffixes of a drive's file; any other name is its folder."""
 RIG = "semcal_rig"
 """Version key of a rig."""
 OF_RIG = (
-    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the drive of one of "
+    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, needed the drive of one of "
     "its cameras"
 )
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
-"""Version keys of files with a transform, which stand where a drive belongs if arguments are the wrong way round."""
+"""Version keys of files with a transform, found in place of a drive if arguments are in the wrong order."""
 FILES = ("points", "point_labels", "image_labels", "image", "point_features", "image_features")
 """Keys of a frame's files."""
 
@@ -49,21 +49,21 @@ Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
-"""Time in seconds. The limits refuse nanoseconds since 1970."""
+"""Time in seconds. The limits exclude nanoseconds since 1970."""
 Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 DEFAULT_CLOCK_SIGMA_S = 0.02
-"""Standard deviation of the clock of a camera that nothing triggers, in seconds."""
+"""Standard deviation of the clock of a camera without a trigger, in seconds."""
 MAX_OFFSET_S = 1.0
 TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
-"""Offset of two clocks, in seconds. Sweeps and images that are farther apart are no pairs."""
+"""Offset of two clocks, in seconds. Sweeps and images that are farther apart are not pairs."""
 
 
 class Lidar(StrictModel):
     """The scan pattern of a spinning LiDAR."""
 
     channels: Annotated[int, Field(ge=2, le=4096)]
-    """Number of beams, which is the number of rows of the spherical image."""
+    """Number of beams, which is the number of rows of the range image."""
     columns: Annotated[int, Field(ge=4, le=0xFFFF)]
     """Number of firings per turn."""
     fov_up_deg: ElevationDeg
@@ -86,7 +86,7 @@ class Frame(StrictModel):
     points: FileName
     """File of the point cloud."""
     point_labels: FileName | None = None
-    """File of the ids or class probabilities of the points. Without it, the point cloud's own field of ids is used."""
+    """File of the ids or class probabilities of the points. If absent, the point cloud's own field of ids is used."""
     image_labels: FileName | None = None
     """File of the ids or class probabilities of the pixels."""
     image: FileName | None = None
@@ -101,7 +101,7 @@ class Frame(StrictModel):
     """File of the features of the pixels, H x W x C."""
 
     def key(self, name: str) -> str:
-        """Name one of the frame's keys in an error, by its point cloud and not by its index."""
+        """Name one of the frame's keys in an error, by the point cloud instead of the index."""
         return f"frames[{self.points}].{name}"
 
 
@@ -115,7 +115,7 @@ class Ignore(StrictModel):
 
 
 class Classes(StrictModel):
-    """Names of classes with the raw ids merged into each. Other ids are ignored; a side without names keeps its ids."""
+    """Names of classes and the raw ids merged into each. Other ids are ignored; a side without names keeps its ids."""
 
     points: dict[str, Ids] = {}
     """Raw ids of points for each class name."""
@@ -153,12 +153,12 @@ class Motion(StrictModel):
     twist: Twist | None = None
     """Constant motion in all frames."""
     poses: FileName | None = None
-    """File of the LiDAR's poses in a fixed frame, one line each: seconds x y z qx qy qz qw (the TUM format)."""
+    """File of the LiDAR's poses in a fixed frame, one per line: seconds x y z qx qy qz qw (the TUM format)."""
     speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
     """Speed of the LiDAR, in metres per second. Without a direction it corrects nothing; it only shows how many
     pixels the motion may cost, and how far an unchecked clock may move the camera."""
     point_times: Literal["relative", "absolute"] = "relative"
-    """Whether the times of points are relative to `points_stamp`, or absolute on the clock of the stamps."""
+    """Whether point times are relative to `points_stamp`, or absolute on the clock of the stamps."""
     sigma: MotionSigma | None = None
     """Standard deviations of the velocities from the poses or the twist, which are part of the interval of the pose.
     Without them, the velocities are assumed to be exact."""
@@ -170,7 +170,7 @@ class Motion(StrictModel):
         if len(found) != 1:
             raise mismatch(" and ".join(found) or "none", f"one of {', '.join(ways)}")
         if self.sigma is not None and self.speed_m_s is not None:
-            raise mismatch("sigma beside speed_m_s", "poses or a twist, whose errors it tells")
+            raise mismatch("sigma beside speed_m_s", "poses or a twist, whose errors it states")
         return self
 
 
@@ -182,7 +182,7 @@ class Drive(StrictModel):
     camera: Camera
     """Camera of the drive. Its intrinsics are assumed to be right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
-    """Scan pattern of the LiDAR. Without it, the pattern is estimated from the points."""
+    """Scan pattern of the LiDAR. If absent, it is estimated from the points."""
     frames: Annotated[tuple[Frame, ...], length(1)]
     """Frames of one rig."""
     ignore: Ignore = Ignore()
@@ -202,7 +202,7 @@ class Drive(StrictModel):
     networks: LabelNetworks | None = None
     """Networks that made the labels, as written by `semcal label`; a result repeats them."""
     T_camera_lidar: Transform | None = None
-    """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
+    """Reference transform, p_camera = T_camera_lidar * p_lidar. Used only for comparisons."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
     _max_points: int = PrivateAttr(default=MAX_POINTS)
@@ -210,9 +210,9 @@ class Drive(StrictModel):
 
     @classmethod
     def from_arrays(cls, **arrays: Unpack[ArrayInput]) -> Drive:
-        """Make a drive of arrays in place of files. Nothing is copied here, and nothing is written.
+        """Make a drive from arrays instead of files. Nothing is copied, and nothing is written.
 
-        The names of the arrays, such as `points[3]`, stand where a drive names files: in messages and in results.
+        Messages and results name the arrays, such as `points[3]`, in place of files.
 
         Args:
             arrays: The arrays and the keys of a drive.yaml: see `ArrayInput`.
@@ -250,12 +250,12 @@ class Drive(StrictModel):
 
     @property
     def max_points(self) -> int:
-        """Points of the largest sweep that is read."""
+        """Size of the largest sweep that is read, in points."""
         return self._max_points
 
     @property
     def arrays(self) -> HeldArrays | None:
-        """The arrays that stand in place of files; None of a drive that was read from files."""
+        """The arrays in place of files; None for a drive from files."""
         return self._arrays
 
     def files(self) -> Iterator[str]:
@@ -270,7 +270,7 @@ class Drive(StrictModel):
         return self.root / relative
 
     def name_of(self, frame: Frame, key: str, needed: str) -> str:
-        """Give the name of a file, or of an array, that a frame needs to have.
+        """Give the name of a file, or of an array, that a frame must have.
 
         Raises:
             InputError: the frame has none; `needed` says what was needed.
@@ -281,7 +281,7 @@ class Drive(StrictModel):
         return name
 
     def file_of(self, frame: Frame, key: str, needed: str) -> Path:
-        """Locate a file that a frame needs to have; without one an `InputError` is raised as by `name_of`."""
+        """Locate a file that a frame must have; raises `InputError` as `name_of` does."""
         return self.resolve(self.name_of(frame, key, needed))
 
 
@@ -292,7 +292,7 @@ def first_stamp(drive: Drive) -> float | None:
 
 
 def drive_file(path: Path) -> Path:
-    """Locate the drive.yaml of a drive that is given by its folder or by the file."""
+    """Locate the drive.yaml of a drive, given by its folder or by the file."""
     return path / DRIVE_FILE if is_folder(path) else path
 
 
@@ -301,7 +301,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
 
     Args:
         path: The folder or the file.
-        max_points: Points of the largest sweep that is read from its files, wherever that happens.
+        max_points: Size of the largest sweep that may be read from its files, now or later.
 
     Raises:
         InputError: the drive is wrong; the message names the file, the key, what was found and what was needed.
@@ -322,5 +322,5 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
 
 
 def output_drive_file(output: Path) -> Path:
-    """Locate the file of a drive that is to be written, given by its folder or by the file; neither need exist."""
+    """Locate the drive.yaml of a drive to write, given by its folder or by the file; neither has to exist."""
     return output if output.suffix in SUFFIXES else output / DRIVE_FILE

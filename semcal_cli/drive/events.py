@@ -1,4 +1,4 @@
-"""Events of a running calibration: its current work, and the result of each stage."""
+"""Events of a running calibration: its current work and its finished stages."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """The current work, as a few words."""
+    """The current work."""
 
     doing: str
-    """A verb and what it is about, as `reading frames`."""
+    """A verb and its object, such as `reading frames`."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,13 @@ class StageDone:
     seconds: float
     """Time that the stage took."""
     note: str
-    """What the stage did, in words for anybody; empty if its movement says it all."""
+    """What the stage did, in plain words; empty if its movement says it all."""
     agreement: _core.Agreement | None = None
     """Agreement of the labels at the stage's pose; None for a stage without labels."""
     moved: PoseError | None = None
-    """Difference of the stage's pose from its start."""
+    """How far the stage moved the pose from its start."""
     details: str = ""
-    """What else an expert wants to know of it."""
+    """Further details for experts."""
 
 
 Event: TypeAlias = Progress | StageDone

@@ -35,7 +35,7 @@ def few_frames(observations: Observations, count: int) -> Observations:
 def select_frames(drive: Drive, max_frames: int) -> Drive:
     """Keep at most `max_frames` frames of a drive, those whose label images differ most, in their order.
 
-    Label images are read one after the other and compared as thumbnails, by the share of pixels that differ. The first
+    Label images are read one by one and compared as thumbnails, by the share of pixels that differ. The first
     frame is chosen, then repeatedly the frame that is farthest from all chosen ones (Gonzalez, *Clustering to minimize
     the maximum intercluster distance*, 1985).
 
@@ -59,7 +59,7 @@ def farthest_points(
     Args:
         rows: The rows, at least `count`.
         count: How many to choose.
-        distances: Function of all rows and one of them that gives the distances (N,) between them.
+        distances: Function of all rows and one of them that returns the distances (N,) between them.
 
     Returns:
         Indices of the rows, in ascending order.

@@ -1,4 +1,4 @@
-"""The first stage: reading a drive, or the frames of it that are used."""
+"""The first stage: reading the frames of a drive that are used."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from semcal_cli.geometry.poses import Pose
 
 @dataclass(frozen=True)
 class LoadedDrive:
-    """A drive, or the used frames of it, with the observations read from its files."""
+    """The used frames of a drive, with the observations read from its files."""
 
     drive: Drive
     """Document of the drive, with the used frames."""
     observations: Observations
-    """Points and pixels of these frames, by each cue by which a pose is refined."""
+    """Points and pixels of these frames, for each cue by which a pose is refined."""
     cues: tuple[CueName, ...] = LABELS
     guide: Observations | None = None
-    """Points and pixels by segments that only bring a pose near, where edges make it exact; None without them."""
+    """Points and pixels by segments, which bring a pose near where edges then make it exact; otherwise None."""
     max_frames: int = MAX_FRAMES
-    """Largest number of frames that were asked for."""
+    """Requested maximum number of frames."""
     num_copies: int = 0
-    """Number of frames that were left out because they are copies of others."""
+    """Number of frames that were left out as copies of others."""
     recorded: Drive | None = None
-    """Document of the drive with all frames, by which motion is seen between those that are used; None if not known."""
+    """Document of the drive with all frames, which show the motion between the used ones; None if not known."""
 
     def of_frames(self, indices: Sequence[int]) -> LoadedDrive:
-        """Take some of the frames, of both the document and the observations."""
+        """Keep some of the frames, in both the document and the observations."""
         frames = tuple(self.drive.frames[index] for index in indices)
         drive = self.drive.model_copy(update={"frames": frames})
         observations = self.observations.of_frames(indices)
@@ -52,20 +52,20 @@ class LoadedDrive:
         )
 
     def with_camera(self, camera: Camera) -> LoadedDrive:
-        """Take another camera, of the same lens and image."""
+        """Use another camera, with the same lens model and image size."""
         if camera == self.drive.camera:
             return self
         drive = self.drive.model_copy(update={"camera": camera})
         return replace(self, drive=drive, observations=replace(self.observations, camera=camera))
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
-        """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.motion`."""
+        """Move the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.motion`."""
         observations = unrolled(self.observations, T_camera_lidar)
         return self if observations is self.observations else replace(self, observations=observations)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about the frames that a person should know."""
+        """Notes about the frames for the user."""
         notes = []
         if self.num_copies:
             count = len(self.drive.frames) + self.num_copies
@@ -73,7 +73,7 @@ class LoadedDrive:
         frames = self.first_cue.frame_observations
         if num_rigid := sum(observed.is_rigid for observed in frames):
             notes.append(
-                f"{num_rigid} of {len(frames)} sweeps have no times of points, and are taken to be compensated to "
+                f"{num_rigid} of {len(frames)} sweeps have no point times, and are assumed to be deskewed to "
                 "points_stamp"
             )
         return tuple(notes)
@@ -93,27 +93,27 @@ class LoadedDrive:
 
     @property
     def for_checks(self) -> Observations:
-        """Observations by which a pose is checked: of one cue, since pixels of one tell nothing of points of another.
+        """Observations by which a pose is checked: by one cue, since pixels of one say nothing about points of another.
 
-        Labels tell most, then edges. Segments bring a pose near, and beside them intensity tells small offsets.
+        Labels show most, then edges. Segments bring a pose near; next to them, intensity shows small offsets.
         """
         return self.of_cue(self.cues[-1]) if self.cues == ("segments", "intensity") else self.first_cue
 
     @property
     def is_refined_by_edges(self) -> bool:
-        """Whether edges, and no labels, refine a pose, from several starts around it."""
+        """Whether edges and no labels refine a pose, from several starts around it."""
         return "edges" in self.cues and "labels" not in self.cues
 
     @property
     def tells_mountings(self) -> bool:
-        """Whether mounting directions can be told apart: edges tell what is near a pose alone."""
+        """Whether mounting directions can be told apart; edges alone only work near the right pose."""
         return not self.is_refined_by_edges or "segments" in self.cues
 
     @property
     def for_search(self) -> Observations:
-        """Observations by which mounting directions are told apart: by classes that all frames share.
+        """Observations by which mounting directions are told apart, in classes that all frames share.
 
-        What edges and intensity tell is local, and beside segments they would weigh as much.
+        Edges and intensity only show small offsets, but would weigh as much as segments.
         """
         if "labels" in self.cues and {"segments", "edges"} & {*self.cues}:
             return self.of_cue("labels")
@@ -132,10 +132,10 @@ def load(
     on_event: Listener = ignore,
     sweeps: Sweeps | None = None,
 ) -> LoadedDrive:
-    """Read a drive, or the frames of it that are used; a drive that is loaded already stays as it is.
+    """Read the frames of a drive that are used; a loaded drive stays as it is.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says, a setting is out of its range, or the
+        InputError: a file is missing or is not what its name or the drive says, a setting is out of range, or the
             drive was loaded by other cues.
         CalibrationError: one side's labels carry no information.
     """
@@ -150,7 +150,7 @@ def load(
         return drive.with_camera(stating(drive.drive.camera, config.refinement.jointly))
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
     whole = whole.model_copy(update={"camera": stating(whole.camera, config.refinement.jointly)})
-    on_event(Progress(f"looking through {len(whole.frames)} frames"))
+    on_event(Progress(f"choosing from {len(whole.frames)} frames"))
     sweeps = sweeps or Sweeps()
     cues = chosen(config.cues, whole, sweeps)
     used = choose_frames(whole, cues, config.max_frames)
@@ -159,7 +159,7 @@ def load(
     observations = load_cues(used, refined_by, sweeps, is_raw=config.is_raw).with_scenes
     guide = None if refined_by == cues else load_cues(used, ("segments",), sweeps)
     data = LoadedDrive(used, observations, cues, guide, config.max_frames, recorded=whole)
-    # Copies of frames are no new evidence.
+    # Copies of frames add no evidence.
     seen = data.first_cue
     if copies := set(copied_frames(seen.scenes, [image.classes for image in seen.images])):
         kept = [index for index in range(seen.num_frames) if index not in copies]
@@ -174,7 +174,7 @@ def load(
 
 
 def _describe(data: LoadedDrive, num_frames: int) -> str:
-    """Describe the loaded drive, of `num_frames` frames, in a line for the terminal."""
+    """Describe the loaded drive, of `num_frames` frames, in one line for the terminal."""
     observations, num_used, motion = data.observations, len(data.drive.frames), data.drive.motion
     num_points = sum(cloud.num_points for cloud in data.first_cue.clouds)
     chosen = f" of {num_frames:,}" if num_used < num_frames else ""
@@ -195,6 +195,6 @@ def _describe(data: LoadedDrive, num_frames: int) -> str:
     off = (
         "clouds have no times"
         if error_px is None
-        else f"half of the points are {error_px:.1f} pixels off or more"
+        else f"half of the points are off by {error_px:.1f} pixels or more"
     )
     return f"{note}, motion not compensated: {off}"

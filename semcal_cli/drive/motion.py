@@ -1,6 +1,6 @@
 """Motion compensation: sweeps as the LiDAR would have seen them at the time of their image.
 
-The time is that of the middle line; a rolling shutter (`unrolled`) and a late clock (`delayed`) move points on from it.
+That is the time of the middle line, from which a rolling shutter (`unrolled`) and a late clock (`delayed`) move points.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.poses import Pose, orthonormal, pose_from_quaternion
 
 MAX_SWEEP_S = 1.0
-"""Largest time between a point and its sweep's stamp; farther apart, they have different clocks or units."""
+"""Largest time between a point and its sweep's stamp; larger ones mean different clocks or units."""
 MIN_SWEEP_S = 0.005
-"""Shortest time of a sweep; times that span less have another unit, for no LiDAR turns that fast."""
+"""Shortest duration of a sweep; times that span less have another unit, because no LiDAR turns that fast."""
 MAX_POSES = 1_000_000
-"""Most poses of a file. Their reading takes some ten seconds."""
+"""Largest number of poses in a file. Reading them takes about ten seconds."""
 A_POSE = "needed seconds x y z qx qy qz qw"
 LEAST_DIFFERENCE = 1e-3
-"""Difference of two velocities that counts, m/s or rad/s: 50 ms of it are a twentieth of a millimetre."""
+"""Smallest difference of two velocities that counts, m/s or rad/s: in 50 ms it amounts to 0.05 mm."""
 MEAN_SHARE = 0.25
 """Mean time between a line and the middle one, as a share of the readout."""
 MIN_RANGE_M = 0.1
@@ -45,18 +45,18 @@ class Compensated(NamedTuple):
     points: npt.NDArray[np.float32]
     """(N, 3) metres, in the LiDAR frame at `image_stamp`."""
     twist_per_s: list[float] | None
-    """(6,) twist of the LiDAR at that moment, metres and radians a second in its own frame; None if it is unknown."""
+    """(6,) twist of the LiDAR at that moment, metres and radians per second in its own frame; None if unknown."""
     lag_s: float = 0.0
-    """Time from the points to that moment, root mean square over them and over the lines of the image."""
+    """Time from the points to that moment, root mean square over the points and the lines of the image."""
     is_rigid: bool = False
-    """Whether the points have no times, so that the sweep was moved as a whole from `points_stamp` to the moment."""
+    """Whether the points have no times, so that the sweep was moved as a whole from `points_stamp` to that moment."""
 
 
 def compensated(drive: Drive, clouds: Sequence[Cloud]) -> list[Compensated]:
     """Compensate the motion of the LiDAR in the sweep of each frame (see `rust/motion.rs`).
 
-    Points stay where they are if the drive gives no motion with a direction. A cloud without times was compensated
-    already: all its points are where the LiDAR would have seen them at `points_stamp`.
+    Points stay where they are if the drive has no motion with a direction. A cloud without times is taken as
+    compensated: all its points are where the LiDAR would have seen them at `points_stamp`.
 
     Raises:
         InputError: a frame has no stamps, times do not match the stamps, or the poses are invalid or do not cover the
@@ -79,23 +79,23 @@ def compensated(drive: Drive, clouds: Sequence[Cloud]) -> list[Compensated]:
             raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
         if not np.isfinite(points).all():
             raise InputError(
-                f"{drive.path}: motion: found one that moves points of {frame.points} beyond all bounds"
+                f"{drive.path}: motion: found a motion that moves points of {frame.points} to infinity"
             )
-        # The camera may look along any direction, so that all points count.
+        # The camera may look in any direction, so all points count.
         lag_s = math.sqrt(np.mean((times - moment) ** 2) + drive.camera.readout_s**2 / 12.0)
         moved.append(Compensated(points, twist_per_s, lag_s, is_rigid=cloud.time is None))
     return moved
 
 
 def displacements(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[Pose | None]:
-    """Tell how the LiDAR moves from the moment of one frame's image to that of another's.
+    """Compute how the LiDAR moves from the time of one frame's image to that of another's.
 
     Args:
         drive: A drive with poses or a twist.
-        pairs: Frames of it.
+        pairs: Pairs of its frames.
 
     Returns:
-        T_first_second (4, 4), metres, of each pair; None where the poses do not reach.
+        T_first_second (4, 4), metres, of each pair; None where the poses do not cover it.
 
     Raises:
         InputError: a frame has no stamps, or the file of the poses is missing or wrong.
@@ -114,10 +114,10 @@ def displacements(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[Po
 
 
 def displacement(trajectory: _core.Trajectory, start_s: float, end_s: float) -> Pose:
-    """Pose (4, 4) of the LiDAR at one time in its frame at another: where the motion takes the origin and the axes.
+    """Compute the pose (4, 4) of the LiDAR at one time in its frame at another.
 
     Raises:
-        ValueError: the trajectory does not reach.
+        ValueError: the trajectory does not cover both times.
     """
     corners = np.eye(4, 3, -1, np.float32)
     moved = trajectory.compensate(corners, np.full(4, end_s), start_s).astype(np.float64)
@@ -135,11 +135,11 @@ def _steady(motion: Motion, moment_s: float) -> _core.Trajectory:
 def motion_error_px(drive: Drive, clouds: Sequence[Cloud]) -> float | None:
     """Estimate the median displacement of the points, in pixels, by a motion that is not compensated.
 
-    Without stamps that match the times of the points, the image is taken at the middle of the sweep. The rotation of
-    the LiDAR is unknown and not included.
+    Without stamps that match the point times, the image is assumed to be taken in the middle of the sweep. The rotation
+    of the LiDAR is unknown and not included.
 
     Returns:
-        Pixels; None unless the drive gives a speed without a direction and clouds have times.
+        Pixels; None unless the drive has a speed without a direction and clouds have times.
     """
     motion = drive.motion
     if motion is None or motion.speed_m_s is None:
@@ -171,19 +171,19 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: Cloud) -> npt.NDAr
     times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
     first, last = cloud.time.min(), cloud.time.max()
     if last - first < MIN_SWEEP_S:
-        found = f"found times of points that span {last - first:g} s"
-        needed = f"needed {MIN_SWEEP_S:g} s or more; whole numbers are taken for nanoseconds"
+        found = f"found point times that span {last - first:g} s"
+        needed = f"needed at least {MIN_SWEEP_S:g} s; whole numbers are read as nanoseconds"
         raise InputError(f"{path}: {found}, {needed}")
     first, last = times.min() - frame.points_stamp, times.max() - frame.points_stamp
     if not (first >= -MAX_SWEEP_S and last <= MAX_SWEEP_S):
-        found = f"found times of points from {first:g} to {last:g} s after points_stamp"
-        needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times says {motion.point_times}"
+        found = f"found point times from {first:g} to {last:g} s after points_stamp"
+        needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times is {motion.point_times}"
         raise InputError(f"{path}: {found}, {needed}")
     return times
 
 
 def _moment(drive: Drive, frame: Frame) -> float:
-    """Give the time of the middle line of the image, in seconds; its stamp lies within `MAX_SWEEP_S` of the sweep."""
+    """Give the time of the image's middle line, in seconds; its stamp must be within `MAX_SWEEP_S` of the sweep's."""
     if frame.image_stamp is None:
         raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
     if frame.points_stamp is not None and abs(frame.image_stamp - frame.points_stamp) > MAX_SWEEP_S:
@@ -195,10 +195,10 @@ def _moment(drive: Drive, frame: Frame) -> float:
 
 
 def read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
-    """Read the LiDAR's poses from a file in the TUM format, or from the array of that name.
+    """Read the LiDAR's poses from a file in the TUM format, or from the array with that name.
 
     Raises:
-        InputError: it cannot be read, or is not what it should be.
+        InputError: it cannot be read or is invalid.
     """
     path = drive.resolve(name)
     rows = None if drive.arrays is None else _rows_of_array(name, drive.arrays.by_name[name])
@@ -216,10 +216,10 @@ def read_poses(
 
     Args:
         path: The file.
-        rows: Numbers of each pose, with what messages call it; None reads them from the file.
+        rows: Numbers of each pose, after its name in messages; None reads them from the file.
 
     Raises:
-        InputError: it cannot be read, or is not what it should be.
+        InputError: the file cannot be read or is invalid.
     """
     stamps, poses = list[float](), list[Pose]()
     for where, values in _rows_of_text(path) if rows is None else rows:
@@ -237,12 +237,12 @@ def read_poses(
 
 
 def _rows_of_array(name: str, poses: Array) -> Iterator[tuple[str, list[float]]]:
-    """Give the numbers of each pose of an array (M, 8), with what messages call it."""
+    """Yield the numbers of each pose in an array (M, 8), after its name in messages."""
     return ((f"{name}[{index}]", row) for index, row in enumerate(poses.astype(np.float64).tolist()))
 
 
 def _rows_of_text(path: Path) -> Iterator[tuple[str, list[float]]]:
-    """Give the numbers of each line of a file, with what messages call it."""
+    """Yield the numbers in each line of a file, after its name in messages."""
     numbered = enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1)
     lines = [(number, line) for number, line in numbered if line.strip() and line.lstrip()[0] != "#"]
     if len(lines) > MAX_POSES:
@@ -252,7 +252,7 @@ def _rows_of_text(path: Path) -> Iterator[tuple[str, list[float]]]:
         try:
             values = [float(word) for word in words]
         except ValueError:
-            raise InputError(f"{where}: found something that is no number, {A_POSE}") from None
+            raise InputError(f"{where}: found something other than numbers, {A_POSE}") from None
         yield where, values
 
 
@@ -262,10 +262,11 @@ def can_be_unrolled(observations: Observations) -> bool:
 
 
 def unrolled(observations: Observations, T_camera_lidar: Pose) -> Observations:
-    """Move each point to where the LiDAR would have seen it when the line was exposed on which it lies at a pose.
+    """Move each point to where the LiDAR would have seen it when its image line was exposed.
 
-    A pose that is a few pixels off tells the time of a line to some microseconds, so points need not be moved again
-    while a pose is optimised. Points that were moved before go on from there, see `LabelledCloud.exposed_s`.
+    The line is that of the point at a pose. A pose that is a few pixels off gives its time to some microseconds, so
+    points need not be moved again while a pose is optimised. Moved points can be moved again, see
+    `LabelledCloud.exposed_s`.
 
     Args:
         observations: Points and images; they stay as they are with a global shutter, or without a motion.
@@ -293,7 +294,7 @@ def exposed_as(observations: Observations, others: Observations) -> Observations
 
     Args:
         observations: Points and images, with a twist in each frame.
-        others: The same ones with times of lines, as another camera or another offset of the clock tells them.
+        others: The same ones with the line times of another camera or another time offset.
     """
     clouds = []
     for cloud, other, along in zip(observations.clouds, others.clouds, _at_twists(observations), strict=True):
@@ -304,14 +305,14 @@ def exposed_as(observations: Observations, others: Observations) -> Observations
 
 
 def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) -> float | None:
-    """Estimate the median displacement of the points, in pixels, by a shutter that is not compensated.
+    """Estimate the median displacement of the points, in pixels, by a rolling shutter that is not compensated.
 
     Args:
         drive: The drive.
-        sweeps: Points (N, 3) of each of some frames, metres, LiDAR frame.
+        sweeps: Points (N, 3) of some frames, metres, LiDAR frame.
 
     Returns:
-        Pixels; None unless the shutter rolls and the drive gives a speed without a direction.
+        Pixels; None unless the shutter rolls and the drive has a speed without a direction.
     """
     motion, readout_s = drive.motion, drive.camera.readout_s
     if readout_s == 0.0 or motion is None or motion.speed_m_s is None:
@@ -323,13 +324,13 @@ def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) ->
 
 
 def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
-    """List the twist of the LiDAR in each of `frame_observations`, (6,); None if a frame has none."""
+    """List the twist (6,) of the LiDAR in each of `frame_observations`; None if a frame has none."""
     twists = [observed.twist_per_s for observed in observations.frame_observations]
     return [twist for twist in twists if twist is not None] if None not in twists else None
 
 
 def differs(twists_per_s: Sequence[Sequence[float]]) -> bool:
-    """Whether frames move differently: at one constant motion, a delay looks like another camera position."""
+    """Whether frames move differently: if all move alike, a delay looks like another camera position."""
     return bool(np.ptp(twists_per_s, axis=0).max() > LEAST_DIFFERENCE)
 
 

@@ -1,7 +1,7 @@
 """The labelled points and label images of all frames, with dense classes.
 
 A frame is a sweep and the image taken with it. Each cue observes it in its own classes, in a `FrameObservation`. The
-Rust core knows these alone, and calls each of them a frame.
+Rust core knows only these, and calls each of them a frame.
 
 The arrays of a frame are copied to the Rust core once, at their first use. Observations of some of the frames, or with
 other cameras or labels, share the unchanged arrays, here and in the core. No code may write to an array.
@@ -31,19 +31,18 @@ class LabelledCloud:
     """The points of one frame, with their classes by one cue."""
 
     points: npt.NDArray[np.float32]
-    """(N, 3) metres, LiDAR frame, at the moment of the image if the motion is known: of its middle line, or see
-    `exposed_s`."""
+    """(N, 3) metres, LiDAR frame; if the motion is known, at the time of the image's middle line, or of `exposed_s`."""
     classes: npt.NDArray[np.uint8]
     """(N,) an index into `Observations.point_class_names`, or `NO_CLASS`."""
     shares: _core.ClassShares | None = None
-    """Class probabilities of each point, if there are any; `classes` are then the likeliest."""
+    """Class probabilities of each point, if there are any; `classes` are then the most likely ones."""
     partitions: _core.Partitions | None = None
-    """Segments of the points, by which poses are refined instead of by the classes; those are then coarser."""
+    """Segments of the points, which replace the (then coarser) classes when poses are refined."""
     vectors: npt.NDArray[np.float16] | None = None
     """(N, C) features, whose codes are the classes; None without features."""
     exposed_s: npt.NDArray[np.float64] | None = None
-    """(N,) moment at which each point is seen, in seconds after the exposure of the image's middle line; None if all
-    are seen at that moment. See `semcal_cli.drive.motion`."""
+    """(N,) time at which each point is seen, in seconds after the exposure of the image's middle line; None if all are
+    seen at that time. See `semcal_cli.drive.motion`."""
 
     @property
     def num_points(self) -> int:
@@ -51,7 +50,7 @@ class LabelledCloud:
         return len(self.points)
 
     def with_points(self, points: npt.NDArray[np.float32]) -> LabelledCloud:
-        """Copy with other points (N, 3), and the same labels and moments."""
+        """Copy with other points (N, 3), and the same labels and times."""
         return replace(self, points=points)
 
     def with_classes(self, classes: npt.NDArray[np.uint8]) -> LabelledCloud:
@@ -60,7 +59,7 @@ class LabelledCloud:
 
     @cached_property
     def core(self) -> _core.LabelledCloud:
-        """Cloud of the Rust core, copied at the first use."""
+        """Cloud of the Rust core, copied on first use."""
         return _core.LabelledCloud(self.points, self.classes, self.shares, self.partitions)
 
 
@@ -71,7 +70,7 @@ class LabelledImage:
     classes: npt.NDArray[np.uint8]
     """(H, W) an index into `Observations.image_class_names`, or `NO_CLASS`."""
     shares: _core.ClassShares | None = None
-    """Class probabilities of each pixel, row by row, if there are any; `classes` are then the likeliest."""
+    """Class probabilities of each pixel, row by row, if there are any; `classes` are then the most likely ones."""
     vectors: npt.NDArray[np.float16] | None = None
     """(H / s, W / s, C) features of blocks of s x s pixels, whose codes are the classes; None without features."""
 
@@ -85,7 +84,7 @@ class LabelledImage:
 
     @cached_property
     def core(self) -> _core.LabelledImage:
-        """Label image of the Rust core, copied at the first use."""
+        """Label image of the Rust core, copied on first use."""
         return _core.LabelledImage(self.classes, self.shares)
 
 
@@ -97,13 +96,13 @@ class FrameObservation:
     image: LabelledImage
     """Label image; no pixel has a class if the drive has no label image."""
     weight: float = 1.0
-    """Weight of each point when a pose is refined; one cue of several may weigh less."""
+    """Weight of each point when a pose is refined; one of several cues may weigh less."""
     twist_per_s: Sequence[float] | None = None
     """(6,) twist of the LiDAR in its own frame, metres and radians per second; None if it is not known."""
     lag_s: float = 0.0
-    """Time across which the sweep was moved to the moment of the image: see `motion.Compensated`."""
+    """Time by which the sweep was moved to that of the image: see `motion.Compensated`."""
     is_rigid: bool = False
-    """Whether the sweep has no times of points, and moved as a whole: see `motion.Compensated`."""
+    """Whether the sweep has no point times and was moved as a whole: see `motion.Compensated`."""
 
 
 @dataclass(frozen=True)
@@ -113,23 +112,22 @@ class Observations:
     camera: Camera
     lidar: Lidar | None
     frame_observations: tuple[FrameObservation, ...]
-    """Every frame by the first cue, then every frame by the next one: the order of `clouds` and `images`, and of all
-    that the core says of frames."""
+    """All frames by the first cue, then all frames by the next one. `clouds`, `images` and the core use this order."""
     point_class_names: Sequence[str]
     image_class_names: Sequence[str]
     motion_error_px: float | None = None
-    """Displacement of half of the points at most by the rig's motion in a sweep: see `motion.motion_error_px`."""
+    """Median displacement of the points by the rig's motion during a sweep: see `motion.motion_error_px`."""
     num_cues: int = 1
     """Number of cues, each of which observes every frame."""
     starts: StartsConfig | None = None
-    """How a pose is refined from several starts, if the information has many tops near the right one."""
+    """How a pose is refined from several starts, if the information has many maxima near the right one."""
     by_classes: bool = False
-    """Whether points count by their classes although they have segments."""
+    """Whether to use the classes of points that have segments."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among other classes, and got the class around them."""
     known_scenes: Sequence[int] | None = None
-    """Number of the scene that each frame shows, which stays where clouds are moved and frames are chosen; None if
-    frames were not compared yet."""
+    """Number of the scene that each frame shows, kept when clouds are moved or frames are chosen; None if frames have
+    not been compared yet."""
 
     @property
     def num_frames(self) -> int:
@@ -138,7 +136,7 @@ class Observations:
 
     @property
     def frame_indices(self) -> npt.NDArray[np.intp]:
-        """Index of the frame that each of `frame_observations` is of."""
+        """Index of the frame of each of `frame_observations`."""
         return np.tile(np.arange(self.num_frames), self.num_cues)
 
     @property
@@ -158,43 +156,43 @@ class Observations:
 
     @property
     def has_segments(self) -> bool:
-        """Whether poses are refined by segments of points instead of by their classes."""
+        """Whether poses are refined by segments of points instead of their classes."""
         return not self.by_classes and any(cloud.partitions is not None for cloud in self.clouds)
 
     @property
     def is_local(self) -> bool:
-        """Whether points tell only small offsets of the pose: by edges or intensity alone."""
+        """Whether points show only small offsets of the pose: edges or intensity alone."""
         return self.starts is not None and not self.has_segments
 
     @property
     def unit(self) -> str:
-        """Unit of what points tell of pixels: nats, or a share, the adjusted mutual information (AMI), of segments."""
+        """Unit of the information: nats, or for segments the adjusted mutual information (AMI), a share."""
         return "AMI" if self.has_segments else "nats"
 
     @cached_property
     def of_classes(self) -> Observations:
-        """The same without segments: points count by their classes, which all frames share."""
+        """The same without segments: with the classes of points, which all frames share."""
         return replace(self, by_classes=True) if self.has_segments else self
 
     def of_frames(self, indices: Iterable[int]) -> Observations:
-        """Observations of some of the frames only, by each cue."""
+        """Observations of some of the frames, by each cue."""
         kept = list(indices)
         of_cues = (self.frame_observations[self.span_of_cue(cue)] for cue in range(self.num_cues))
         known = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
         return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=known)
 
     def of_cue(self, cue: int) -> Observations:
-        """Observations of all frames by one cue, numbered from 0."""
+        """Observations of all frames by one cue, counted from 0."""
         if self.num_cues == 1:
             return self
         return replace(self._with(self.frame_observations[self.span_of_cue(cue)]), num_cues=1)
 
     def span_of_cue(self, cue: int) -> slice:
-        """Where the observations by a cue, numbered from 0, stand among `frame_observations`."""
+        """Slice of `frame_observations` with the observations by one cue, counted from 0."""
         return slice(cue * self.num_frames, (cue + 1) * self.num_frames)
 
     def with_clouds(self, clouds: Iterable[LabelledCloud]) -> Observations:
-        """Copy with another cloud of the same scene in each of `frame_observations`."""
+        """Copy with another cloud in each of `frame_observations`; scenes stay."""
         pairs = zip(self.frame_observations, clouds, strict=True)
         return self._with(replace(observed, cloud=cloud) for observed, cloud in pairs)
 
@@ -204,7 +202,7 @@ class Observations:
         return self._with(replace(observed, image=image) for observed, image in pairs)
 
     def weighed(self, weight: float) -> Observations:
-        """Copy whose points all have this weight when a pose is refined."""
+        """Copy in which all points have this weight when a pose is refined."""
         return self._with(replace(observed, weight=weight) for observed in self.frame_observations)
 
     def _with(self, frame_observations: Iterable[FrameObservation]) -> Observations:
@@ -212,22 +210,22 @@ class Observations:
 
     @cached_property
     def scenes(self) -> Sequence[int]:
-        """For each frame the index of the first one that shows the same scene."""
+        """For each frame, the index of the first frame that shows the same scene."""
         if self.known_scenes is not None:
             return [self.known_scenes.index(scene) for scene in self.known_scenes]
         return alike_frames(ranges_of([cloud.points for cloud in self.of_cue(0).clouds]))
 
     @property
     def with_scenes(self) -> Observations:
-        """The same with scenes that are known, so that no copy compares frames again."""
+        """The same with known scenes, so that no copy compares frames again."""
         return self if self.known_scenes is not None else replace(self, known_scenes=self.scenes)
 
     @cached_property
     def core(self) -> _core.Observations:
-        """Observations of the Rust core, which share the frames with other observations of them.
+        """Observations of the Rust core, which share frames with other observations of them.
 
         Raises:
-            InputError: counts, sizes or classes disagree.
+            InputError: counts, sizes or classes do not match.
         """
         return _core.Observations(
             core_camera(self.camera),

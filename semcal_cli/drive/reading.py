@@ -30,7 +30,7 @@ NUM_IDS = 65536
 MAX_CLASSES = NO_CLASS
 Side: TypeAlias = Literal["points", "image"]
 CLASS_IDS = "a file of class ids"
-"""What is missing where a frame has no label image."""
+"""What a frame without a label image lacks."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ClassTable:
     """(65536,) class of each raw id, or `NO_CLASS`."""
 
     def __call__(self, labels: Labels) -> tuple[npt.NDArray[np.uint8], _core.ClassShares | None]:
-        """Look up the classes of raw ids, or the likeliest ones with their probabilities."""
+        """Look up the classes of raw ids, or the most likely ones with their probabilities."""
         if isinstance(labels, _core.ClassShares):
             shares = labels.renamed(self.lookup[:256])
             return shares.classes, shares
@@ -57,7 +57,7 @@ def class_table(
 
     Args:
         raw: Labels of every frame.
-        named: Raw ids of each name; ids not listed carry no information. If empty, every id is a class of its own.
+        named: Raw ids of each name; ids not listed carry no information. If empty, every id is its own class.
         ignored: Raw ids that carry no information.
 
     Raises:
@@ -78,7 +78,7 @@ def class_table(
 
 
 def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
-    """Load all frames of a drive, in parallel, and mend isolated pixels; `sweeps` are not read twice.
+    """Load all frames of a drive, in parallel, and mend isolated pixels; `sweeps` are not read again.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
@@ -107,7 +107,7 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
 
 
 def check_labelled(drive: Drive, clouds: Sequence[Cloud]) -> None:
-    """Check that all frames have labels of pixels and of points.
+    """Check that all frames have image labels and point labels.
 
     Raises:
         InputError: a frame has none; the message names it.
@@ -125,15 +125,15 @@ def make_observations(
     images: Sequence[LabelledImage],
     names: tuple[Sequence[str], Sequence[str]],
 ) -> Observations:
-    """Put the sweeps and images of a drive together.
+    """Combine the sweeps and images of a drive.
 
     Args:
         drive: The drive.
-        clouds: The sweep of each frame as it was read.
-        moved: The sweep of each frame without the rig's motion.
+        clouds: The sweep of each frame as read.
+        moved: The sweep of each frame, compensated for the rig's motion.
         labelled: The points of each frame with their classes.
         images: The image of each frame with its classes.
-        names: Names of the classes of points, and of pixels.
+        names: Names of the point classes, and of the image classes.
     """
     frames = tuple(
         FrameObservation(
@@ -178,8 +178,8 @@ def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]
     """Read the label images of all frames, and the names of their classes.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says, or the images carry no class.
-        CalibrationError: they carry a single class.
+        InputError: a file is missing or is not what its name or the drive says, or the images have no class.
+        CalibrationError: they have a single class.
     """
     label_images = read_label_images(drive)
     table, shape = _class_table(drive, "image", label_images), (drive.camera.height, drive.camera.width)
@@ -209,14 +209,14 @@ def read_label_images(drive: Drive) -> list[Labels]:
 
 
 def _labels_of_array(drive: Drive, frame: Frame, place: Any = ...) -> Labels:
-    """Take the labels of a frame's pixels from an array, all or those at some place."""
+    """Take a frame's image labels from an array, all of them or those at some indices."""
     assert drive.arrays is not None
     name = drive.name_of(frame, "image_labels", CLASS_IDS)
     return labels_of(name, drive.arrays.by_name[name][place], num_sides=2)
 
 
 def read_thumbnails(drive: Drive, columns: int, rows: int) -> npt.NDArray[np.uint16]:
-    """Read ids (F, rows, columns) of evenly spread pixels of all label images; probabilities give the likeliest ids.
+    """Read ids (F, rows, columns) of evenly spaced pixels of all label images: the most likely ids of probabilities.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says.
@@ -248,7 +248,7 @@ def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None
 
 
 def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
-    """Read the image of a frame as `read_frame_image` does; a frame without one is an `InputError`, too."""
+    """Read the image of a frame as `read_frame_image` does; a frame without one raises `InputError`, too."""
     name = drive.name_of(frame, "image", "an image")
     if drive.arrays is not None:
         return image_of(drive.arrays.by_name[name])
@@ -302,7 +302,7 @@ def _point_labels(drive: Drive, clouds: Sequence[Cloud]) -> list[Labels]:
         frame = next(f for f, each in zip(drive.frames, labels, strict=True) if each is None)
         needed = "needed a file of class ids, or a field of the cloud named label, class or semantic"
         if not found:
-            needed += "; edges need none: leave out --cue, or take --cue edges"
+            needed += "; edges need none: leave out --cue, or use --cue edges"
         raise InputError(f"{drive.path}: {frame.key('point_labels')}: found nothing, {needed}")
     return found
 
@@ -317,7 +317,7 @@ def image_label_paths(drive: Drive) -> list[Path]:
 
 
 def count_labels(drive: Drive, side: Side, labels: Labels) -> tuple[dict[str, int], int]:
-    """Count labels by class name, and labels without information; probabilities count as their likeliest class."""
+    """Count labels by class name, and labels without information; probabilities count as their most likely class."""
     ignored = set(getattr(drive.ignore, side))
     if isinstance(labels, _core.ClassShares):
         counts = np.bincount(labels.classes)
@@ -344,7 +344,7 @@ def _named_ids(drive: Drive, side: Side) -> Mapping[str, Sequence[int]]:
 def _class_table(drive: Drive, side: Side, labels: Sequence[Labels]) -> ClassTable:
     has_ids = drive.ignore.image or (drive.classes and drive.classes.image)
     if side == "image" and drive.palette is not None and has_ids:
-        needed = "no ids beside it; colours that are not listed are ignored"
+        needed = "the palette alone; colours that it does not list are ignored"
         raise InputError(f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}")
     try:
         table = class_table(labels, _named_ids(drive, side), getattr(drive.ignore, side))

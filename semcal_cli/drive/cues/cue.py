@@ -14,17 +14,17 @@ from semcal_cli.files.point_clouds import Sweeps
 
 @dataclass(frozen=True, kw_only=True)
 class Cue:
-    """A way to give points and pixels classes whose mutual information tells the pose."""
+    """A way to give points and pixels classes whose mutual information depends on the pose."""
 
     observe: Callable[[Drive, Sweeps | None, bool], Observations]
-    """Loads every frame of a drive with the classes of the cue, or, if the last argument is true, with what it compares
-    as it is in the files. Raises InputError or CalibrationError."""
+    """Loads every frame of a drive with the classes of the cue, or, if the last argument is true, with its unprocessed
+    data. Raises InputError or CalibrationError."""
     files: tuple[str, ...]
-    """Keys of a frame's files that are read, beside its cloud and that cloud's labels."""
+    """Keys of a frame's files that are read, in addition to its cloud and that cloud's labels."""
     config: Any = None
-    """Settings of the cue, a dataclass that results record; None without any."""
+    """Settings of the cue, a dataclass that results record; None if there are none."""
     starts: StartsConfig | None = None
-    """From where a pose is refined, if the information has many tops; None if one start leads to the top."""
+    """Starts from which a pose is refined, if the information has many maxima; None if one start is enough."""
 
     @property
     def settings(self) -> dict[str, Any]:

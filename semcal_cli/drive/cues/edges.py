@@ -1,9 +1,9 @@
 """The edges cue: steps along the scans of sweeps against gradients of the images. No labels are needed.
 
-A LiDAR scans along its turn. Where the range steps, the nearer surface ends there, and the image changes from left to
-right; where the intensity steps, the material changes. Levinson and Thrun, *Automatic Online Calibration of Cameras and
-Lasers* (RSS 2013), multiply the two; here levels of steps and levels of gradients are classes, whose mutual information
-weighs them by what the data say. Edges between rings are left out: they are half a ring off, which is 0.2 degrees.
+A LiDAR scans as it turns. Where the range steps, the nearer surface ends, and the image changes from left to right;
+where the intensity steps, the material changes. Levinson and Thrun, *Automatic Online Calibration of Cameras and
+Lasers* (RSS 2013), multiply the two. Here, levels of steps and levels of gradients are classes, and mutual information
+weights them by the data. Edges between rings are left out: they are half a ring off, which is 0.2 degrees.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ Values = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 NO_EDGE = 0
-"""Class of a point beside which nothing changes."""
+"""Class of a point next to which nothing changes."""
 LEAST_GRADIENT = 2.0
-"""Gradient of grey values, per pixel, that adds to the surroundings': less is noise of the sensor."""
+"""Gradient of grey values, per pixel, that is added to that of the surroundings: less is sensor noise."""
 
 
 @dataclass(frozen=True)
@@ -45,22 +45,22 @@ class EdgesConfig:
     """How steps along the scans of sweeps, and gradients of images, become classes."""
 
     range_steps_m: tuple[float, ...] = (0.3, 1.0, 3.0)
-    """Least steps in range of the levels, metres."""
+    """Smallest step in range of each level, metres."""
     range_share: float = 0.01
-    """Share of a point's range that adds to them."""
+    """Share of a point's range that is added to these steps."""
     intensity_shares: tuple[float, ...] = (0.1, 0.05, 0.02)
-    """Shares of the points that have the largest steps in intensity, of the levels."""
+    """Share of the points, those with the largest steps in intensity, that reach each level."""
     same_surface_m: float = 0.3
     """Neighbours that differ by less than this in range lie on one surface, whose intensity may step."""
     plain_per_edge: float = 3.0
-    """Number of points without an edge that are compared for each one with an edge; more cost time and tell little."""
+    """Number of points without an edge for each point with one; more cost time and add little."""
     num_levels: int = 8
     """Number of equally frequent levels of the gradient of an image."""
     blur_rays: float = 0.5
     """Standard deviation of the blur of an image before and after its gradient is taken, in angles between
-    neighbouring rays: a step lies anywhere between two."""
+    neighbouring rays: a step lies anywhere between two rays."""
     least_blur_px: float = 0.7
-    """Smallest such deviation, pixels."""
+    """Smallest standard deviation of the blur, pixels."""
     surroundings_deg: float = 6.0
     """Standard deviation of the window over which the mean of the gradients is taken."""
 
@@ -71,9 +71,9 @@ EDGES = EdgesConfig()
 def observe_edges(
     drive: Drive, sweeps: Sweeps | None = None, is_raw: bool = False, config: EdgesConfig = EDGES
 ) -> Observations:
-    """Load every frame of a drive, with levels of steps and of gradients as classes; there are no raw ones.
+    """Load every frame of a drive, with levels of steps and of gradients as classes, whether raw or not.
 
-    Each frame needs an image. Intensities of points are used where all clouds have them.
+    Each frame needs an image. Intensities of points are used if all clouds have them.
 
     Raises:
         InputError: a file is missing or wrong, or a frame has no image.
@@ -88,7 +88,7 @@ def observe_edges(
         )
     if found.spacing == 0.0:
         raise CalibrationError(
-            f"{drive.path}: found no rays within 1.1 degrees of one another along the scans"
+            f"{drive.path}: found no rays within 1.1 degrees of each other along the scans"
         )
     seen = lens_mask(drive.camera)
     blur_px = max(
@@ -104,7 +104,7 @@ def observe_edges(
         images = list(pool.map(levels_of, drive.frames))
     if not any(len(np.unique(image[image != NO_CLASS])) > 1 for image in images):
         raise CalibrationError(
-            f"{drive.path}: image is nearly the same everywhere: it says nothing of the pose"
+            f"{drive.path}: image is nearly the same everywhere: it says nothing about the pose"
         )
     labelled = [
         LabelledCloud(sweep.points + to_step, classes)
@@ -120,18 +120,18 @@ class SweepEdges(NamedTuple):
     """The edges of the sweeps of a drive."""
 
     classes: list[Classes]
-    """Class of each point (N,) of each sweep; `NO_CLASS` where it is no return, or where too many have no edge."""
+    """Class of each point (N,) of each sweep; `NO_CLASS` without a return, and for surplus points without an edge."""
     to_steps_m: list[Values]
-    """(N, 3) from each point with an edge to where the step lies, half-way to its neighbour, metres; 0 for others."""
+    """(N, 3) vector from each point with an edge to the step, half-way to its neighbour, metres; 0 for others."""
     names: list[str]
-    """Names of the classes: no edge, levels of steps in intensity, and levels of steps in range, which come before
-    those in intensity where a point has both."""
+    """Names of the classes: no edge, levels of steps in intensity, and levels of steps in range. If a point has both
+    steps, that in range counts."""
     spacing: float
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
 
 
 def edges_of_sweeps(clouds: Sequence[Cloud], config: EdgesConfig = EDGES) -> SweepEdges:
-    """Find the edges of sweeps, as they were scanned."""
+    """Find the edges of sweeps, in the order of the scan."""
     given = [cloud.intensity for cloud in clouds]
     found = [np.nan_to_num(each.astype(np.float32)) for each in given if each is not None]
     has_intensity = len(found) == len(clouds)
@@ -169,7 +169,7 @@ def _classes(cloud: Cloud, steps: _core.Steps, limits: Sequence[float], config: 
         classes[steps.range_m > step_m + allowed] = len(limits) + level + 1
     num_plain = max(int(config.plain_per_edge * np.sum(classes != NO_EDGE)), 1)
     classes[np.isnan(steps.range_m)] = NO_CLASS
-    # Points beside which nothing changes differ little, and are many: some of them are enough.
+    # Points next to which nothing changes are many and much alike: some of them are enough.
     plain = np.flatnonzero(classes == NO_EDGE)
     is_dropped = np.random.default_rng(0).random(len(plain)) * len(plain) > num_plain
     classes[plain[is_dropped]] = NO_CLASS
@@ -179,11 +179,11 @@ def _classes(cloud: Cloud, steps: _core.Steps, limits: Sequence[float], config: 
 def _levels(
     camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
 ) -> Classes:
-    """Compute the level (H, W) of the gradient of grey values (H, W) from left to right, beside its surroundings."""
+    """Compute the level (H, W) of the left-to-right gradient of grey values (H, W), relative to its surroundings."""
     strength, is_inside = gradients(camera, grey, seen, blur_px, config)
     if not is_inside.any():
         raise CalibrationError(
-            "the lens reaches no pixel far enough from its border, needed gradients of images"
+            "found no pixel that is inside the lens and far enough from its border, needed image gradients"
         )
     limits = np.quantile(strength[is_inside], np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1])
     levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(grey.shape)
@@ -193,21 +193,21 @@ def _levels(
 def gradients(
     camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
 ) -> tuple[Values, Mask]:
-    """Compute the gradients of an image from left to right, over their mean in the surroundings.
+    """Compute the left-to-right gradients of an image, relative to their mean in the surroundings.
 
     Args:
-        camera: The camera, whose lens says how large an angle is in pixels.
+        camera: The camera, whose lens converts angles to pixels.
         grey: (H, W) grey values, 0 to 255.
         seen: (H, W) pixels that the lens reaches.
         blur_px: Standard deviation of the blur before and after the gradient is taken.
         config: Settings of the cue.
 
     Returns:
-        Strength of the gradient (H, W), and whether (H, W) all pixels that it comes from are reached.
+        Strength of the gradient (H, W), and whether (H, W) the lens reaches all pixels that it comes from.
     """
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
-    # The border of the image is no border of the lens.
+    # The border of the image is not a border of the lens.
     padded = np.pad(seen.astype(np.uint8), 1, mode="edge")
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
     strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside
@@ -227,6 +227,6 @@ STARTS = StartsConfig(
     num_rounds=1,
     coarse=ExactConfig(steps=40, batch_size=2048, max_points=60_000),
 )
-"""On blocks of 2.6 degrees, single ascents on three real drives came back from 2 degrees and 0.2 m in 75 to 97 % of 40
+"""On blocks of 2.6 degrees, single ascents on three real drives converged from 2 degrees and 0.2 m in 75 to 97 % of 40
 runs, and from 5 degrees and 0.3 m in 15 to 65 %; the one that ended highest was always right."""
 CUE = Cue(observe=observe_edges, files=("image",), config=EDGES, starts=STARTS)

@@ -1,8 +1,8 @@
-"""The features cue: feature vectors of points and of pixels, as networks compute them, instead of labels.
+"""The features cue: feature vectors of points and pixels, as computed by networks, instead of labels.
 
-The meaning of the vectors is not known, and the two sides need have nothing in common. Vectors have no histogram, so
+The meaning of the vectors is unknown, and the two sides need not have anything in common. Vectors have no histogram, so
 MINE bounds their mutual information (`semcal_cli.refinement.mine`). The initial calibration replaces each vector by the
-nearest of some centres (k-means) and uses the histogram of these codes.
+nearest of several centres (k-means) and uses the histogram of these codes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def observe_features(
 ) -> Observations:
     """Load every frame of a drive with its features, scaled to unit variance, and with their codes as classes.
 
-    Each frame needs features of points and of pixels; there are no raw ones.
+    Each frame needs features of points and of pixels. Raw ones are the same.
 
     Raises:
         InputError: a file is missing or wrong.
@@ -79,7 +79,7 @@ def observe_features(
 
 
 def _of_points(drive: Drive, frame: Frame, cloud: Cloud) -> Vectors:
-    """Read the features (N, C) of the returns of a cloud; the file has a row for every entry of the cloud."""
+    """Read the features (N, C) of a cloud's returns; the file has a row for every entry of the cloud."""
     path, vectors = _read(drive, frame, "point_features")
     count = len(cloud.is_return)
     if vectors.ndim != 2 or len(vectors) != count:
@@ -95,7 +95,7 @@ def _of_image(drive: Drive, frame: Frame) -> Vectors:
     height, width = drive.camera.height, drive.camera.width
     rows, columns = vectors.shape[:2] if vectors.ndim == 3 else (0, 0)
     if not rows or not columns or width % columns or height % rows or width // columns != height // rows:
-        needed = f"({height}, {width}, C), or both sides divided by a whole number"
+        needed = f"({height}, {width}, C), or both sides divided by the same whole number"
         raise InputError(f"{path}: found shape {vectors.shape}, needed {needed}")
     return vectors
 
@@ -127,7 +127,7 @@ def _coded(
         raise InputError(f"features of {side}: found values that are not finite, needed numbers")
     mean, spread = some.mean(axis=0), some.std(axis=0)
     if not (spread > 0.0).any():
-        raise CalibrationError(f"features of {side} are all the same: they say nothing of the pose")
+        raise CalibrationError(f"features of {side} are all the same: they say nothing about the pose")
     spread[spread == 0.0] = 1.0
     some = (some - mean) / spread
     with warnings.catch_warnings():

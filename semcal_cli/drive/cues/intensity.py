@@ -1,7 +1,7 @@
 """The intensity cue: the LiDAR's intensities against the grey values of the images.
 
 Source: Pandey, McBride, Savarese, Eustice, *Automatic extrinsic calibration of vision and lidar by maximizing mutual
-information* (Journal of Field Robotics, 2015). Each value is measured against its surroundings, a few degrees across.
+information* (Journal of Field Robotics, 2015). Each value is taken relative to its surroundings, a few degrees across.
 This removes the effects of range, incidence, light and exposure, which vary slowly, and keeps the edges of materials.
 The values are divided into equally frequent levels, which take the place of classes.
 """
@@ -32,13 +32,13 @@ from semcal_cli.threads import thread_pool
 Values = npt.NDArray[np.float64]
 
 CELL_DEG = 0.5
-"""Side of a cell of directions in which the surroundings of points are summed up."""
+"""Size of the cells of directions in which the surroundings of points are summed."""
 BLOCKS_A_SIGMA = 8.0
-"""Blocks per standard deviation of the blur with which the surroundings of pixels are summed up."""
+"""Blocks per standard deviation of the blur with which the surroundings of pixels are summed."""
 MASK_STEP = 4
 """Step, in pixels, at which the reach of the lens is tested."""
 LEAST_SPREAD = 0.02
-"""Smallest spread of surroundings, as a share of the spread of all values. Smaller spreads are noise."""
+"""Smallest spread of the surroundings, relative to the spread of all values. Smaller spreads are noise."""
 SAMPLES = 200_000
 """Number of values from which the limits of the levels are computed."""
 
@@ -47,8 +47,8 @@ SAMPLES = 200_000
 class IntensityConfig:
     """How intensities become levels.
 
-    With 16 levels and surroundings of 4 degrees, 10 of 10 refinements on two development drives of 20 pairs from 2
-    degrees and 0.2 m came back; with intensities as they are, 5 of 10.
+    With 16 levels and surroundings of 4 degrees, 10 of 10 refinements from 2 degrees and 0.2 m converged on two
+    development drives of 20 pairs; with raw intensities, 5 of 10.
     """
 
     num_levels: int = 16
@@ -65,8 +65,8 @@ def observe_intensity(
 ) -> Observations:
     """Load every frame of a drive, with levels of intensity as classes.
 
-    Each frame needs an image, and each cloud intensities. Raw intensities and grey values are taken as they are, and
-    not beside their surroundings; they are vectors of one number then, of unit variance over all frames on each side.
+    Each frame needs an image, and each cloud intensities. Raw intensities and grey values are not taken relative to
+    their surroundings; they become vectors of one number, with unit variance over all frames on each side.
 
     Raises:
         InputError: a file is missing or wrong, a frame has no image, or a cloud has no intensity.
@@ -88,7 +88,7 @@ def observe_intensity(
         of_pixels = list(pool.map(pixels_of, drive.frames))
         of_points = list(pool.map(points_of, drive.frames, clouds, [sweep.points for sweep in moved]))
     point_limits = _limits(drive, "intensity", np.concatenate(of_points), config)
-    # Each image has its own exposure, unless it is taken as it is; the sensor's intensity has one scale.
+    # Each image has its own exposure, unless it is raw; the sensor's intensity has a single scale.
     seen_pixels = [image[seen] for image in of_pixels]
     compared = [np.concatenate(seen_pixels)] * len(of_pixels) if is_raw else seen_pixels
     images = []
@@ -133,7 +133,7 @@ def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
 def _intensity(drive: Drive, frame: Frame, cloud: Cloud) -> Values:
     if cloud.intensity is None:
         raise InputError(
-            f"{drive.resolve(frame.points)}: found no intensity, needed that of each point for the cue"
+            f"{drive.resolve(frame.points)}: found no intensity, needed one for each point for this cue"
         )
     values = cloud.intensity.astype(np.float64)
     if not np.isfinite(values).all():
@@ -147,7 +147,7 @@ def grey_values(drive: Drive, frame: Frame) -> Values:
 
 
 def surroundings(camera: Camera, sigma_deg: float) -> Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]:
-    """Make the function that blurs an image (H, W) over so many degrees, as a standard deviation."""
+    """Make a function that blurs an image (H, W) with this standard deviation, degrees."""
     sigma_px = np.radians(sigma_deg) * core_camera(camera).pixels_per_radian
     # The surroundings vary slowly, so a small image is enough.
     factor = max(1.0, sigma_px / BLOCKS_A_SIGMA)
@@ -164,7 +164,7 @@ def surroundings(camera: Camera, sigma_deg: float) -> Callable[[npt.NDArray[Any]
 def _contrast_of_pixels(
     camera: Camera, grey: Values, seen: npt.NDArray[np.bool_], config: IntensityConfig
 ) -> Values:
-    """Compute the contrast of grey values (H, W) with their surroundings."""
+    """Compute the contrast of grey values (H, W) relative to their surroundings."""
     blur = surroundings(camera, config.surroundings_deg)
     weights = blur(seen).astype(np.float64)
     grey = np.where(seen, grey, 0.0)
@@ -173,7 +173,7 @@ def _contrast_of_pixels(
 
 
 def _contrast_of_points(points: npt.NDArray[np.float32], values: Values, config: IntensityConfig) -> Values:
-    """Compute the contrast of the intensities (N,) of points (N, 3) with those in nearby directions."""
+    """Compute the contrast of the intensities (N,) of points (N, 3) relative to those in nearby directions."""
     from scipy.ndimage import gaussian_filter
 
     x, y, z = points.astype(np.float64).T
@@ -194,7 +194,7 @@ def _contrast_of_points(points: npt.NDArray[np.float32], values: Values, config:
 
 
 def _contrast(values: Values, weights: Values, sums: Values, squares: Values, spread: float) -> Values:
-    """Compute the deviation from the mean of the surroundings, in their standard deviations."""
+    """Compute the deviation from the mean of the surroundings, in standard deviations of the surroundings."""
     weights = np.maximum(weights, np.finfo(np.float64).tiny)
     mean = sums / weights
     variance = np.maximum(squares / weights - mean**2, (LEAST_SPREAD * spread) ** 2)
@@ -207,7 +207,7 @@ def _limits(drive: Drive, side: str, values: Values, config: IntensityConfig) ->
     limits: list[float] = np.quantile(some, np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1]).tolist()
     if not limits[0] < limits[-1]:
         raise CalibrationError(
-            f"{drive.path}: {side} is nearly the same everywhere: it says nothing of the pose"
+            f"{drive.path}: {side} is nearly the same everywhere: it says nothing about the pose"
         )
     return limits
 

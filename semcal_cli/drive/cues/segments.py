@@ -1,9 +1,9 @@
-"""The segments cue: parts of sweeps, found by their geometry alone, against the image labels.
+"""The segments cue: parts of sweeps, found by geometry alone, against the image labels.
 
-Networks that label images travel well between cameras; those that label sweeps are trained for one LiDAR. Mutual
-information asks for no names: each cell of the ground and each object of each sweep is a class of its own. What it
-tells is counted above null partitions, see `rust/observation.rs`. The initial calibration needs classes that frames
-share, and takes the two kinds of segments: ground and objects.
+Networks that label images generalise well across cameras; those that label sweeps are trained for one LiDAR. Mutual
+information needs no names: each cell of the ground and each object of each sweep is a class of its own. The information
+is measured relative to null partitions, see `rust/observation.rs`. The initial calibration needs classes that frames
+share, and uses the two kinds of segments: ground and objects.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ class SegmentationConfig:
     """Settings of the segmentation of sweeps by geometry."""
 
     ground_tolerance_m: float = 0.2
-    """A point is ground if it lies no farther than this above or below the ground's surface."""
+    """A point is ground if it is within this distance above or below the ground's surface."""
     ground_cell_m: float = 3.0
-    """Longest extent of a segment of the ground."""
+    """Largest extent of a segment of the ground."""
     object_gap_m: float = 0.25
-    """Returns with less than this between them belong together, however near the sensor."""
+    """Returns closer together than this belong to one object, even right in front of the sensor."""
     object_gap_rays: float = 1.5
-    """Factor on the distance of neighbouring rays at a return's range, which adds to `object_gap_m`."""
+    """Factor on the distance between neighbouring rays at a return's range, which is added to `object_gap_m`."""
     object_cell_m: float = 3.0
-    """Longest extent of a segment of an object."""
+    """Largest extent of a segment of an object."""
     min_points: int = 20
-    """Least number of points of a segment of a dense sweep."""
+    """Smallest number of points in a segment of a dense sweep."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ class SegmentsConfig:
     """How the segments of sweeps are compared with the image labels."""
 
     num_turns: int = 4
-    """Null partitions: the segments as if the sweep had been turned by this many equal parts of what it covers."""
+    """Number of null partitions: the segments of the sweep turned by equal parts of the azimuths that it covers."""
     weight_by_intensity: float = 0.3
-    """Weight of each point beside intensity. Labels of neighbouring points depend on one another far more than
-    intensities do, which are measured against their surroundings: weighed alike, segments outvote them. On a real jam,
-    the median error from 2 degrees and 0.2 m is 1.0 degrees with weight 1, and 0.3 with 0.1 to 0.3."""
+    """Weight of each point when combined with intensity. Labels of neighbouring points depend on one another far more
+    than intensities, which are relative to their surroundings: with equal weights, segments outvote them. In a real
+    traffic jam, the median error from 2 degrees and 0.2 m is 1.0 degrees with weight 1, and 0.3 with 0.1 to 0.3."""
     segmentation: SegmentationConfig = field(default_factory=SegmentationConfig)
     """Settings of the segmentation."""
 
@@ -67,14 +67,14 @@ def observe_segments(
 ) -> Observations:
     """Load every frame of a drive, with segments of its sweep instead of point labels.
 
-    Each frame needs a label image, whose isolated pixels stay as they are in raw ones.
+    Each frame needs a label image; isolated pixels of raw label images are not mended.
 
     Returns:
         Observations whose points have the kind of their segment as class, and the segments as partitions.
 
     Raises:
         InputError: a file is missing or wrong.
-        CalibrationError: the images carry a single class, or the sweeps show no segments.
+        CalibrationError: the images have a single class, or the sweeps have no segments.
     """
     images, image_class_names = read_image_classes(drive)
     clouds = read_clouds(drive, sweeps)
@@ -86,7 +86,7 @@ def observe_segments(
     partitions = _core.turned_partitions(points, segmented, config.num_turns)
     labelled = []
     for each, sweep, partition in zip(points, segmented, partitions, strict=True):
-        # The last kind is that of points without a segment.
+        # The last kind is for points without a segment.
         kinds = np.append(sweep.kinds, NO_CLASS).astype(np.uint8)
         classes = kinds[np.minimum(sweep.ids, sweep.num_segments)]
         labelled.append(LabelledCloud(each, classes, partitions=partition))
@@ -96,7 +96,7 @@ def observe_segments(
 
 
 def kinds_of_segments(points: npt.NDArray[np.float32]) -> tuple[str, ...]:
-    """Name the kinds of segments that a sweep (N, 3) in metres shows."""
+    """Name the kinds of segments in a sweep (N, 3), metres."""
     (sweep,) = _core.segment_sweeps([points], SegmentsConfig().segmentation)
     return tuple(name for kind, name in KINDS.items() if kind in sweep.kinds)
 
@@ -110,7 +110,7 @@ STARTS = StartsConfig(
     farthest_deg=6.0,
     first_frames=6,
 )
-"""The initial calibration, by kinds of segments, ends up to 3 degrees off. Of ten runs on a real jam by segments and
-intensity, from 2 degrees and 0.2 m, 8 came back with six starts at first, and 6 with one. Intensity alone takes the
-same starts, with which it was not measured."""
+"""The initial calibration, by kinds of segments, ends up to 3 degrees off. Of ten runs in a real traffic jam by
+segments and intensity, from 2 degrees and 0.2 m, 8 converged with six first starts, and 6 with one. Intensity alone
+uses the same starts, but was not measured with them."""
 CUE = Cue(observe=observe_segments, files=("image_labels",), config=SEGMENTS, starts=STARTS)

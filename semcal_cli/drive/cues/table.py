@@ -1,4 +1,4 @@
-"""All cues, and which of them a drive is calibrated by."""
+"""All cues, and the choice of those by which a drive is calibrated."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ CUES: dict[CueName, Cue] = {
     "intensity": intensity.CUE,
     "features": features.CUE,
 }
-"""Every cue of semcal's, by its name; `auto` names those that `chosen` gives."""
+"""semcal's own cues, by name; `auto` stands for those that `chosen` returns."""
 
 
 def find_cue(name: CueName) -> Cue:
-    """Find a cue of semcal's or of a plugin's by its name.
+    """Find a cue of semcal or of a plugin by name.
 
     Raises:
         InputError: there is no such cue.
@@ -49,12 +49,12 @@ def find_cue(name: CueName) -> Cue:
 
 
 def maximised(cues: Sequence[CueName]) -> tuple[CueName, ...]:
-    """Name the cues by which a pose is refined: where edges make it exact, segments only bring it near."""
+    """Name the cues by which a pose is refined: together with edges, segments only bring it near."""
     return tuple(cue for cue in cues if cue != "segments" or "edges" not in cues)
 
 
 def recorded(settings: object) -> tuple[CueName, ...]:
-    """Name the cues that the settings of a calibration record under `cues`: labels, where they record none.
+    """Name the cues that the settings of a calibration record under `cues`: labels if there are none.
 
     Cues of plugins that are not installed here are left out.
     """
@@ -65,7 +65,7 @@ def recorded(settings: object) -> tuple[CueName, ...]:
 
 
 def allowed(cues: tuple[CueName, ...], drive: Drive) -> tuple[CueName, ...]:
-    """Keep the cues whose files a drive has; `auto` if there are none, and for labels, which it prefers anyway."""
+    """Keep the cues whose files a drive has; `auto` if none is left, and for labels, which `auto` prefers anyway."""
 
     def has_files(cue: CueName) -> bool:
         return all(any(getattr(frame, key) for frame in drive.frames) for key in find_cue(cue).files)
@@ -76,15 +76,15 @@ def allowed(cues: tuple[CueName, ...], drive: Drive) -> tuple[CueName, ...]:
 def chosen(cues: Sequence[CueName], drive: Drive, sweeps: Sweeps) -> tuple[CueName, ...]:
     """Replace `auto` by the best cues that the files of a drive allow.
 
-    Real drives end a tenth of a degree off by edges and a degree off by segments, which need no start, however. A drive
-    whose files allow none is left to labels, whose error says what is missing.
+    On real drives, the error is a tenth of a degree with edges, and a degree with segments, which need no start. If the
+    files allow neither, labels are chosen, whose error says what is missing.
 
     Raises:
         InputError: the first sweep is missing or wrong.
     """
     if tuple(cues) != AUTO:
         return tuple(cues)
-    # Where a frame lacks a file that others have, the cue is taken all the same: its error says which.
+    # If a frame lacks a file that others have, the cue is chosen nevertheless: its error names the file.
     has_image_labels = any(frame.image_labels is not None for frame in drive.frames)
     has_image = [frame.image is not None for frame in drive.frames]
     has_images = all(has_image) if has_image_labels else any(has_image)
@@ -112,7 +112,7 @@ def choose_frames(drive: Drive, cues: Sequence[CueName], max_frames: int) -> Dri
 
 
 def files_of(cues: Sequence[CueName]) -> list[str]:
-    """List the keys of a frame's files that are read for cues. Labels of points are read with their cloud."""
+    """List the keys of a frame's files that are read for cues. Point labels are read with their cloud."""
     return [
         *dict.fromkeys(["points", "point_labels", *(name for cue in cues for name in find_cue(cue).files)])
     ]
@@ -121,7 +121,7 @@ def files_of(cues: Sequence[CueName]) -> list[str]:
 def load_cues(
     drive: Drive, cues: Sequence[CueName], sweeps: Sweeps | None = None, *, is_raw: bool = False
 ) -> Observations:
-    """Load every frame of a drive with the classes of one or several cues; each sweep is read once.
+    """Load every frame of a drive with the classes of one or more cues; each sweep is read once.
 
     Raw labels are not mended, and raw intensities are vectors of one number.
 
@@ -134,7 +134,7 @@ def load_cues(
     if "intensity" in cues:
         weight = segments.SEGMENTS.weight_by_intensity
         found = [each.weighed(weight) if each.has_segments else each for each in found]
-    # From where the cue that asks for the farthest starts; one that brings the pose near on its own needs no others.
+    # The farthest starts of any cue; a cue without starts brings the pose near on its own, and no others are needed.
     starts = [start for cue in cues if (start := find_cue(cue).starts) is not None]
     farthest = max(starts, key=lambda each: each.farthest_deg) if len(starts) == len(cues) else None
     return replace(reduce(summed, found), starts=farthest)
@@ -143,16 +143,16 @@ def load_cues(
 def summed(first: Observations, second: Observations) -> Observations:
     """Add another cue of the same frames, so that their mutual information adds up.
 
-    Each frame is observed once more, in the classes of the other cue, and the cues share no class. So the joint
-    histogram has a block for each cue, and its mutual information is the mean of theirs plus a constant (chain rule:
-    the block of a pair determines its possible classes on both sides).
+    Each frame is observed again, in the classes of the other cue, and the cues share no class. The joint histogram thus
+    has a block for each cue, and its mutual information is the mean of theirs plus a constant (chain rule: the block of
+    a pair determines its possible classes on both sides).
 
     Raises:
         CalibrationError: the cues have too many classes for one histogram.
     """
     num_point, num_image = len(first.point_class_names), len(first.image_class_names)
     if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
-        raise CalibrationError(f"found more classes than {NO_CLASS} with those of all cues, needed fewer")
+        raise CalibrationError(f"found more than {NO_CLASS} classes in all cues together, needed fewer")
     shifted = [
         replace(each, cloud=_shifted(each.cloud, num_point), image=_shifted(each.image, num_image))
         for each in second.frame_observations
