@@ -303,7 +303,7 @@ def test_pipes_and_devices_are_refused_at_once(street: Path, tmp_path: Path, cli
         make(tmp_path / name)
         code, out, err = cli("calibrate" if name == "poses.txt" else "inspect", tmp_path)
         assert name in out + err
-        assert "regular file" in out + err
+        assert "special file" in out + err
         assert code == (0 if name == "picture.png" else EXIT_FAILURE)
 
 
