@@ -70,7 +70,7 @@ def test_a_drive_in_the_rerun_viewer(synthetic: Drive, tmp_path: Path) -> None:
         "hypothesis_0",
         "stage_initial",
         "stage_polished",
-        "result/picture",
+        "result/image",
         "result/labels",
     ]
     for entity in ("lidar/points", *(f"lidar/cameras/{name}" for name in names)):

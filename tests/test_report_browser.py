@@ -64,7 +64,7 @@ def drawn(page: webdriver.Chrome, selector: str) -> int:
 def test_the_first_screen_tells_what_matters(page: webdriver.Chrome) -> None:
     """Verdict, intervals, the best image with its points, the transform, and its button."""
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SCREEN)
-    for selector in ("h1", ".lead", "#first .look .picture", "#notation-1", "#first button.copy", "#worst"):
+    for selector in ("h1", ".lead", "#first .look .image", "#notation-1", "#first button.copy", "#worst"):
         element = page.find_element(By.CSS_SELECTOR, selector)
         assert element.is_displayed()
         assert element.rect["y"] + element.rect["height"] <= SCREEN["height"], selector
@@ -127,8 +127,8 @@ def test_the_slider_moves_the_line(
     write_report(read_report_input(read_drive(street), made / "c.yaml", off), tmp_path / "r.html")
     browser.get((tmp_path / "r.html").as_uri())
     assert "Points move by a median of" in browser.find_element(By.CSS_SELECTOR, ".look p").text
-    slider = browser.find_element(By.CSS_SELECTOR, ".picture input")
-    before = browser.find_element(By.CSS_SELECTOR, ".picture .before")
+    slider = browser.find_element(By.CSS_SELECTOR, ".image input")
+    before = browser.find_element(By.CSS_SELECTOR, ".image .before")
     assert "50%" in before.value_of_css_property("clip-path")
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", slider)
     width = slider.size["width"]
@@ -223,4 +223,4 @@ def test_a_page_without_images_and_before_has_no_complaint(
     browser.get((tmp_path / "r.html").as_uri())
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
     assert hostile in browser.find_element(By.CLASS_NAME, "files").text
-    assert not browser.find_elements(By.CSS_SELECTOR, ".picture input")
+    assert not browser.find_elements(By.CSS_SELECTOR, ".image input")

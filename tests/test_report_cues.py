@@ -55,12 +55,12 @@ def test_a_page_of_edges_shows_them_on_those_of_the_image(made: Path, street: Pa
     page, found = page_of(street, file, tmp_path), read_report_input(read_drive(street), file)
     assert '<input type="radio" name="colors" value="edge" checked>' in page
     assert 'name="colors" value="class"' not in page
-    assert page.count('class="picture edges"') == 4
+    assert page.count('class="image edges"') == 4
     assert 'id="worst"' not in page
     assert "<dt>edges agree</dt>" in page
     shown = make_images(found.overlays(1)).best
-    picture = np.array(PIL.Image.open(io.BytesIO(base64.b64decode(shown.uri.split(",")[1])))).astype(int)
-    assert np.abs(picture - picture.mean(axis=2, keepdims=True)).max() < 3.0  # grey, but for the encoder
+    image = np.array(PIL.Image.open(io.BytesIO(base64.b64decode(shown.uri.split(",")[1])))).astype(int)
+    assert np.abs(image - image.mean(axis=2, keepdims=True)).max() < 3.0  # grey, but for the encoder
 
 
 def test_points_without_an_edge_have_no_colour_and_make_room_for_the_others(

@@ -86,16 +86,14 @@ def test_a_body_that_is_no_question_is_answered_in_one_line(server: ViewServer, 
 
 def test_an_image_is_the_frame_s(server: ViewServer, street: Path, capfd: pytest.CaptureFixture[str]) -> None:
     drive = read_drive(street)
-    status, content = request(server, f"/{server.token}/picture/1")
+    status, content = request(server, f"/{server.token}/image/1")
     assert status == 200
     shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).astype(int)
     stored = cv2.imread(str(drive.resolve(drive.frames[1].image or ""))).astype(int)
     assert np.abs(shown - stored).mean() < 4.0
-    assert request(server, f"/{server.token}/picture/99")[0] == 400
-    assert request(server, f"/{server.token}/picture/x")[0] == 404
-    assert (
-        request(server, f"/{server.token}/edges/1")[1] == server.session.picture(1, by_edge=True) != content
-    )
+    assert request(server, f"/{server.token}/image/99")[0] == 400
+    assert request(server, f"/{server.token}/image/x")[0] == 404
+    assert request(server, f"/{server.token}/edges/1")[1] == server.session.image(1, by_edge=True) != content
     assert capfd.readouterr() == ("", "")
 
 
@@ -120,7 +118,7 @@ def wait(browser: webdriver.Chrome, is_done: Callable[[], object], seconds: floa
 
 
 def shown(browser: webdriver.Chrome) -> int:
-    return int(browser.find_element(By.ID, "picture").get_attribute("data-shown") or 0)
+    return int(browser.find_element(By.ID, "image").get_attribute("data-shown") or 0)
 
 
 def wait_for_move(browser: webdriver.Chrome, before: int) -> None:
@@ -177,7 +175,7 @@ def test_a_change_of_reach_keeps_the_pose(page: webdriver.Chrome) -> None:
 
 def test_arrow_keys_turn_the_camera(page: webdriver.Chrome, T_off: Pose) -> None:
     count = shown(page)
-    page.find_element(By.ID, "picture").send_keys(Keys.ARROW_LEFT)
+    page.find_element(By.ID, "image").send_keys(Keys.ARROW_LEFT)
     wait_for_move(page, count)
     assert 0.1 < compare_poses(pose(page), T_off).rotation_deg < 2.0
 
@@ -186,13 +184,13 @@ def test_dragging_the_image_carries_the_points_along(
     page: webdriver.Chrome, session: Session, T_off: Pose
 ) -> None:
     """Far points follow the mouse: their displacement is that of the pointer."""
-    picture = page.find_element(By.ID, "picture")
+    image = page.find_element(By.ID, "image")
     count = shown(page)
     dx, dy = 30, -12
-    ActionChains(page).move_to_element(picture).click_and_hold().move_by_offset(dx, dy).release().perform()
+    ActionChains(page).move_to_element(image).click_and_hold().move_by_offset(dx, dy).release().perform()
     wait_for_move(page, count)
     camera = session.data.drive.camera
-    scale = camera.width / picture.size["width"]
+    scale = camera.width / image.size["width"]
     far = np.array([0.0, 0.0, 1000.0, 1.0])
 
     def moved() -> np.ndarray:
@@ -273,16 +271,16 @@ def test_edges_are_drawn_on_edges_and_other_colours_on_the_image(
         browser.get_log("browser")
         browser.get(server.address)
         wait_for_move(browser, 0)
-        background, picture = (browser.find_element(By.ID, name) for name in ("background", "picture"))
+        background, image = (browser.find_element(By.ID, name) for name in ("background", "image"))
         drawn = "return Number(document.getElementById('points').dataset.drawn)"
         num_edges = browser.execute_script(drawn)
         assert background.get_attribute("src") == f"{server.address}edges/0"
-        assert "photograph" not in (picture.get_attribute("class") or "").split()
+        assert "photograph" not in (image.get_attribute("class") or "").split()
         assert background.value_of_css_property("filter") == "none"  # the drawing is dark already
         assert serious_findings(browser) == []
         browser.find_element(By.CSS_SELECTOR, "input[value=depth]").click()
-        assert background.get_attribute("src") == f"{server.address}picture/0"
-        assert "photograph" in (picture.get_attribute("class") or "").split()
+        assert background.get_attribute("src") == f"{server.address}image/0"
+        assert "photograph" in (image.get_attribute("class") or "").split()
         assert 100 < num_edges < 0.7 * browser.execute_script(drawn)
         browser.find_element(By.CSS_SELECTOR, "input[value=edge]").click()
         count = shown(browser)
@@ -314,6 +312,6 @@ def test_the_command_refuses_before_it_serves(
 
 
 def test_a_missing_image_is_told_before_a_drive_is_served(drive: Path) -> None:
-    picture = next((drive / "images").iterdir())
-    picture.unlink()
-    assert picture.name in str(invoke("view", drive).exception)
+    image = next((drive / "images").iterdir())
+    image.unlink()
+    assert image.name in str(invoke("view", drive).exception)

@@ -96,7 +96,7 @@ def test_a_drive_by_edges_is_shown_by_edge(by_edge: Session, street_truth: Pose)
 
 def test_the_image_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Session) -> None:
     shown = [
-        cv2.imdecode(np.frombuffer(by_edge.picture(0, by_edge=each), np.uint8), cv2.IMREAD_COLOR).astype(int)
+        cv2.imdecode(np.frombuffer(by_edge.image(0, by_edge=each), np.uint8), cv2.IMREAD_COLOR).astype(int)
         for each in (False, True)
     ]
     color = [int(np.abs(each - each.mean(axis=2, keepdims=True)).max()) for each in shown]
@@ -104,4 +104,4 @@ def test_the_image_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Sessio
     assert color[1] <= 2
     assert shown[0].shape == shown[1].shape
     with pytest.raises(InputError, match="frame: found 4, needed one of 0 to 3"):
-        by_edge.picture(4, by_edge=True)
+        by_edge.image(4, by_edge=True)

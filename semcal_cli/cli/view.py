@@ -110,7 +110,7 @@ def _session(
     from semcal_cli.drive.reading import load_points, read_clouds
     from semcal_cli.errors import InputError
     from semcal_cli.files.point_clouds import Sweeps
-    from semcal_cli.report.overlay import picture_of
+    from semcal_cli.report.overlay import image_of
     from semcal_cli.report.view.session import Session
 
     sweeps, unlabelled = Sweeps(), ""
@@ -124,7 +124,7 @@ def _session(
         data = LoadedDrive(few, load_points(few))
     session = Session(data, read_clouds(data.drive, sweeps), config, start, output, unlabelled)
     for frame in range(len(data.drive.frames)):
-        picture_of(data.drive, session.observations, frame)  # a missing one is reported before the page opens
+        image_of(data.drive, session.observations, frame)  # a missing one is reported before the page opens
     if unlabelled:
         terminal.print(f"note: the page cannot show how well the points fit: {unlabelled}")
     return session

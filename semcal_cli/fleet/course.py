@@ -24,9 +24,9 @@ from semcal_cli.report.drawing import (
     POINTS_PER_INCH,
     SOFT,
     draw_intervals,
+    figure_file,
     name_places,
     page_svg,
-    picture,
     short_names,
 )
 from semcal_cli.report.figures import Plot
@@ -197,7 +197,7 @@ def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
         once = dict(zip(labels, handles, strict=True))
         figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5)
 
-    return picture(draw, IMAGE_SIZE, format)
+    return figure_file(draw, IMAGE_SIZE, format)
 
 
 def _draw(course: Course, axis: int, axes: Axes) -> None:

@@ -94,7 +94,7 @@ def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None],
     return Markup(f"{head}\n{content}</svg>")
 
 
-def picture(
+def figure_file(
     draw: Callable[[Figure], None], size: tuple[float, float], format: Literal["png", "svg"]
 ) -> bytes:
     """Draw a figure of a size in inches as a separate file."""

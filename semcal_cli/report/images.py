@@ -16,7 +16,7 @@ import PIL.Image
 import PIL.WebPImagePlugin
 
 from semcal_cli.report.colors import DISAGREES, Coloring, PageColors, coloring_of, first_coloring, page_colors
-from semcal_cli.report.overlay import Image, Overlays, edge_image, picture_of
+from semcal_cli.report.overlay import Image, Overlays, edge_image, image_of
 from semcal_cli.report.points import FramePoints, frame_points
 from semcal_cli.threads import thread_pool
 
@@ -43,7 +43,7 @@ MIN_DISAGREEING = 8
 
 
 @dataclass(frozen=True)
-class Picture:
+class FrameImage:
     """The image of one frame, with its points for the page's script."""
 
     name: str
@@ -65,7 +65,7 @@ class Picture:
 class Crop:
     """The part of an image in which most points disagree."""
 
-    picture: Picture
+    image: FrameImage
     window: tuple[float, float, float, float]
     """Left, top, width and height, relative to the image."""
     num_disagreeing: int
@@ -73,16 +73,16 @@ class Crop:
 
 
 @dataclass(frozen=True)
-class Pictures:
+class FrameImages:
     """Images of evenly spaced frames with the points at each captioned pose."""
 
     captions: tuple[str, ...]
     """Captions of the poses. Only the last pose is drawn if no motion between them is visible."""
-    best: Picture
+    best: FrameImage
     """The image on which most points agree."""
     by: Coloring
     """Meaning of the colours at first."""
-    others: tuple[Picture, ...]
+    others: tuple[FrameImage, ...]
     """All others, in the order of the drive."""
     worst: Crop | None
     """The part of all images in which most points disagree; None for edges, many of which have no counterpart."""
@@ -101,7 +101,7 @@ class Pictures:
         return 1 + len(self.others)
 
 
-def make_images(overlays: Overlays) -> Pictures:
+def make_images(overlays: Overlays) -> FrameImages:
     """Project the points of all frames, choose the best image, and pack all, in parallel.
 
     Args:
@@ -122,11 +122,11 @@ def make_images(overlays: Overlays) -> Pictures:
         shares = [Fraction(BEST_SHARES if frame == best else 1, num_shares) for frame in frames]
         made = list(pool.map(lambda frame: _pack(overlays, frame, found[frame], shares[frame]), frames))
     shown = np.concatenate([points.classes[points.poses[-1].is_visible] for points in found])
-    return Pictures(
+    return FrameImages(
         captions=tuple(overlays.poses),
         best=made[best],
         by=overlays.by,
-        others=tuple(picture for frame, picture in enumerate(made) if frame != best),
+        others=tuple(image for frame, image in enumerate(made) if frame != best),
         worst=_worst(found, made) if first_coloring(observations) == "class" else None,
         moved_px=moved_px,
         colors=page_colors(observations, shown),
@@ -143,19 +143,19 @@ def _best(found: Sequence[FramePoints]) -> int:
     )
 
 
-def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) -> Picture:
+def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) -> FrameImage:
     """Make the image of a frame, given its share of the total bytes."""
     drive, observations = overlays.drive, overlays.observations
     ground: Literal["photograph", "labels", "edges"] = "edges"
     if coloring_of(observations) == "edge":
         image = edge_image(drive, drive.frames[frame])
     else:
-        image, is_photograph = picture_of(drive, observations, frame)
+        image, is_photograph = image_of(drive, observations, frame)
         ground = "photograph" if is_photograph else "labels"
     height, width = image.shape[:2]
     bytes_per_point = 1 + 6 * len(points.poses)
     most = min(MAX_POINTS, int(share * MAX_POINT_BYTES / bytes_per_point))
-    return Picture(
+    return FrameImage(
         name=overlays.frame_names[frame],
         number=frame,
         width=width,
@@ -167,17 +167,17 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
     )
 
 
-def _worst(found: Sequence[FramePoints], made: Sequence[Picture]) -> Crop | None:
+def _worst(found: Sequence[FramePoints], made: Sequence[FrameImage]) -> Crop | None:
     crops = map(_crop, found, made)
-    worst = max(crops, key=lambda crop: (crop.num_disagreeing, -crop.picture.number))
+    worst = max(crops, key=lambda crop: (crop.num_disagreeing, -crop.image.number))
     return worst if worst.num_disagreeing >= MIN_DISAGREEING else None
 
 
-def _crop(points: FramePoints, picture: Picture) -> Crop:
+def _crop(points: FramePoints, image: FrameImage) -> Crop:
     """Find the part of an image in which most points disagree."""
     pose = points.poses[-1]
-    size_px = picture.width / CELLS
-    rows = max(WINDOW[0], math.ceil(picture.height / size_px))
+    size_px = image.width / CELLS
+    rows = max(WINDOW[0], math.ceil(image.height / size_px))
     judged = pose.is_visible & (pose.kinds <= DISAGREES)
     cells = np.floor((pose.positions[judged] + 0.5) / size_px).astype(np.intp)
     u, v = cells[:, 0].clip(0, CELLS - 1), cells[:, 1].clip(0, rows - 1)
@@ -186,10 +186,10 @@ def _crop(points: FramePoints, picture: Picture) -> Crop:
     np.add.at(counts[1], (v, u), 1.0)
     sums = np.lib.stride_tricks.sliding_window_view(counts, WINDOW, axis=(1, 2)).sum(axis=(3, 4))
     row, column = np.unravel_index(int(sums[0].argmax()), sums[0].shape)
-    height = min(WINDOW[0] * size_px / picture.height, 1.0)
-    top = min(row * size_px / picture.height, 1.0 - height)
+    height = min(WINDOW[0] * size_px / image.height, 1.0)
+    top = min(row * size_px / image.height, 1.0 - height)
     window = float(column / CELLS), float(top), WINDOW[1] / CELLS, float(height)
-    return Crop(picture, window, int(sums[0, row, column]), int(sums[1, row, column]))
+    return Crop(image, window, int(sums[0, row, column]), int(sums[1, row, column]))
 
 
 def _moved_px(found: Sequence[FramePoints]) -> tuple[float, float]:

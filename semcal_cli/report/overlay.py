@@ -74,7 +74,7 @@ def overlay_paths(folder: Path, count: int) -> list[Path]:
     return [folder / f"{frame:06d}.png" for frame in range(count)]
 
 
-def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
+def image_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
     """Read the image of a frame, and whether it is a photograph; without one, colour the label image instead.
 
     Raises:
@@ -188,7 +188,7 @@ class Overlays:
         """The image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
         if self.by == "edge":
             return edge_image(self.drive, self.drive.frames[frame])
-        image, is_photograph = picture_of(self.drive, self.observations, frame)
+        image, is_photograph = image_of(self.drive, self.observations, frame)
         if not is_photograph:
             return (LABEL_STRENGTH * image).astype(np.uint8)
         return _dimmed(image)

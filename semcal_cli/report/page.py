@@ -123,7 +123,7 @@ def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, An
     with ThreadPoolExecutor(1) as pool:
         pool.submit(import_module, "matplotlib.figure")
         progress("drawing points on images")
-        pictures = make_images(report.overlays(MAX_FRAMES))
+        images = make_images(report.overlays(MAX_FRAMES))
         progress("following the mutual information along six axes")
         curves = information_curves(observations, T, record.believed_uncertainty if record else None)
         plots = pool.submit(curve_plots, curves)
@@ -135,7 +135,7 @@ def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, An
             of_frames = frame_offsets(observations, T, parts)
         progress("drawing the registration")
     return {
-        "pictures": pictures,
+        "images": images,
         "plots": plots.result(),
         "registration": registration.result(),
         "cloud": asdict(cloud.result()),
@@ -214,7 +214,7 @@ def write_verification(found: Verification, data: LoadedDrive, initial_pose: Ini
         checks=found.checks,
         check_names=CHECK_NAMES,
         reach=min(BEYOND * max(1.0, farthest), FARTHEST),
-        pictures=make_images(both_overlays(found, data, initial_pose)),
+        images=make_images(both_overlays(found, data, initial_pose)),
         verified=T_notation(initial_pose.T_camera_lidar),
         found=T_notation(found.T_camera_lidar),
     )

@@ -107,13 +107,14 @@ class RegistrationImages:
             self._strip(painted(zoomed, pixel_colors, EMPTY_COLOR)),
         ]
         scale = WIDTH / labels.shape[1]
-        picture = _resized(labels, max(1, round(labels.shape[0] * scale)))
+        camera_image = _resized(labels, max(1, round(labels.shape[0] * scale)))
         parts = [
-            add_caption(part, text, WIDTH) for part, text in zip((*strips, picture), CAPTIONS, strict=True)
+            add_caption(part, text, WIDTH)
+            for part, text in zip((*strips, camera_image), CAPTIONS, strict=True)
         ]
         canvas: Image = np.vstack(parts)
         strip_rows = strips[0].shape[0]
-        caption, top = parts[0].shape[0] - strip_rows, canvas.shape[0] - picture.shape[0]
+        caption, top = parts[0].shape[0] - strip_rows, canvas.shape[0] - camera_image.shape[0]
         points, pixels = self._correspondences(frame)
         columns, rows = self._on_strip(points, strip_rows)
         starts = np.column_stack([columns, rows]).astype(int)

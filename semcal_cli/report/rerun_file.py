@@ -102,7 +102,7 @@ def write_rerun(drive: Drive, cameras: Mapping[str, tuple[Pose, Camera]], path: 
             colors = _height_colors(cloud.points)
         points = rr.Points3D(cloud.points, class_ids=ids, colors=colors, radii=-POINT_RADIUS_PX)
         stream.log(f"{LIDAR}/points", points)
-        stream.log(f"{entity}/picture", _picture(drive, frame))
+        stream.log(f"{entity}/image", _image(drive, frame))
         if observations.image_class_names:
             labels = rr.SegmentationImage(observations.images[index].classes, opacity=0.5)
             stream.log(f"{entity}/labels", labels)
@@ -133,7 +133,7 @@ def _log_classes(stream: rr.RecordingStream, entity: str, names: Sequence[str], 
     stream.log(entity, rr.AnnotationContext(table), static=True)
 
 
-def _picture(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
+def _image(drive: Drive, frame: Frame) -> rr.Clear | rr.EncodedImage | rr.Image:
     """The image of a frame, in the bytes of its file where the viewer reads them."""
     if frame.image is None:
         return rr.Clear(recursive=False)  # otherwise the previous one would stay

@@ -59,7 +59,7 @@ def rig_page_html(
     progress("reading a frame of each camera")
     views = _camera_views(drives, {name: each.pose for name, each in found.cameras.items()})
     progress("drawing points on images")
-    pictures, depths = _pictures(views)
+    images, depths = _images(views)
     progress("writing the page")
     cloud = _rig_cloud(views)
     return render_page(
@@ -76,7 +76,7 @@ def rig_page_html(
         how_sure=_how_sure,
         placed={camera.name: camera for camera in cloud.cameras},
         frames={view.name: view.drive.frames[0].points for view in views},
-        pictures=pictures,
+        images=images,
         depths=depths,
         T_notation=T_notation,
         pairs=found.pairs,
@@ -165,7 +165,7 @@ def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> lis
     return views
 
 
-def _pictures(views: list[_CameraView]) -> tuple[dict[str, str], dict[str, str]]:
+def _images(views: list[_CameraView]) -> tuple[dict[str, str], dict[str, str]]:
     """Draw the points of each camera's frame, coloured by distance: data URIs, and the legend of distances."""
     max_bytes = min(MAX_BYTES, MAX_IMAGE_BYTES // len(views))
 

@@ -22,7 +22,7 @@ HOST = "127.0.0.1"
 MAX_BODY_BYTES = 10_000
 MAX_ERROR = 500
 TOKEN_BYTES = 24
-PICTURE = re.compile(r"(picture|edges)/([0-9]{1,9})")
+IMAGE = re.compile(r"(image|edges)/([0-9]{1,9})")
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -94,8 +94,8 @@ class Handler(BaseHTTPRequestHandler):
         name, session = self._asked_name(), self.server.session
         if name == "":
             self._answer("text/html; charset=utf-8", lambda: page_html(session).encode())
-        elif name is not None and (found := PICTURE.fullmatch(name)):
-            self._answer("image/jpeg", lambda: session.picture(int(found[2]), by_edge=found[1] == "edges"))
+        elif name is not None and (found := IMAGE.fullmatch(name)):
+            self._answer("image/jpeg", lambda: session.image(int(found[2]), by_edge=found[1] == "edges"))
         else:
             self._refuse(HTTPStatus.NOT_FOUND)
 

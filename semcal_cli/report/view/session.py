@@ -29,7 +29,7 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.report.colors import coloring_of, page_colors
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import edge_image, picture_of
+from semcal_cli.report.overlay import edge_image, image_of
 from semcal_cli.report.points import View, frame_points, goes_together, packed
 from semcal_cli.report.words import verdict_of
 
@@ -146,7 +146,7 @@ class Session:
             },
         }
 
-    def picture(self, frame: int, *, by_edge: bool = False) -> bytes:
+    def image(self, frame: int, *, by_edge: bool = False) -> bytes:
         """Encode the image of a frame, or a drawing of its edges, as JPEG.
 
         Raises:
@@ -156,7 +156,7 @@ class Session:
         if by_edge:
             image = edge_image(self.data.drive, self.data.drive.frames[frame])
         else:
-            image, _ = picture_of(self.data.drive, self.observations, frame)
+            image, _ = image_of(self.data.drive, self.observations, frame)
         if image.shape[1] > MAX_COLUMNS:
             size = MAX_COLUMNS, max(1, round(image.shape[0] * MAX_COLUMNS / image.shape[1]))
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)

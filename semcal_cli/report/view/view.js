@@ -2,7 +2,7 @@
   const data = JSON.parse(document.getElementById("view-data").textContent);
   const colors = Points.tables(data.palette);
   const byId = (id) => document.getElementById(id);
-  const picture = byId("picture"), canvas = byId("points"), background = byId("background");
+  const image = byId("image"), canvas = byId("points"), background = byId("background");
   const sliders = [...document.querySelectorAll(".motion input[type=range]")];
   const numbers = [...document.querySelectorAll(".motion input[type=number]")];
   // Largest motion of the sliders, in centimetres and degrees.
@@ -72,7 +72,7 @@
       byId("course-figure").hidden = course.length < 2;
       drawCourse();
     }
-    picture.dataset.shown = Number(picture.dataset.shown || 0) + 1;
+    image.dataset.shown = Number(image.dataset.shown || 0) + 1;
   }
 
   // One request at a time; changes in the meantime are sent together afterwards.
@@ -128,13 +128,13 @@
 
   // The mouse drags what is under it.
   let last = null;
-  picture.addEventListener("pointerdown", (event) => {
-    picture.setPointerCapture(event.pointerId);
+  image.addEventListener("pointerdown", (event) => {
+    image.setPointerCapture(event.pointerId);
     last = [event.clientX, event.clientY];
   });
-  picture.addEventListener("pointermove", (event) => {
+  image.addEventListener("pointermove", (event) => {
     if (!last) return;
-    const scale = data.width / picture.clientWidth;
+    const scale = data.width / image.clientWidth;
     const dx = (event.clientX - last[0]) * scale, dy = (event.clientY - last[1]) * scale;
     last = [event.clientX, event.clientY];
     if (event.shiftKey) {
@@ -149,15 +149,15 @@
       place(3, offsets[3] - dy * data.degrees_per_pixel);
     }
   });
-  for (const end of ["pointerup", "pointercancel"]) picture.addEventListener(end, () => { last = null; });
-  picture.addEventListener("keydown", (event) => {
+  for (const end of ["pointerup", "pointercancel"]) image.addEventListener(end, () => { last = null; });
+  image.addEventListener("keydown", (event) => {
     const turns = { ArrowLeft: [4, -1], ArrowRight: [4, 1], ArrowUp: [3, 1], ArrowDown: [3, -1] };
     if (!turns[event.key]) return;
     event.preventDefault();
     const [axis, sign] = turns[event.key];
     place(axis, offsets[axis] + sign * KEY_STEP_PX * data.degrees_per_pixel);
   });
-  picture.addEventListener("wheel", (event) => {
+  image.addEventListener("wheel", (event) => {
     if (!event.ctrlKey && !event.metaKey) return;
     event.preventDefault();
     place(2, offsets[2] - 0.02 * event.deltaY);
@@ -165,10 +165,10 @@
 
   // Edges of the sweep are drawn on edges of the image.
   function showBackground() {
-    const byEdge = chosen("colors") === "edge", source = `${byEdge ? "edges" : "picture"}/${frame}`;
+    const byEdge = chosen("colors") === "edge", source = `${byEdge ? "edges" : "image"}/${frame}`;
     if (background.getAttribute("src") !== source) background.src = source;
-    picture.classList.toggle("edges", byEdge);
-    picture.classList.toggle("photograph", !byEdge && data.is_photograph[frame]);
+    image.classList.toggle("edges", byEdge);
+    image.classList.toggle("photograph", !byEdge && data.is_photograph[frame]);
   }
   function showFrame(number) {
     frame = Math.min(data.frames.length - 1, Math.max(0, number));
