@@ -200,7 +200,7 @@ def test_what_is_wrong_with_arrays_is_said(given: dict[str, Any], complaint: str
 def test_a_drive_or_arrays_are_needed(synthetic: Drive) -> None:
     with pytest.raises(InputError, match="drive: found nothing, needed a drive, or arrays"):
         semcal.calibrate()
-    with pytest.raises(InputError, match="images: found arrays beside a drive, needed one of the two"):
+    with pytest.raises(InputError, match="images: found arrays and a drive, needed only one of the two"):
         semcal.calibrate(synthetic, images=[LABELS])
     with pytest.raises(InputError, match="transform: found nothing, needed"):
         semcal.verify(synthetic)

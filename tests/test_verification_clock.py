@@ -153,7 +153,7 @@ def test_what_is_said_of_a_clock_alone(
     assert code == INCONCLUSIVE
     assert " not determined ms   allowed 5       inconclusive" in out
     assert out.splitlines()[-1] == "inconclusive: clock not determined, allowed 5 ms"
-    assert "cannot show whether the camera&#39;s clock does" in page.read_text()
+    assert "cannot show whether the camera&#39;s clock is right" in page.read_text()
     assert '#clocks">why this comes up</a>' in page.read_text()
 
 

@@ -1,1 +1,1 @@
-"""What a program calls: a drive or arrays in, a result that shows, draws and saves itself."""
+"""The interface for programs: a drive or arrays in, out a result that shows, draws and saves itself."""

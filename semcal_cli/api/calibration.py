@@ -1,4 +1,4 @@
-"""The calibration that a program gets: the document, which also draws, shows and saves itself."""
+"""The calibration that a program gets: the document, with methods to draw, show and save it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from semcal_cli.result import calibration as document
 from semcal_cli.result.calibration import write_calibration
 
 WIDTH_PX = 640
-"""Width of the image that a notebook shows; smaller ones stay as they are."""
+"""Width of the image that a notebook shows; smaller images are not enlarged."""
 QUALITY = 80
-"""Quality of its JPEG."""
+"""JPEG quality of that image."""
 
 
 class Calibration(document.Calibration):
@@ -33,27 +33,27 @@ class Calibration(document.Calibration):
 
     @classmethod
     def of(cls, found: document.Calibration, drive: Drive | Path | str | None = None) -> Calibration:
-        """Make it of what the pipeline found; `drive` is where the image comes from that a notebook shows."""
+        """Make it from the result of the pipeline; `drive` has the image that a notebook shows."""
         made = cls.model_validate(found.model_dump())
         made._drive = drive
         return made
 
     def __eq__(self, other: object) -> bool:
-        """Whether both state the same; where they come from does not count."""
+        """Whether both have the same content; their drives are not compared."""
         return isinstance(other, document.Calibration) and self.model_dump() == other.model_dump()
 
     def overlay(self, image: npt.NDArray[np.uint8], points: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-        """Draw points on a darkened image, red near by, blue far away; those that nearer ones hide are left out.
+        """Draw points on a darkened image, from red (near) to blue (far); points that nearer ones hide are left out.
 
         Args:
-            image: (H, W), or (H, W, 3) red, green, blue, of the camera's size; uint8. It stays as it is.
+            image: (H, W), or (H, W, 3) red, green, blue, of the camera's size; uint8. It is not changed.
             points: (N, 3) or (N, 4) metres, LiDAR frame; a fourth column is ignored.
 
         Returns:
             (H, W, 3) red, green, blue.
 
         Raises:
-            InputError: the image or the points have another shape, or other numbers.
+            InputError: the image or the points have the wrong shape or type.
         """
         from semcal_cli.report.overlay import draw_depths
 
@@ -69,12 +69,12 @@ class Calibration(document.Calibration):
 
         Args:
             path: File to write.
-            to: Name of the format of another tool, as `ros2-static-transform`: `semcal convert --formats` lists them.
-                None writes the whole calibration, as YAML or JSON by the suffix.
-            options: What the format of another tool leaves open, such as the names of its frames.
+            to: Name of the format of another tool, such as `ros2-static-transform`: `semcal convert --formats` lists
+                them. None writes the whole calibration, as YAML or JSON by the suffix.
+            options: Options of that format, such as the names of frames.
 
         Raises:
-            InputError: the format is not known or needs an option, or the file cannot be written.
+            InputError: the format is unknown or needs an option, or the file cannot be written.
         """
         if to is None:
             write_calibration(self, path)
@@ -94,7 +94,7 @@ class Calibration(document.Calibration):
         return template.render(verdict=verdict_of(self), rows=rows, jpeg=self._jpeg())
 
     def _jpeg(self) -> str | None:
-        """Draw the points of the first frame with an image, as a JPEG in base64; None where it cannot be read."""
+        """Draw the points of the first frame with an image, as a JPEG in base64; None if it cannot be read."""
         import cv2
 
         with suppress(SemcalError):

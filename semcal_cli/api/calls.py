@@ -30,7 +30,7 @@ Data: TypeAlias = LoadedDrive | Drive | Path | str
 Transform: TypeAlias = InitialPose | Document | Path | str | npt.ArrayLike
 """T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any known format."""
 Cues: TypeAlias = CueName | Sequence[CueName]
-"""A cue, or several that count together."""
+"""A cue, or several that are compared together."""
 
 
 def calibrate(
@@ -86,9 +86,9 @@ def refine(
     on_event: Listener = ignore,
     **arrays: Unpack[ArrayInput],
 ) -> Calibration:
-    """Refine a transform that is known to 20 degrees or so by labels, to 5 degrees and 0.3 m by edges.
+    """Refine a transform that is known to about 20 degrees (by labels), or to 5 degrees and 0.3 m (by edges).
 
-    Nothing is searched; the pose is polished and assessed as `calibrate` does it.
+    Nothing is searched; the pose is polished and assessed as in `calibrate`.
 
     Args:
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`; None takes arrays.
@@ -120,10 +120,10 @@ def assess(
     on_event: Listener = ignore,
     **arrays: Unpack[ArrayInput],
 ) -> Calibration:
-    """Tell how sure a transform is that is right to about a pixel: its interval, and all that speaks against it.
+    """Assess a transform that is right to about a pixel: its interval, and all that speaks against it.
 
-    It is only polished before, because an interval belongs to a top of the mutual information. `verify` tells whether a
-    transform still holds, wherever the top is.
+    It is only polished first, because an interval belongs to a maximum of the mutual information. `verify` decides
+    whether a transform still holds, wherever the maximum is.
 
     Args:
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`; None takes arrays.
@@ -168,7 +168,7 @@ def verify(
 
     Raises:
         InputError: the drive, one of its files or an argument is missing or wrong, or the offset of the clock is
-            limited, and there is no direction of motion.
+            limited without a direction of motion.
         CalibrationError: the data cannot be calibrated at all.
     """
     return verification.verify(
@@ -177,13 +177,13 @@ def verify(
 
 
 def _data(drive: Data | None, arrays: ArrayInput) -> Data:
-    """Take the drive, or make one of the arrays."""
+    """Return the drive, or make one from the arrays."""
     if drive is None and not arrays:
         raise InputError(
             "drive: found nothing, needed a drive, or arrays: points, camera and what the cue compares"
         )
     if drive is not None and arrays:
-        raise InputError(f"{min(arrays)}: found arrays beside a drive, needed one of the two")
+        raise InputError(f"{min(arrays)}: found arrays and a drive, needed only one of the two")
     return Drive.from_arrays(**arrays) if drive is None else drive
 
 

@@ -33,19 +33,19 @@ def batch(
     initial_pose: InitialPose | None = None,
     timeout_s: float | None = None,
 ) -> Generator[tuple[OneDrive, Calibration | Exception], None, None]:
-    """Calibrate many drives, and yield each with its calibration, or the error that it ended with, when it is done.
+    """Calibrate many drives, and yield each with its calibration, or the error that ended it, as soon as it is done.
 
     Each drive runs in a process, which may crash or hang without harm to the others; closing the iterator ends them. A
-    script calls this below `if __name__ == "__main__":`, since a new process imports the script. Drives of arrays are
-    sent to the processes. `semcal batch` also keeps what is done, and goes on after a stop.
+    script calls this below `if __name__ == "__main__":`, because a new process imports the script. Drives of arrays are
+    sent to the processes. `semcal batch` also stores finished drives, and resumes after a stop.
 
     Args:
         drives: Drives, their folders or their drive.yaml files.
         config: All settings; the defaults if not given.
-        jobs: Number of drives at a time on this machine, whose cores they share.
-        client: Dask client of a cluster, which runs one drive on each thread of its workers; None takes this machine.
+        jobs: Number of drives that run at a time on this machine and share its cores.
+        client: Dask client of a cluster, which runs one drive on each thread of its workers; None uses this machine.
         initial_pose: Pose of each drive to search around or to start from.
-        timeout_s: Longest time for one drive, in seconds; None lets it take as long as it does.
+        timeout_s: Longest time for one drive, in seconds; None for no limit.
 
     Yields:
         The drive as it was given, and its calibration, or an error: `InputError` or `CalibrationError` of the drive,
@@ -74,7 +74,7 @@ def _on_worker(
 def _ask(
     calibrate: Callable[[OneDrive], Document], timeout_s: float | None, worker: Worker, drive: OneDrive
 ) -> Calibration | Exception:
-    """Let a process calibrate a drive, and return its calibration, or the error that it ended with."""
+    """Let a process calibrate a drive, and return its calibration, or the error that ended it."""
     try:
         return Calibration.of(worker.ask(calibrate, drive, timeout_s=timeout_s), drive)
     except ProcessError as error:
@@ -89,6 +89,6 @@ def _calibrate(
     num_threads: int,
     drive: Drive | Path | str,
 ) -> Document:
-    """Calibrate a drive in this process, with so many threads."""
+    """Calibrate a drive in this process, with `num_threads` threads."""
     set_num_threads(num_threads)
     return pipeline.calibrate(drive, config, initial_pose=initial_pose)

@@ -2,7 +2,7 @@
 
 Each stage is a function of data and settings. It returns a frozen result with its own quality and findings, and reports
 its progress to a listener. `calibrate` runs all stages; `verification`, `rig` and the experiments call the same
-functions.
+stages.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from semcal_cli.result.sections import Settings
 from semcal_cli.result.stage import StageResult, announced
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
-"""Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
+"""Error that a hypothesis of the initial calibration may have when it is compared with priors, degrees and metres."""
 
 
 def calibrate(
@@ -110,14 +110,14 @@ def initialize(
 ) -> Initialization:
     """Search all mounting directions, or those around an initial pose (Alg. 2).
 
-    Edges alone tell no mountings apart: without an initial pose, they start where the motion of camera and LiDAR leads.
-    Hypotheses that priors rule out are left out, unless priors rule out all. Without `config.search_deg`, an initial
-    pose is only improved.
+    Edges alone cannot distinguish mountings: without an initial pose, they start from the motion of camera and LiDAR.
+    Hypotheses that priors rule out are dropped, unless priors rule out all of them. Without `config.search_deg`, an
+    initial pose is only improved.
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
-        InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for
-            by edges without image labels, and motion does not determine the mounting.
+        InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search by edges is
+            requested without image labels, and motion does not determine the mounting.
     """
     if initial_pose is None and not data.tells_mountings:
         start = partial(start_by_motion, data.observations, data.recorded or data.drive, config)
@@ -162,19 +162,19 @@ def refine_and_polish(
     from_afar: bool = False,
     others: Sequence[Pose] = (),
 ) -> Stages:
-    """Refine and polish the initial pose, and fuse it with priors or estimate what is asked for together with it.
+    """Refine and polish the initial pose, then fuse it with priors, or estimate intrinsics and the clock with it.
 
-    If the shutter rolls, the refined pose tells the line of each point; with points moved to the moments of their lines
-    it is refined again, and all later stages see those points.
+    With a rolling shutter, the refined pose gives the image row of each point. The points are moved to the moments of
+    their rows and the pose is refined again; all later stages use those points.
 
-    Poses from features are not polished, because the polish needs the exact mutual information, which vectors lack.
+    Poses from features are not polished: the polish needs the exact mutual information, which features do not have.
 
-    Arguments beside `initial`, the result of `initialize` or of `start_at`, are those of `refine`.
+    `initial` is the result of `initialize` or `start_at`; the other arguments are those of `refine`.
 
     Raises:
-        InputError: as `refine`; there are priors without a polish; or something is to be estimated beside the pose, and
-            the lens has not one of the intrinsics, the drive has no motion for the offset of the clock, or priors,
-            features or a pose that is not polished exclude the estimate.
+        InputError: as `refine`; there are priors without a polish; or intrinsics or the clock are to be estimated, but
+            the lens lacks one of these intrinsics, the drive has no motion for the offset of the clock, or priors,
+            features or a missing polish exclude the estimate.
         CalibrationError: as `refine`.
     """
     _check_beside_pose(data, config, priors)
@@ -209,22 +209,20 @@ def _is_polished(observations: Observations, config: RefinementConfig) -> bool:
 
 
 def _check_beside_pose(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior]) -> None:
-    """Check that priors, intrinsics and the clock go with the drive and with the polish."""
+    """Check that priors, intrinsics and the clock are compatible with the drive and the polish."""
     path, jointly, is_polished = data.drive.path, config.jointly, _is_polished(data.observations, config)
     if priors and not is_polished:
         raise InputError(
-            f"{priors[0].name}: is weighed by the polish, which features and is_polished=False exclude"
+            f"{priors[0].name}: priors need the polish, which features and is_polished=False exclude"
         )
     if not jointly.is_asked:
         return
     option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
     check_intrinsics(jointly.intrinsics, data.observations.camera, f"{path}: --refine-intrinsics")
     if not is_polished:
-        raise InputError(f"{option}: follows the polish, which features and is_polished=False exclude")
+        raise InputError(f"{option}: needs the polish, which features and is_polished=False exclude")
     if priors:
-        raise InputError(
-            f"{option}: found {priors[0].name}, needed none: the two are not weighed together yet"
-        )
+        raise InputError(f"{option}: found {priors[0].name}, needed no prior: the two cannot be combined yet")
     if jointly.with_delay and twists_per_s(data.observations) is None:
         raise InputError(
             f"{path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
@@ -251,11 +249,11 @@ def refine(
         seed: Seed of every random choice.
         priors: Known axes, to which the pose is clamped.
         on_event: Called with each event.
-        from_afar: Whether the start may be off by 20 degrees.
-        others: (4, 4) poses that stay candidates beside the start, where it is refined from several.
+        from_afar: Whether the start may be off by up to 20 degrees.
+        others: (4, 4) poses that remain candidates besides the start, if several starts are refined.
 
     Raises:
-        InputError: the exact estimator is asked for with features, or the device does not exist.
+        InputError: the exact estimator is requested with features, or the device does not exist.
         CalibrationError: too few labelled points are on labelled pixels.
     """
     observations = data.observations
@@ -283,7 +281,7 @@ def refine(
 def polish(
     data: LoadedDrive, T_refined: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Polish:
-    """Polish a pose that is about one pixel off with Newton's method; held-out data decide whether it is accepted."""
+    """Polish a pose that is about one pixel off, by Newton's method; held-out data decide whether it is accepted."""
     stage = partial(polish_pose, data.observations, T_refined, config.polish)
     return announced("polished", "polishing", stage, on_event, T_refined)
 
@@ -305,7 +303,7 @@ def fuse(
     priors: Sequence[Prior],
     on_event: Listener = ignore,
 ) -> Fused:
-    """Fuse the labels' evidence with priors."""
+    """Fuse the estimate from the data with priors."""
     clock = UnknownClock.of(data, T_polished, config.polish)
     of_clock = None if clock is None else clock.covariance()
     stage = partial(
@@ -359,9 +357,9 @@ def make_calibration(
     relative_to: Path = Path(),
     hashes: dict[str, str] | None = None,
 ) -> Calibration:
-    """Make the calibration of the last pose; arguments are those of `calibrate`.
+    """Make the calibration from the last pose; arguments are those of `calibrate`.
 
-    It is trusted if it was assessed, and nothing speaks against it.
+    It is trusted if it was assessed and nothing speaks against it.
 
     Raises:
         InputError: a file of the drive cannot be read.

@@ -1,4 +1,4 @@
-"""A pose that is given: as what it may come, and what it is refined to, or only judged as."""
+"""A given pose: the forms in which a program may give it, its refinement, and its assessment alone."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from semcal_cli.result.calibration import Calibration
 
 
 def as_initial_pose(transform: InitialPose | Calibration | Path | str | npt.ArrayLike) -> InitialPose:
-    """Take a pose in any form in which a program may give it.
+    """Convert a pose from any form in which a program may give it.
 
     Args:
         transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
             known format.
 
     Raises:
-        InputError: it is no rigid transform, or the file is wrong.
+        InputError: it is not a rigid transform, or the file is wrong.
     """
     if isinstance(transform, InitialPose):
         return transform
@@ -50,11 +50,11 @@ def refine_given(
     on_event: Listener = ignore,
     relative_to: Path = Path(),
 ) -> Calibration:
-    """Refine, polish and assess a given pose, without a search; errors are those of these stages.
+    """Refine, polish and assess a given pose, without a search; these stages raise the errors.
 
     Args:
         data: The drive, as `load` returns it.
-        start: Pose, known to 20 degrees or so by labels, to 5 degrees and 0.3 m by edges.
+        start: Pose, known to about 20 degrees (by labels), or to 5 degrees and 0.3 m (by edges).
         config: All settings.
         priors: Known axes of the pose.
         on_event: Called with each event.
@@ -73,12 +73,12 @@ def assess_given(
     on_event: Listener = ignore,
     relative_to: Path = Path(),
 ) -> Calibration:
-    """Polish a given pose that is right to about a pixel, and assess it: an interval belongs to a top.
+    """Polish a given pose that is right to about a pixel, and assess it: an interval belongs to a maximum.
 
     Arguments are those of `refine_given`.
 
     Raises:
-        InputError: points and pixels are compared by features, which no pose is assessed by.
+        InputError: points and pixels are compared by features, which cannot assess a pose.
         CalibrationError: too few labelled points are on labelled pixels.
     """
     if data.observations.has_vectors:

@@ -1,4 +1,4 @@
-"""The parts of a drive whose camera was moved."""
+"""The parts of a drive whose camera moved."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from semcal_cli.result.calibration import Calibration
 
 
 def split(data: LoadedDrive, calibration: Calibration) -> tuple[LoadedDrive, ...]:
-    """Take the parts of a drive whose frames fit different poses, each as a drive of its own.
+    """Split a drive into the parts whose frames fit different poses, each a drive of its own.
 
     Args:
         data: The drive, as `load` returns it.
-        calibration: Its calibration, which tells the parts.
+        calibration: Its calibration, which lists the parts.
 
     Returns:
         The parts, to be calibrated; none if no movement of the camera was found.
 
     Raises:
-        InputError: the calibration is not of these frames.
+        InputError: the calibration belongs to other frames.
     """
     used, frames = [frame.points for frame in calibration.input.frames], data.drive.frames
     if used != [frame.points for frame in frames]:

@@ -44,11 +44,11 @@ from semcal_cli.result.provenance import hash_named
 from semcal_cli.result.stage import Finding, StageResult
 
 NEAR_DEG, NEAR_M = 5.0, 0.5
-"""Rotation and distance between transform and estimate, beyond which all mounting directions are searched."""
+"""Rotation and distance between transform and estimate beyond which all mounting directions are searched."""
 SAME_DEG, SAME_M = 3.0, 0.3
-"""Largest rotation and distance between the estimate and a transform whose mistake is corrected."""
+"""Largest rotation and distance between the estimate and a transform after its supposed mistake is corrected."""
 LOOKS_LIKE = "looks-like"
-"""Topic of a mistake that a transform looks like."""
+"""Topic of a mistake that the transform looks like."""
 
 SENTENCES: dict[Verdict, str] = {
     "pass": "The transform still holds on this drive.",
@@ -58,11 +58,12 @@ SENTENCES: dict[Verdict, str] = {
 OF_CLOCK: dict[Verdict, str] = {
     "fail": "The transform still holds on this drive, but the camera's clock is off. Calibrate again with "
     "--estimate-delay, or find out what changed the clock.",
-    "inconclusive": "The transform still holds on this drive, which cannot show whether the camera's clock does.",
+    "inconclusive": "The transform still holds on this drive, but the drive cannot show whether the camera's clock is "
+    "right.",
 }
-"""The same where all checks of the transform pass."""
+"""Sentences for a transform that passes all its checks."""
 CLOCK_TOPIC = "clocks"
-"""Topic of the reasons why the check of the clock cannot decide."""
+"""Topic of the reasons why the check of the clock is inconclusive."""
 
 
 @dataclass(frozen=True)
@@ -72,18 +73,18 @@ class Verification:
     verdict: Verdict
     """Verdict on all checks together."""
     checks: tuple[Check, ...]
-    """Checks of the transform minus the estimate: the camera's position and its rotation, by axis and in all. If the
-    offset of the camera's clock is limited, one of it follows: the estimate minus what was taken for right."""
+    """Checks of the transform minus the estimate: the camera's position and rotation, by axis and in total. If the
+    offset of the camera's clock is limited, its check follows: the estimate minus the offset that the drive states."""
     reasons: tuple[str, ...]
     """Findings that make the verdict inconclusive, or mistakes that the transform looks like."""
     topics: tuple[str, ...]
     """Topic of each of the reasons: its entry in docs/troubleshooting.md."""
     notes: tuple[str, ...]
-    """Sentences that a person should know and that do not change the verdict."""
+    """Sentences that the user should read and that do not change the verdict."""
     T_camera_lidar: Pose
     """(4, 4) estimate of the pose, metres."""
     time_offset_s: float
-    """Time by which images are later than image_stamp says, in seconds, where the estimate belongs to them."""
+    """Time by which images are later than image_stamp says, in seconds, for which the estimate holds."""
 
     @property
     def sentence(self) -> str:
@@ -104,14 +105,15 @@ def verify(
 ) -> Verification:
     """Check whether a transform still holds on a drive.
 
-    The pose is refined from the transform. If this gives no pose near the transform or leaves findings, all mounting
-    directions are searched; edges alone tell none, so that their first estimate stands. An offset fails if its 95 %
-    interval lies beyond the limit, and passes if it lies within. Everything between is inconclusive, and so are offsets
-    that the data do not determine, and what would pass on the drive that the transform was calibrated from. If the
-    offset of the clock is limited, it is estimated together with the pose, and if it is kept, the pose is that of both.
+    The pose is refined from the transform. If the result is not near the transform or leaves findings, all mounting
+    directions are searched; with edges alone, which cannot distinguish mountings, the first estimate stands. An offset
+    fails if its 95 % interval lies beyond the limit, and passes if it lies within. Everything between is inconclusive,
+    and so are offsets that the data do not determine, and a pass on the drive that the transform was calibrated from.
+    If the offset of the clock is limited, it is estimated together with the pose; if this estimate is kept, the pose
+    is the joint one.
 
-    The camera and the clock that a calibration estimated together with its transform take the place of the drive's. A
-    drive that is loaded is loaded again then.
+    Intrinsics and a clock that a calibration estimated together with its transform replace the drive's. A loaded drive
+    is then loaded again.
 
     Args:
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
@@ -123,8 +125,8 @@ def verify(
         on_event: Called with each event of the run.
 
     Raises:
-        InputError: the drive, one of its files or the transform is wrong, or the offset of the clock is limited, and
-            the drive gives no direction of its motion.
+        InputError: the drive, one of its files or the transform is wrong, or the offset of the clock is limited and the
+            drive gives no direction of its motion.
         CalibrationError: the drive cannot be calibrated at all.
     """
     config = CalibrationConfig() if config is None else config
@@ -151,7 +153,7 @@ def verify(
 def _as_result_sees(
     drive: LoadedDrive | Drive | Path | str, stated: InitialPose
 ) -> LoadedDrive | Drive | Path | str:
-    """Give a drive the camera and the clock of a result; a loaded one stays as it is if that changes nothing."""
+    """Give a drive the camera and the clock of a result; a loaded drive is returned if that changes nothing."""
     if stated.record is None:
         return drive
     if isinstance(drive, LoadedDrive):
@@ -164,14 +166,14 @@ def _as_result_sees(
 def _estimate(
     data: LoadedDrive, stated: InitialPose, config: RefinementConfig, seed: int, on_event: Listener
 ) -> Stages:
-    """Estimate the pose from the transform, and if that leaves doubts, by a search over all mounting directions."""
+    """Estimate the pose from the transform, or, if that leaves doubts, by a search over all mounting directions."""
 
     def assessed(initial: StageResult, *, is_nearby: bool = False) -> Stages:
         stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
         if stages.joint is not None:
-            # The transform is judged with the clock that the drive has, and the clock beside it.
+            # The transform is judged with the drive's clock, and the clock is judged separately.
             stages = replace(stages, joint=replace(stages.joint, left_open=None))
-        # An estimate with findings that starts at the transform is made again from nothing.
+        # An estimate from the transform that has findings is repeated from scratch.
         return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
 
     start = start_at(data, stated, on_event)
@@ -187,7 +189,7 @@ def _estimate(
 
 
 def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limits) -> Verification:
-    """Judge how far the transform is from the estimate, and say why where that cannot be told."""
+    """Judge how far the transform is from the estimate, and say why if that is inconclusive."""
     findings, uncertainty, notes = stages.findings, stages.uncertainty, stages.notes
     T_stated, estimate = stated.T_camera_lidar, stages.T_camera_lidar
     error = compare_poses(T_stated, estimate)
@@ -221,7 +223,7 @@ def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limi
 
 
 def _made_from(drive: Drive, record: Calibration) -> Finding | None:
-    """Say that a calibration was made from most of the sweeps of a drive, by their contents: it agrees with itself."""
+    """Report a calibration that was made from most of these sweeps, by their contents: it agrees with itself."""
     known = set(record.input.sha256.values())
     num_own = sum(hash_named(drive, frame.points) in known for frame in drive.frames)
     if 2 * num_own <= min(len(record.input.frames), len(drive.frames)):
@@ -231,9 +233,9 @@ def _made_from(drive: Drive, record: Calibration) -> Finding | None:
 
 
 def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Check, list[str]]:
-    """Judge the offset of the clock, and say why where it cannot be.
+    """Judge the offset of the clock, and say why if it cannot be judged.
 
-    An offset beyond the limit fails only if it is kept, so that data which it was not estimated from bear it out.
+    An offset beyond the limit fails only if it is kept, that is, if data from which it was not estimated confirm it.
     """
     joint = stages.joint
     if joint is None or joint.clock is None or not joint.clock.is_determined:
@@ -251,7 +253,7 @@ def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
 
 
 def recognise(T_given: Pose, T_estimate: Pose) -> list[str]:
-    """Name the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
+    """List the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
     if _is_near(T_given, T_estimate, SAME_DEG, SAME_M):
         return []
     optical_body = np.eye(4)
