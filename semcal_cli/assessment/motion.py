@@ -1,4 +1,4 @@
-"""The motion of the camera against that of the LiDAR, as a check of a pose: it needs neither labels nor edges."""
+"""A check of the pose by the motion of camera and LiDAR, which needs neither labels nor edges."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from semcal_cli.initialization.handeye import HandEye, NotDetermined, hand_eye
 from semcal_cli.result.checks import CAMERA_MOTION, Measured
 
 SYSTEMATIC_SIGMA = math.radians(0.1)
-"""Error of a rotation by motion that all pairs have in common: a principal point that is a pixel off, at 600 pixels
-focal length."""
+"""Error of a rotation by motion that all pairs share: that of a principal point one pixel off, at a focal length of 600
+pixels."""
 
 
 def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignore) -> Stages:
-    """Compare the rotation of an assessed pose with that which the motion of camera and LiDAR tells.
+    """Compare the rotation of an assessed pose with the one that the motion of camera and LiDAR gives.
 
-    Drives without a motion, or without images that follow one another, stay as they are.
+    Without a motion or consecutive images, the stages are returned unchanged.
 
     Raises:
-        InputError: an image, or the file of the poses, is missing or wrong.
+        InputError: an image or the file of the poses is missing or wrong.
     """
     assessment = stages.assessment
     if assessment is None:

@@ -1,8 +1,8 @@
-"""What errors of the motion may cost a pose, where the drive says how far its velocities may be off.
+"""Effect of errors of the motion on the pose, if the drive states how far its velocities may be off.
 
-A sweep is moved from the times of its points to the moment of the image. Where the velocity is off by `dv`, points that
-are moved across `dt` come out `dv dt` beside their place, and so does the camera. The root mean square of `dt` over all
-points stands for that of the points that the camera sees.
+A sweep is moved from the times of its points to the moment of the image. If the velocity is off by `dv`, points that
+are moved over a time `dt` end up `dv dt` away from their true place, and so does the camera. The root mean square of
+`dt` over all points is used in place of that over the points that the camera sees.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import adjoint
 
 KNOW_POSES = "give more accurate motion.poses with their motion.sigma, or record at lower speed"
-"""Advice where errors of the motion alone make an interval too wide, which more frames do not narrow."""
+"""Advice if errors of the motion alone make an interval too wide, which more frames do not narrow."""
 
 
 def covariance_of_motion(
     data: LoadedDrive, T_camera_lidar: Pose, label_gain: Matrix | None = None, later_s: float = 0.0
 ) -> Matrix | None:
-    """Compute the covariance (6, 6) of a pose by errors of the motion, as if all frames shared them.
+    """Compute the covariance (6, 6) of a pose due to errors of the motion, as if all frames shared them.
 
     Args:
         data: The drive.
@@ -30,7 +30,7 @@ def covariance_of_motion(
         later_s: Time by which images were found to be later than the drive says, seconds.
 
     Returns:
-        The covariance; None if the drive takes its motion as right, or gives none.
+        The covariance; None if the drive has no motion, or states no errors of it.
     """
     motion = data.drive.motion
     if motion is None or motion.sigma is None:

@@ -1,4 +1,4 @@
-"""What a drive says of its motion, for a person who wants to know whether the recording tells the clock."""
+"""Report on the motion of a drive: it shows whether the clock can be checked with this recording."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from semcal_cli.drive.motion import read_trajectory
 from semcal_cli.errors import InputError
 
 LEAST_SPREAD_M_S, LEAST_TURN_DEG_S = 2.0, 5.0
-"""Difference of speeds and fastest turn, below both of which all frames move much alike. A clock that is 20 ms off
-puts frames at speeds 2 m/s apart 4 cm apart, and a turn of 5 degrees a second turns them by 0.1 degrees."""
+"""Difference of speeds and fastest turn; below both, all frames move much alike. A clock that is 20 ms off shifts
+frames whose speeds differ by 2 m/s by 4 cm against each other, and a turn of 5 degrees per second by 0.1 degrees."""
 NO_MOTION = (
     "the drive gives no motion, so sweeps are not deskewed and the clock is not checked: give motion.poses, or get "
     "them from the sweeps with `semcal odometry`, or from a recording with `semcal import bag --odometry`"
@@ -28,15 +28,15 @@ class MotionReport(NamedTuple):
     speeds_m_s: tuple[float, float] | None = None
     """Lowest and highest speed; None without poses or a twist."""
     fastest_turn_deg_s: float | None = None
-    """Fastest turn, in degrees a second; None without poses or a twist."""
+    """Fastest turn, in degrees per second; None without poses or a twist."""
     suspicions: tuple[str, ...] = ()
-    """Findings about it."""
+    """Findings about the motion."""
     advice: tuple[str, ...] = ()
-    """What is too little, and what would help."""
+    """What the motion lacks, and what would help."""
 
 
 def report_motion(drive: Drive) -> MotionReport:
-    """Look at the stamps and the motion of a drive."""
+    """Examine the stamps and the motion of a drive."""
     stamps = [frame.points_stamp for frame in drive.frames if frame.points_stamp is not None]
     has_stamps = bool(stamps) and all(frame.image_stamp is not None for frame in drive.frames)
     found = MotionReport(span_s=max(stamps) - min(stamps) if stamps else None)
@@ -66,7 +66,7 @@ def report_motion(drive: Drive) -> MotionReport:
 
 
 def _twists(drive: Drive, motion: Motion) -> tuple[np.ndarray, list[str]]:
-    """Read the twist (N, 6) at each image, metres and radians a second, and the sweeps that poses do not reach."""
+    """Read the twist (N, 6) at each image, metres and radians per second, and the sweeps that poses do not cover."""
     if motion.twist is not None:
         return np.array([[*motion.twist.linear_m_s, *motion.twist.angular_rad_s]]), []
     assert motion.poses is not None

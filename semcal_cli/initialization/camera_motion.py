@@ -1,7 +1,7 @@
-"""Motion of the camera between two images: its rotation, and the direction of its way, by matched features.
+"""Motion of the camera between two images, from matched features: its rotation, and the direction of its translation.
 
-The essential matrix is found by MAGSAC++ (Barath et al., CVPR 2020) among matches of SIFT (Lowe, IJCV 2004), and the
-motion is then refined over all inliers by Sampson's error of their rays, which tells its covariance.
+MAGSAC++ (Barath et al., CVPR 2020) finds the essential matrix from matches of SIFT (Lowe, IJCV 2004). The motion is
+then refined over all inliers by Sampson's error of their rays, which also gives its covariance.
 """
 
 from __future__ import annotations
@@ -25,22 +25,23 @@ Rays: TypeAlias = npt.NDArray[np.float64]
 Matrix: TypeAlias = npt.NDArray[np.float64]
 
 MAX_WIDTH = 1280
-"""Wider images are halved until they are no wider: features of far things are as exact, and cost a quarter."""
+"""Wider images are halved until they fit: distant features stay as accurate, at a quarter of the cost."""
 MAX_FEATURES, LEAST_CONTRAST = 3000, 0.02
 MAX_RATIO = 0.8
 """Largest distance of a match over that of the second best (Lowe, section 7.1)."""
 MIN_Z = 0.35
-"""Smallest z of a ray that counts, 70 degrees from the optical axis: the essential matrix is found where z is 1."""
+"""Smallest z of a ray that is used, 70 degrees from the optical axis: the essential matrix is found in the plane
+z = 1."""
 INLIER_PX = 2.0
 MIN_INLIERS = 40
-"""Fewest inliers of a motion. Five matches fit any motion, and a wrong one has few more."""
+"""Smallest number of inliers of a motion. Any five matches fit some motion, and a wrong motion has few more."""
 CONFIDENCE = 0.999
 ROUNDS = 8
-"""Steps of the refinement, which takes about four."""
+"""Largest number of steps of the refinement, which needs about four."""
 LEAST_SINE = 1e-3
-"""Sine of the angle between a ray and the way, below which the ray says nothing."""
+"""Sine of the angle between a ray and the translation, below which the ray carries no information."""
 LEAST_SIGMA_PX = 0.1
-"""Smallest standard deviation of a feature: SIFT is no better."""
+"""Smallest standard deviation of a feature: SIFT is not more accurate."""
 
 
 class CameraMotion(NamedTuple):
@@ -49,14 +50,14 @@ class CameraMotion(NamedTuple):
     R: Matrix
     """(3, 3) rotation of the second camera in the frame of the first."""
     direction: Vector
-    """(3,) unit vector along which the second camera lies, seen from the first."""
+    """(3,) unit vector from the first camera to the second, in the frame of the first."""
     information: Matrix
     """(5, 5) inverse covariance of a rotation vector on the left of R, radians, and of the direction along `across`."""
     num_inliers: int
 
     @property
     def across(self) -> Matrix:
-        """Two unit vectors (2, 3) across the direction."""
+        """Two unit vectors (2, 3) perpendicular to the direction."""
         return across(self.direction)
 
 
@@ -67,7 +68,7 @@ class _Features(NamedTuple):
 
 
 def camera_motions(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[CameraMotion | None]:
-    """Estimate the motion between the images of each pair of frames; None where too few features match.
+    """Estimate the motion between the images of each pair of frames; None if too few features match.
 
     Raises:
         InputError: an image is missing or wrong.
@@ -86,15 +87,16 @@ def camera_motions(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[C
 
 
 def refined(first: Rays, second: Rays, R: Matrix, direction: Vector, sigma: float) -> CameraMotion:
-    """Refine a motion over matched rays (N, 3) of both images by their epipolar error, as Sampson weighs it.
+    """Refine a motion over matched rays (N, 3) of both images, by Sampson's epipolar error.
 
-    The error of a match is f1 . (t x R f2), over the length of its slope by both rays; far ones weigh less (Cauchy).
+    The error of a match is f1 . (t x R f2), divided by the norm of its gradient by both rays; outliers weigh less
+    (Cauchy).
 
     Args:
         first: Rays of the first image.
-        second: The same things in the second one.
+        second: Their matches in the second image.
         R: (3, 3) rotation of the second camera in the frame of the first.
-        direction: (3,) direction of its way.
+        direction: (3,) direction of its translation.
         sigma: Smallest standard deviation of a ray, radians.
     """
     for _ in range(ROUNDS):
@@ -109,18 +111,18 @@ def refined(first: Rays, second: Rays, R: Matrix, direction: Vector, sigma: floa
         slopes = np.concatenate([by_turn, by_way], 1) / slope[:, None]
         scatter = max(1.4826 * float(np.median(np.abs(errors))), sigma)
         weights = 1.0 / (1.0 + (errors / scatter) ** 2) / scatter**2
-        # A motion without a way leaves its direction open: a radian is as much as it can be off.
+        # Without translation the direction is undetermined: a prior of one radian keeps it finite.
         information = slopes.T @ (slopes * weights[:, None]) + np.diag([0.0, 0.0, 0.0, 1.0, 1.0])
         step = -np.linalg.lstsq(information, slopes.T @ (errors * weights), rcond=None)[0]
         R = rotation_matrix(step[:3]) @ R
         direction = direction + basis.T @ step[3:]
         direction = direction / np.linalg.norm(direction)
-    # The directions across turn with the step, which is none at the end.
+    # The perpendicular directions rotate with the step, which vanishes at the end.
     return CameraMotion(R, direction, information, len(first))
 
 
 def across(direction: Vector) -> Matrix:
-    """Give two unit vectors (2, 3) across a unit vector (3,), the same for the same one."""
+    """Return two unit vectors (2, 3) perpendicular to a unit vector (3,), always the same for the same vector."""
     axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
     one = np.cross(direction, axis)
     one /= np.linalg.norm(one)
@@ -137,7 +139,7 @@ def _features(camera: Camera, image: npt.NDArray[np.uint8]) -> _Features:
         return _Features(np.empty((0, 3)), np.empty((0, 128), np.float32))
     pixels = (np.array([each.pt for each in keypoints]) + 0.5) * scale - 0.5
     rays = core_camera(camera).unproject(np.ascontiguousarray(pixels))
-    is_seen = rays[:, 2] > MIN_Z  # Not where the lens does not reach: NaN.
+    is_seen = rays[:, 2] > MIN_Z  # False for NaN, where the lens does not reach.
     return _Features(rays[is_seen], descriptors[is_seen])
 
 
@@ -148,7 +150,7 @@ def _motion(camera: Camera, first: _Features, second: _Features) -> CameraMotion
     kept = [a for a, b in matches if a.distance < MAX_RATIO * b.distance]
     best: dict[int, cv2.DMatch] = {}
     for match in sorted(kept, key=lambda each: -each.distance):
-        best[match.trainIdx] = match  # One thing of the second image is one of the first.
+        best[match.trainIdx] = match  # A feature of the second image keeps only its best match.
     if len(best) < MIN_INLIERS:
         return None
     f1 = first.rays[[match.queryIdx for match in best.values()]]

@@ -24,7 +24,7 @@ def start_by_motion(observations: Observations, drive: Drive, config: Initializa
     Args:
         observations: Points and pixels of the frames that are used.
         drive: The drive with all frames, for the motion between them.
-        config: Settings of the search, which is left out.
+        config: Settings of the search, which is skipped.
 
     Raises:
         InputError: motion does not determine the rotation, or an image or the file of the poses is wrong.

@@ -1,15 +1,15 @@
-"""The rotation of the mounting by the motion of the camera against that of the LiDAR, without labels (hand-eye).
+"""Hand-eye calibration: the rotation of the mounting from the motion of camera and LiDAR, without labels.
 
 With A the camera's displacement between two images, B the LiDAR's, and X = T_camera_lidar, A X = X B (Park and Martin,
-*Robot sensor calibration: solving AX = XB on the Euclidean group*, 1994). A camera tells no lengths, so with the camera
-at c in the LiDAR frame
+*Robot sensor calibration: solving AX = XB on the Euclidean group*, 1994). A camera does not measure lengths, so with
+the camera at c in the LiDAR frame
 
-    R_A R = R R_B                                 turns
-    t_A / |t_A| along R (t_B + (R_B - I) c)       ways
+    R_A R = R R_B                                 rotations
+    t_A / |t_A| along R (t_B + (R_B - I) c)       translations
 
-A car turns about its vertical axis alone, and turns leave the rotation about that axis open. Ways tell it, but none
-about their own direction: both are needed. The camera's place c bends ways in turns, so it is estimated beside R, and
-what stays open of it is part of the interval.
+A car turns only about its vertical axis, and such turns leave the rotation about that axis undetermined. Translations
+determine it, but not the rotation about their own direction: both are needed. The camera's position c changes the
+translations in turns, so it is estimated together with R, and its uncertainty is part of the interval.
 """
 
 from __future__ import annotations
@@ -30,22 +30,23 @@ from semcal_cli.geometry.twists import rotation_matrix
 Matrix: TypeAlias = npt.NDArray[np.float64]
 
 MAX_GAP_S = 0.75
-"""Longest time between two images of a pair. In more, a car leaves what its camera sees."""
+"""Longest time between two images of a pair. After more, a car has passed what its camera saw."""
 ENOUGH_DEG, ENOUGH_M = 5.0, 2.5
-"""Turn or way that is enough for a pair, which then ends: a longer one loses matches."""
+"""Rotation or distance at which a pair ends: longer pairs lose matches."""
 STANDING_M, STANDING_DEG = 0.1, 0.1
-"""Way and turn below which the rig stands, and a pair tells nothing."""
+"""Distance and rotation below which the rig stands still, and a pair carries no information."""
 MAX_PAIRS = 60
-"""Most pairs that are looked at, two images each."""
+"""Largest number of pairs that are used, two images each."""
 MIN_PAIRS = 6
-"""Fewest pairs whose scatter tells an interval."""
+"""Smallest number of pairs whose scatter gives an interval."""
 TURN_SIGMA, WAY_SIGMA, PLACE_SIGMA_M = math.radians(0.05), math.radians(0.2), 0.02
-"""Least errors of a pair: of its turn, of the direction of its way, and of the LiDAR's place, by which short ways bend.
-"""
+"""Smallest standard deviations of a pair: of its rotation, of the direction of its translation, and of the LiDAR's
+position, which changes the direction of short translations."""
 CAMERA_SIGMA_M = 1.0
-"""Standard deviation of the camera's place about the LiDAR, along each axis, before anything is known of it."""
+"""Prior standard deviation of the camera's position relative to the LiDAR, along each axis."""
 MAX_HALF_WIDTH_DEG = 2.0
-"""Widest 95 % interval about any axis of a rotation that is determined; edges come back from 5 degrees."""
+"""Largest half width of the 95 % interval about any axis; a wider rotation is not determined. Edges converge from 5
+degrees."""
 ROUNDS = 30
 SETTLED = 1e-12
 """Largest component of the last step, radians and metres."""
@@ -66,9 +67,9 @@ class Pair(NamedTuple):
     R_A: Matrix
     """(3, 3) rotation of the second camera in the frame of the first."""
     direction: Vector
-    """(3,) unit vector along which the second camera lies."""
+    """(3,) unit vector from the first camera to the second."""
     across: Matrix
-    """(2, 3) unit vectors across that direction."""
+    """(2, 3) unit vectors perpendicular to that direction."""
     covariance: Matrix
     """(5, 5) of a rotation vector on the left of `R_A`, radians, and of the direction along `across`."""
     T_B: Pose
@@ -79,22 +80,22 @@ class HandEye(NamedTuple):
     """A rotation of the mounting that motion determines, and its interval."""
 
     T_camera_lidar: Pose
-    """(4, 4) rotation, and the place of the camera as far as turns tell it, metres."""
+    """(4, 4) rotation, and the position of the camera as far as rotations determine it, metres."""
     covariance: Matrix
-    """(6, 6) of a rotation vector on the left of T_camera_lidar, radians, and of the camera's place, metres, LiDAR
+    """(6, 6) of a rotation vector on the left of T_camera_lidar, radians, and of the camera's position, metres, LiDAR
     frame."""
     num_pairs: int
     turned_deg: float
-    """Sum of the turns of all pairs."""
+    """Sum of the rotations of all pairs."""
 
     @property
     def half_width_deg(self) -> float:
-        """Half width of the 95 % interval about the axis that is known least, degrees."""
+        """Half width of the 95 % interval about the least certain axis, degrees."""
         return half_width_deg(self.covariance, self.num_pairs)
 
     @property
     def sentence(self) -> str:
-        """Say how well the rotation is known, and by what."""
+        """Say how well the rotation is known, and from what."""
         return (
             f"the motion of camera and LiDAR gives the rotation to +- {self.half_width_deg:.2f} degrees (95 %), from "
             f"{self.num_pairs} pairs of images that turn by {self.turned_deg:.0f} degrees in all"
@@ -102,7 +103,7 @@ class HandEye(NamedTuple):
 
     @property
     def record(self) -> dict[str, object]:
-        """What a result records of it."""
+        """The part of it that a result records."""
         return {
             "T_camera_lidar": self.T_camera_lidar.tolist(),
             "half_width_95_deg": self.half_width_deg,
@@ -115,13 +116,13 @@ class NotDetermined(NamedTuple):
 
     why: str
     is_unsuited: bool = False
-    """Whether the drive is no record of motion, with images that follow one another, at all."""
+    """Whether the drive has no motion or no consecutive images at all."""
 
 
 def hand_eye(drive: Drive) -> HandEye | NotDetermined:
-    """Find the rotation of the mounting by motion, from all frames of a drive that follow one another.
+    """Find the rotation of the mounting by motion, from all consecutive frames of a drive.
 
-    Images are read only where the LiDAR's motion would determine the rotation.
+    Images are read only if the LiDAR's motion can determine the rotation.
 
     Raises:
         InputError: an image or the file of the poses is missing or wrong, or a frame with an image has no stamps.
@@ -155,10 +156,10 @@ def hand_eye(drive: Drive) -> HandEye | NotDetermined:
 
 
 def choose_pairs(drive: Drive) -> list[tuple[tuple[Frame, Frame], Pose]]:
-    """Choose pairs of frames that follow one another, with the LiDAR's motion (4, 4) from the one to the other.
+    """Choose pairs of consecutive frames, with the LiDAR's motion (4, 4) from the one to the other.
 
-    A pair ends where the rig has turned or gone far enough, or before the next image would be too late; the next pair
-    begins there. Of many, those with the largest turns are kept, and those that went farthest.
+    A pair ends when the rig has turned or moved far enough, or before the next image would be too late; the next pair
+    begins there. Of many pairs, those with the largest rotations and those with the longest translations are kept.
     """
     stamped = [frame for frame in drive.frames if frame.image is not None and frame.image_stamp is not None]
     frames = sorted(stamped, key=lambda frame: frame.image_stamp or 0.0)
@@ -185,10 +186,10 @@ def choose_pairs(drive: Drive) -> list[tuple[tuple[Frame, Frame], Pose]]:
 
 
 def solve(pairs: Sequence[Pair]) -> HandEye:
-    """Find rotation and place of the camera at which the motions of all pairs agree, by least squares.
+    """Find the rotation and the position of the camera at which the motions of all pairs agree, by least squares.
 
-    Pairs that agree badly, as where a lorry beside the car moves, weigh less (Cauchy). The scatter of all of them
-    widens the interval where it is larger than what is known of their errors.
+    Pairs that agree badly, for example beside a moving lorry, weigh less (Cauchy). If the scatter of all pairs is
+    larger than their known errors, it widens the interval.
 
     Raises:
         ValueError: there are no pairs.
@@ -222,14 +223,14 @@ def rotation_between(to: Matrix, source: Matrix, weights: npt.NDArray[np.float64
 
 
 def half_width_deg(covariance: Matrix, num_pairs: int) -> float:
-    """Half width of the 95 % interval about the axis that is known least, degrees; infinite where one is open."""
+    """Compute the half width of the 95 % interval about the least certain axis, degrees; infinite if one is open."""
     quantile = _core.student_quantile(0.975, max(num_pairs - 2, 1))
     widest = float(np.linalg.eigvalsh(covariance[:3, :3])[-1]) if np.isfinite(covariance).all() else math.inf
     return math.degrees(quantile * math.sqrt(widest))
 
 
 def _start(pairs: Sequence[Pair]) -> Matrix:
-    """Find the rotation in closed form, without the camera's place: from turns, a = R b, and from ways (Wahba)."""
+    """Find the rotation in closed form (Wahba), without the camera's position, from rotations and translations."""
     to, source, sigmas = [], [], []
     for pair in pairs:
         T, way_m, turn = pair.T_B, _way_m(pair.T_B), _turn(pair.T_B)
@@ -250,7 +251,7 @@ def _start(pairs: Sequence[Pair]) -> Matrix:
 
 
 def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
-    """Tell by how much a pair's turn and way are off (5,), and the slopes (5, 6) by a turn of R and by c."""
+    """Compute the errors (5,) of a pair's rotation and direction, and their gradients (5, 6) by R and c."""
     R_B, t_B = pair.T_B[:3, :3], pair.T_B[:3, 3]
     turned = R @ R_B @ R.T
     of_turn = rotation_difference(_posed(turned), _posed(pair.R_A))
@@ -258,7 +259,7 @@ def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
     length = max(float(np.linalg.norm(way)), 1e-9)
     along = way / length
     sideways = pair.across @ along
-    # The angle between them, and not its sine, which is none for opposite ones.
+    # The angle between them rather than its sine, which vanishes for opposite directions.
     sine = float(np.linalg.norm(sideways))
     stretch = math.atan2(sine, float(along @ pair.direction)) / sine if sine > 0.0 else 1.0
     J = np.zeros((5, 6))
@@ -269,7 +270,7 @@ def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
 
 
 def _missing(motions: Sequence[Pose]) -> str | None:
-    """Say what is missing where LiDAR motions (4, 4) leave the rotation open, however well a camera sees them."""
+    """Say what is missing if LiDAR motions (4, 4) leave the rotation undetermined, however well a camera sees them."""
     turned_deg = math.degrees(sum(map(_turn, motions)))
     if len(motions) < MIN_PAIRS:
         return f"{len(motions)} pairs of consecutive images are in motion, needed {MIN_PAIRS}"
@@ -297,7 +298,7 @@ def _across_of(T: Pose) -> Matrix:
 
 
 def _inverse(H: Matrix) -> Matrix:
-    """Invert an information matrix; infinite where it leaves a direction open."""
+    """Invert an information matrix; infinite if it leaves a direction undetermined."""
     values, axes = np.linalg.eigh(H)
     if values[0] <= 1e-9 * values[-1]:
         return np.full_like(H, math.inf)
