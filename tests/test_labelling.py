@@ -188,13 +188,14 @@ LENSES = {
 }
 
 
+@pytest.mark.parametrize("tiles", [{}, {"fit": "tiles", "size": [96, 80]}], ids=["whole", "tiles"])
 @pytest.mark.parametrize("name", LENSES)
 def test_the_way_through_rectified_images_moves_no_border_by_more_than_a_pixel(
-    tmp_path: Path, name: str
+    tmp_path: Path, name: str, tiles: dict[str, Any]
 ) -> None:
     camera = LENSES[name]
     color_network(tmp_path / "net.onnx", colors=COLORS[:3])
-    card(tmp_path, classes=NAMES[:3])
+    card(tmp_path, classes=NAMES[:3], **tiles)
     # Stripes of two classes, so that no mixed colour is that of a third, which go on behind a round image's border.
     rows, columns = np.mgrid[: camera.height, : camera.width]
     classes = ((rows + 80.0 * columns / camera.width) // 40 % 2).astype(int)

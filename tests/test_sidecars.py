@@ -233,6 +233,25 @@ def test_dpt_keeps_the_aspect_of_an_image(
     assert model.card.size_for(*image) == expected
 
 
+@pytest.mark.parametrize(
+    ("image", "long_side", "expected"),
+    [
+        ((1920, 1208), None, (1627, 1024)),  # 1627.5, rounded down
+        ((1208, 1920), None, (1024, 1627)),
+        ((1920, 1208), 1333, (1333, 839)),  # 838.68, rounded
+        ((1242, 375), 1333, (1333, 402)),
+    ],
+)
+def test_the_shorter_side_is_scaled_as_in_transformers(
+    tmp_path: Path, image: tuple[int, int], long_side: int | None, expected: tuple[int, int]
+) -> None:
+    """The expected sizes are those of `get_size_with_aspect_ratio`."""
+    color_network(tmp_path / "net.onnx")
+    size = {"shortest_edge": 1024, "longest_edge": long_side}
+    write(tmp_path, "MobileViTForSemanticSegmentation", NAMES, preprocessor(size=size))
+    assert image_model(open_network(tmp_path / "net.onnx"), None).card.scaled(image) == expected
+
+
 def test_without_a_preprocessor_the_size_is_that_of_the_config(tmp_path: Path) -> None:
     write(tmp_path, "DPTForSemanticSegmentation", CITYSCAPES, None)
     found = read(tmp_path / "net.onnx", ANY, LOGITS)

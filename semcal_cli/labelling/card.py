@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
@@ -170,12 +169,18 @@ class CompleteImageCard(ImageCard):
         return columns, rows
 
     def scaled(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return the columns and rows of an image after its shorter side is scaled to `short_side`."""
+        """Return the columns and rows of an image after its shorter side is scaled to `short_side`.
+
+        Rounded as `get_size_with_aspect_ratio` of transformers does.
+        """
         if self.short_side is None:
             return size
-        factor = min(self.short_side / min(size), (self.long_side or math.inf) / max(size))
-        columns, rows = (max(round(side * factor), 1) for side in size)
-        return columns, rows
+        short, long = min(size), max(size)
+        wanted: float = self.short_side
+        if self.long_side is not None and long / short * wanted > self.long_side:
+            wanted = self.long_side * short / long
+        sides = max(round(wanted), 1), max(int(wanted * long / short), 1)
+        return sides if size[0] == short else sides[::-1]
 
     def describe(self) -> list[tuple[str, str]]:
         """Describe the input, as pairs of a label and a text."""

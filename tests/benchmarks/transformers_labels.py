@@ -1,12 +1,12 @@
-"""Labels pixel by pixel beside transformers' own: networks of each architecture that semcal reads the files of.
+"""Labels of semcal compared with those of transformers, pixel by pixel, for each architecture that semcal supports.
 
 python tests/benchmarks/transformers_labels.py [--width 1024] [--only NAME]
 
 Needs transformers, torchvision, timm and onnxscript. Each network is tiny and has random weights, so that nothing is
-downloaded, and many borders between classes. It is exported by torch.onnx with transformers' own files beside it; one
-image of a synthetic street is labelled by transformers (its processor, the network in PyTorch, its post-processing)
-and by semcal (the ONNX file and these files). Prints Markdown: the share of pixels with the same label, of all and of
-those beside no border, the classes that are seen, and why a network cannot be compared.
+downloaded and there are many borders between classes. It is exported by torch.onnx with transformers' files beside it.
+One image of a synthetic street is labelled by transformers (its processor, the network in PyTorch, its post-processing)
+and by semcal (the ONNX file and these files). Prints Markdown: the share of pixels with the same label, among all
+pixels and away from borders, the number of classes seen, or why a network could not be compared.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from semcal_cli.labelling.network import open_network
 
 SEED = 7
 GAIN, SPREAD = 1.4, 4.0
-"""Factor of the standard deviation of weights that keeps that of their input, and that of embeddings."""
+"""Gain of the weights that preserves the spread of their input, and standard deviation of embeddings."""
 NUM_CLASSES = 8
 STEEP = 4.0
 """Standard deviation of scores."""
 TASK_IDS = (49406, 518, 10549, 533, 29119, 1550, 49407) + (0,) * 70
 TASK = torch.tensor([TASK_IDS])
 SEEN = 0.01
-"""Least share of pixels of a class that counts as seen."""
+"""Smallest share of pixels of a class that counts as seen."""
 BORDER_PX = 3
-"""Distance from a border between classes within which a pixel is beside it."""
+"""Distance from a border between classes within which a pixel counts as beside it."""
 LABELS = {index: f"class {index}" for index in range(NUM_CLASSES)}
 SWIN = {
     "embed_dim": 24,
@@ -64,10 +64,10 @@ DECODER = {
     "num_queries": 20,
 }
 OUTPUTS = ("class_queries_logits", "masks_queries_logits")
-"""Outputs of networks of queries; the others have `logits`."""
+"""Outputs of networks with queries; the others have `logits`."""
 
 Network = tuple[Any, Any]
-"""A network of transformers, and its processor of images."""
+"""A transformers network and its image processor."""
 
 
 def segformer() -> Network:
@@ -111,7 +111,7 @@ def mobilevit() -> Network:
         num_attention_heads=4,
         id2label=LABELS,
     )
-    # Its crop of the middle is left out: semcal labels whole images.
+    # Without its centre crop: semcal labels whole images.
     processor = transformers.MobileViTImageProcessorPil(size={"shortest_edge": 288}, do_center_crop=False)
     return transformers.MobileViTForSemanticSegmentation(config), processor
 
@@ -188,7 +188,7 @@ def windows() -> Any:
 
 
 OVERLAP = "EoMT, an image of 16 to 9"
-"""The network whose windows overlap; the others are of 2 to 1."""
+"""The row whose windows overlap; other rows have an image of 2 to 1."""
 NETWORKS: dict[str, Callable[[], Network]] = {
     "SegFormer": segformer,
     "UperNet": upernet,
@@ -204,7 +204,7 @@ NETWORKS: dict[str, Callable[[], Network]] = {
 
 
 class Outputs(torch.nn.Module):
-    """A network whose outputs are a tuple, as an ONNX file gives them, each with the spread of a trained network's."""
+    """A network with a tuple of outputs, as an ONNX file has, each with the spread of a trained network."""
 
     def __init__(self, network: Any, pixels: torch.Tensor) -> None:
         super().__init__()
@@ -212,7 +212,7 @@ class Outputs(torch.nn.Module):
         self.names = ("logits",) if "Semantic" in type(network).__name__ else OUTPUTS
         self.num_inputs = 1 + ("task_inputs" in inspect.signature(network.forward).parameters)
         self.moments: list[tuple[torch.Tensor, torch.Tensor]] = []
-        # Of each class among the pixels or the queries, and of each query among the pixels.
+        # For each class over the pixels or the queries, and for each query over the pixels.
         axes = [(0, 2, 3) if found.ndim == 4 else (0, 1) for found in self(pixels, TASK)]
         self.moments = [
             (found.mean(axis, keepdim=True), found.std(axis, keepdim=True) / STEEP)
@@ -228,7 +228,7 @@ class Outputs(torch.nn.Module):
 
 
 def randomise(network: Any) -> None:
-    """Give each layer weights that keep the spread of its input, and each bias some of its own."""
+    """Give each layer weights that preserve the spread of its input, and random biases."""
     for name, parameter in network.named_parameters():
         if parameter.ndim > 1:
             torch.nn.init.normal_(parameter, 0.0, GAIN * parameter[0].numel() ** -0.5)
@@ -238,7 +238,7 @@ def randomise(network: Any) -> None:
         if isinstance(module, torch.nn.Embedding):
             torch.nn.init.normal_(module.weight, 0.0, SPREAD)
     if hasattr(network, "attn_mask_probs"):
-        # EoMT asks these numbers, 0 at the end of a training, which way to go; an export knows no such question.
+        # EoMT branches on these numbers, which are 0 at the end of training; an export cannot branch.
         delattr(network, "attn_mask_probs")
         network.attn_mask_probs = [0.0] * network.config.num_blocks
     network.eval()
@@ -265,7 +265,7 @@ def main(*, width: int = 1024, only: str = "") -> Iterator[str]:
 
 
 def compared(name: str, make: Callable[[], Network], image: np.ndarray, folder: Path) -> tuple[str, ...]:
-    """Make the row of a network, or say why there is none."""
+    """Make the row of a network, or say why it cannot be compared."""
     torch.manual_seed(SEED)
     folder.mkdir()
     network, processor = make()
@@ -289,7 +289,7 @@ def compared(name: str, make: Callable[[], Network], image: np.ndarray, folder: 
 
 
 def theirs(outputs: Outputs, processor: Any, inputs: Any, size: tuple[int, int]) -> np.ndarray:
-    """Label an image of rows and columns by transformers; gives classes (H, W)."""
+    """Label an image of this size with transformers: classes (H, W)."""
     found = outputs(inputs["pixel_values"], TASK)
     fields = SimpleNamespace(**dict(zip(outputs.names, found, strict=True)))
     fields.patch_offsets = inputs.get("patch_offsets")
@@ -299,10 +299,10 @@ def theirs(outputs: Outputs, processor: Any, inputs: Any, size: tuple[int, int])
 
 @torch.no_grad()
 def export(outputs: Outputs, processor: Any, pixels: torch.Tensor, folder: Path) -> None:
-    """Write the network, and the files of transformers beside it."""
+    """Export the network, with the transformers files beside it."""
     module = sys.modules[type(outputs.network).__module__]
     if hasattr(module, "torch_compilable_check"):
-        # ONNX has no word for the checks of shapes in the decoder of OneFormer.
+        # ONNX cannot express the shape checks in the decoder of OneFormer.
         module.torch_compilable_check = lambda *_: None  # type: ignore[attr-defined]
     torch.onnx.export(
         outputs,
@@ -319,7 +319,7 @@ def export(outputs: Outputs, processor: Any, pixels: torch.Tensor, folder: Path)
 
 
 def ours(path: Path, image: np.ndarray) -> np.ndarray:
-    """Label an image by semcal."""
+    """Label an image with semcal."""
     height, width = image.shape[:2]
     K = ((1.0 * width, 0.0, width / 2.0), (0.0, 1.0 * width, height / 2.0), (0.0, 0.0, 1.0))
     camera = Camera(model="plumb_bob", width=width, height=height, K=K)
