@@ -105,7 +105,7 @@ def test_a_moving_car_sees_what_a_standing_one_sees(
     for motion in ({"twist": TWIST}, {"poses": "poses.txt"}):
         assert offsets_m(load(tmp_path, skewed, motion), still).max() < 1e-4
     absolute = {"twist": TWIST, "point_times": "absolute"}
-    with pytest.raises(InputError, match=r"needed them within 1 s; motion\.point_times says absolute"):
+    with pytest.raises(InputError, match=r"needed them within 1 s; motion\.point_times is absolute"):
         load(tmp_path, skewed, absolute)
 
 
