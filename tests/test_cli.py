@@ -206,7 +206,7 @@ def test_a_misplaced_file_is_told_with_the_order(drive: Path, tmp_path: Path, cl
     write_calibration(make_calibration(POSE), given)
     code, out, err = cli(*({"C": given, "D": drive}.get(word, word) for word in command))
     assert (code, out) == (EXIT_FAILURE, "")
-    found = f"{given}: found a calibration where the drive belongs"
+    found = f"{given}: found a calibration, needed a drive"
     if line in ("verify D D", "compare C D"):
         needed = "needed a transform, or a drive with T_camera_lidar"
         found = f"{drive / DRIVE_FILE}: found a drive without a reference, {needed}"

@@ -135,7 +135,7 @@ REFUSED = {
     **{
         f"calibrate d --cue {value}": f"Invalid value for '--cue': found '{value}', {expected}."
         for value, expected in (
-            ("colour", "needed some of labels, segments, edges, intensity, features, auto"),
+            ("colour", "needed one or more of labels, segments, edges, intensity, features, auto"),
             ("segments,segments", "needed each name once"),
             ("edges,auto", "needed auto alone"),
             ("labels,features", "needed features alone"),

@@ -217,7 +217,7 @@ def test_the_demo_shows_mine_beside_the_exact_estimator(
     done = CliRunner().invoke(semcal, ["demo", str(tmp_path / "demo")])
     assert done.exit_code == 0, done.output
     told = re.search(
-        r"^by MINE          (\d\.\d{4}) deg and (\d\.\d{3}) cm off, in \d+\.\d s, ", done.output, re.MULTILINE
+        r"^with MINE        (\d\.\d{4}) deg and (\d\.\d{3}) cm off, in \d+\.\d s, ", done.output, re.MULTILINE
     )
     assert told is not None
     # About four times what it ends at: a pose of another scene, or of no refinement, is farther off.

@@ -199,7 +199,9 @@ def test_times_of_another_unit_or_clock_are_refused(tmp_path: Path, skewed: dict
 @pytest.mark.parametrize("key", ["points_stamp", "image_stamp"])
 def test_motion_needs_stamps(tmp_path: Path, skewed: dict[str, Any], key: str) -> None:
     frames = [{k: v for k, v in frame.items() if k != key} for frame in skewed["frames"]]
-    with pytest.raises(InputError, match=rf"frames\[.*0\.npy\]\.{key}: found nothing, needed it for motion"):
+    with pytest.raises(
+        InputError, match=rf"frames\[.*0\.npy\]\.{key}: found nothing, needed a time for the motion"
+    ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
 
 

@@ -23,7 +23,7 @@ from semcal_cli.plugins import Plugins, PluginWarning
 from semcal_cli.result.calibration import read_calibration
 
 EXAMPLE = Path(__file__).with_name("example_plugin")
-NEEDED = "needed some of labels, segments, edges, intensity, features, auto"
+NEEDED = "needed one or more of labels, segments, edges, intensity, features, auto"
 
 
 def semcal(*words: object, packages: Path | None = None, code: int = 0) -> subprocess.CompletedProcess[str]:

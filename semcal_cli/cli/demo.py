@@ -80,7 +80,7 @@ def demo(settings: DemoSettings) -> None:
         off = displaced(calibration.pose, OFF_DEG, OFF_M, rng)
         poses = {f"a camera {OFF_DEG:g} degrees off": off, "found from nothing": calibration.pose}
     else:
-        poses = {f"{START_DEG:g} degrees off": start.T_camera_lidar, "found from there": calibration.pose}
+        poses = {f"{START_DEG:g} degrees off": start.T_camera_lidar, "refined from there": calibration.pose}
     Overlays(data.drive, data.observations, poses, "edge" if is_real else "agreement").write(0, picture)
     code = outputs.write(calibration, terminal, settings.threads, data.drive)
     whose = "the transform that KITTI publishes" if is_real else "the truth, which the calibration never saw"
@@ -146,4 +146,4 @@ def _by_mine(data: LoadedDrive, calibration: Calibration, T_true: Pose) -> str:
     stages = refine_and_polish(data, initial, RefinementConfig("mine"), seed)
     error = compare_poses(stages.T_camera_lidar, T_true)
     off = f"{error.rotation_deg:.4f} deg and {error.camera_center_cm:.3f} cm off"
-    return f"by MINE          {off}, in {perf_counter() - start:.1f} s, from the same start"
+    return f"with MINE        {off}, in {perf_counter() - start:.1f} s, from the same start"

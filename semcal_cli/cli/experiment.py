@@ -116,7 +116,7 @@ def trust(out: Path, seeds: range, parts: tuple[str, ...], with_limits: bool) ->
         if parts != PARTS:
             raise click.UsageError("--limits has no parts: leave out --only")
         return limits.experiment(out, seeds)
-    if "good" in parts:  # every fifth drive of which is calibrated by MINE, too
+    if "good" in parts:  # every fifth drive is also calibrated with MINE
         check_torch("semcal experiment trust --only good")
     return trust_table.experiment(out, seeds, parts)
 

@@ -145,14 +145,14 @@ OWN_SETTINGS = {"nuscenes": NuscenesSettings, "carla": CarlaSettings, "kitti-360
 
 
 class Imports(click.Group):
-    """The imports of semcal, and after them those of plugins."""
+    """semcal's imports, followed by those of plugins."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the names of all imports."""
         return [*super().list_commands(ctx), *PLUGINS.names]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Find an import; None if there is none of this name, or if its plugin is broken."""
+        """Find an import; None if there is none with this name, or if its plugin is broken."""
         if (command := super().get_command(ctx, cmd_name)) is not None:
             return command
         if (read := PLUGINS.get(cmd_name, FunctionType)) is None:

@@ -76,9 +76,9 @@ class Names(click.ParamType[tuple[str, ...]]):
         """Make the type.
 
         Args:
-            known: Names that there are, in the order of the value; any if empty.
-            alone: Names that stand with no other.
-            needed: What messages say is needed, where `known` is empty.
+            known: Known names, in the order of the value; empty accepts any.
+            alone: Names that cannot be combined with others.
+            needed: What messages say is needed if `known` is empty.
             plugins: Plugins that add names.
         """
         self.known, self.alone, self.needed, self.plugins = known, alone, needed, plugins
@@ -93,7 +93,7 @@ class Names(click.ParamType[tuple[str, ...]]):
         if self.plugins is not None and not set(names) <= set(known):
             known = (*known, *self.plugins.names)
         if "" in names or (known and not set(names) <= set(known)):
-            needed = self.needed or f"some of {', '.join(known)}"
+            needed = self.needed or f"one or more of {', '.join(known)}"
             self.fail(f"found {value!r}, needed {needed}.", param, ctx)
         if len(set(names)) < len(names):
             self.fail(f"found {value!r}, needed each name once.", param, ctx)
@@ -166,7 +166,7 @@ class SettingOption(click.Option):
     section = OPTIONS
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Add the names that plugins add to those that the help explains."""
+        """Append the names of plugins to the help."""
         record = super().get_help_record(ctx)
         plugins = self.type.plugins if isinstance(self.type, Names) else None
         if record is None or plugins is None or not plugins.names:

@@ -315,7 +315,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     if RIG in document:
         raise InputError(f"{file}: {OF_RIG}")
     if CALIBRATIONS & document.keys():
-        raise MisplacedError(f"{file}: found a calibration where the drive belongs")
+        raise MisplacedError(f"{file}: found a calibration, needed a drive")
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
     return drive

@@ -165,7 +165,9 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: Cloud) -> npt.NDAr
     """Give the time of each point (N,), in seconds on the clock of the stamps."""
     path = drive.resolve(frame.points)
     if frame.points_stamp is None:
-        raise InputError(f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed it for motion")
+        raise InputError(
+            f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed a time for the motion"
+        )
     if cloud.time is None:
         return np.full(len(cloud.points), frame.points_stamp)
     times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
@@ -185,7 +187,9 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: Cloud) -> npt.NDAr
 def _moment(drive: Drive, frame: Frame) -> float:
     """Give the time of the image's middle line, in seconds; its stamp must be within `MAX_SWEEP_S` of the sweep's."""
     if frame.image_stamp is None:
-        raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
+        raise InputError(
+            f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed a time for the motion"
+        )
     if frame.points_stamp is not None and abs(frame.image_stamp - frame.points_stamp) > MAX_SWEEP_S:
         found = f"found {frame.image_stamp - frame.points_stamp:g} s after points_stamp"
         raise InputError(
