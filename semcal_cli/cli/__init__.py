@@ -169,7 +169,7 @@ def run(arguments: Sequence[str]) -> Ending:
 def _formatted(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
 ) -> str:
-    """Print a plugin's warning as one line for users, and any other warning as Python does."""
+    """Format a plugin's warning as one line for users, and any other warning as Python does."""
     if isinstance(message, PluginWarning):
         return f"semcal: warning: {printable(str(message))}\n"
     return PYTHONS_FORMAT(message, category, filename, lineno, line)
