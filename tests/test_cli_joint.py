@@ -153,7 +153,7 @@ WRONG: list[tuple[str, object, str]] = [
     (
         "camera.joint_covariance",
         [[0.0] * 8] * 9,
-        r"camera\.joint_covariance: found 9 rows with 8 to 8 entries, needed as many as rows$",
+        r"camera\.joint_covariance: found 9 rows with 8 to 8 entries, needed as many entries as rows$",
     ),
     (
         "camera.joint_covariance",

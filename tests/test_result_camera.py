@@ -189,7 +189,7 @@ def test_a_camera_of_other_images_is_not_used(record: Calibration, drive: Path, 
     applied = apply_result(record, small, "c.yaml")
     assert applied.drive.camera == small.camera
     kind = f"plumb_bob of {right.width} x {right.height} pixels"
-    line = f"that of {small.path}: the one of c.yaml is {kind}"
+    line = f"that of {small.path}: the camera of c.yaml is {kind}"
     assert applied.changes == (("camera", line),)
     late = record.model_copy(update={"clock": clock()})
     applied = apply_result(late, moving(small), "c.yaml")

@@ -10,7 +10,7 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.sections import Hypothesis
 
 LONG = (
-    "a mounting 30 degrees away explains the labels almost as well, 1.82 standard errors worse, needed 2.00: "
+    "a mounting 30 degrees away explains the labels almost as well, 1.82 standard errors apart, needed at least 2.00: "
     * 3
 )
 PATH = "/".join(["a-folder-of-a-long-name"] * 6)

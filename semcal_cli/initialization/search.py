@@ -190,7 +190,7 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
     apart, least = told_apart(margin, MIN_RUNNER_UP_MARGIN, 2)
     found = (
         f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well, "
-        f"{apart} standard errors worse, needed at least {least}"
+        f"{apart} standard errors apart, needed at least {least}"
     )
     return OTHER_MOUNTING.measured(margin, found).findings
 

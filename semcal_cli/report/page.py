@@ -124,7 +124,7 @@ def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, An
         pool.submit(import_module, "matplotlib.figure")
         progress("drawing points on images")
         images = make_images(report.overlays(MAX_FRAMES))
-        progress("following the mutual information along six axes")
+        progress("computing the mutual information along six axes")
         curves = information_curves(observations, T, record.believed_uncertainty if record else None)
         plots = pool.submit(curve_plots, curves)
         registration = pool.submit(_registration, report)

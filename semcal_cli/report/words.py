@@ -163,9 +163,10 @@ def runner_up_sentences(record: Calibration) -> list[str]:
     margin = record.quality.runner_up_margin
     if margin is None:
         return []
+    less = "less" if margin >= 0.0 else "more"
     return [
-        f"The best other mounting has {margin:.1f} standard errors less information; a trusted result needs at least "
-        f"{MIN_RUNNER_UP_MARGIN:g}."
+        f"The best other mounting has {abs(margin):.1f} standard errors {less} information; a trusted result needs at "
+        f"least {MIN_RUNNER_UP_MARGIN:g} less."
     ]
 
 

@@ -71,7 +71,7 @@ def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:
     used, own = record.used_camera, drive.camera
     if not _is_of_same_images(used, own):
         kind = f"{used.model} of {used.width} x {used.height} pixels"
-        return f"that of {drive.path}: the one of {name} is {kind}"
+        return f"that of {drive.path}: the camera of {name} is {kind}"
     if record.has_found_camera:
         differences, whose = camera_differences(record.applied_to(drive).camera, own, "drive"), name
     else:

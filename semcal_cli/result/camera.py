@@ -24,7 +24,7 @@ def _check_joint(rows: JointRows) -> JointRows:
     counts = {len(row) for row in rows}
     if counts != {len(rows)}:
         found = f"{len(rows)} rows with {min(counts)} to {max(counts)} entries"
-        raise mismatch(found, "as many as rows")
+        raise mismatch(found, "as many entries as rows")
     return check_covariance(rows)
 
 
