@@ -246,7 +246,7 @@ def test_of_one_camera_s_encodings_the_raw_one_is_taken(tmp_path: Path) -> None:
 
 
 LIES: dict[str, tuple[dict[str, Maker], str]] = {
-    "point_step": ({"points": cloud(point_step=14)}, "up to byte 16, but point_step 14"),
+    "point_step": ({"points": cloud(point_step=14)}, "up to byte 16, beyond point_step 14"),
     "point_step huge": ({"points": cloud(point_step=1 << 30)}, "point_step 1,073,741,824"),
     "row_step": ({"points": cloud(row_step=3, height=2, width=10)}, "found row_step 3, needed 160"),
     "points": ({"points": cloud(data=np.zeros(5, np.uint8))}, "found 5 bytes of points, needed 320"),

@@ -124,7 +124,7 @@ def test_kitti_360_raw_images_have_their_own_camera(kitti_360: Import, tmp_path:
     assert drive.camera.distortion == RAW_D
     assert drive.frames[0].image == f"../tree/data_2d_raw/{KITTI_360_DRIVE}/image_01/data_rgb/0000000250.png"
     assert drive.frames[0].image_labels is None
-    said = "note: data_2d_semantics labels rectified images only: give labels of raw ones by"
+    said = "note: data_2d_semantics labels only rectified images: give labels of raw"
     assert said in kitti_360.stderr
     write_ids(tmp_path / "pictures/0000000250.png", *RAW_SIZE)
     drive = kitti_360.run("--raw", "--image-labels", tmp_path / "pictures")

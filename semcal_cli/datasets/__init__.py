@@ -63,7 +63,7 @@ DATASETS = {
     ),
 }
 PLUGINS = Plugins("semcal.datasets", (*DATASETS, "bag", "folder"))
-"""Data sets of other installed packages, beside which `semcal import` has these names."""
+"""Data sets of other installed packages, which cannot take the names of semcal's own imports."""
 
 
 def read_dataset(name: str, request: Request) -> Recording:

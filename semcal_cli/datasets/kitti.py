@@ -37,7 +37,7 @@ from semcal_cli.formats.node import Node, camera_block, image_side, parse_number
 from semcal_cli.geometry.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
-"""Scan pattern of the Velodyne HDL-64E at 10 turns a second."""
+"""Scan pattern of the Velodyne HDL-64E at 10 turns per second."""
 FORWARD_SPEED = 8
 """Column of the forward velocity in an oxts packet, metres per second (dataformat.txt)."""
 IMAGES = (".png", ".jpg")

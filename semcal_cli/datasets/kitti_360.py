@@ -81,7 +81,7 @@ def read(request: Request) -> Recording:
         remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
     if raw_pair:
         remarks.append(
-            "data_2d_semantics labels rectified images only: give labels of raw ones by --image-labels"
+            "data_2d_semantics labels only rectified images: give labels of raw images with --image-labels"
         )
     ontology = read_ontology("kitti-360")
     return Recording(

@@ -149,8 +149,8 @@ def hand_eye(drive: Drive) -> HandEye | NotDetermined:
     solved = solve(found)
     if solved.half_width_deg > MAX_HALF_WIDTH_DEG:
         return NotDetermined(
-            f"{solved.num_pairs} pairs of images leave the rotation open to +- {solved.half_width_deg:.1f} degrees, "
-            f"needed at most {MAX_HALF_WIDTH_DEG:g}: record more turns, and straight driving as well"
+            f"{solved.num_pairs} pairs of images determine the rotation only to +- {solved.half_width_deg:.1f} "
+            f"degrees, needed at most {MAX_HALF_WIDTH_DEG:g}: record more turns, and straight driving as well"
         )
     return solved
 
@@ -283,7 +283,7 @@ def _missing(motions: Sequence[Pose]) -> str | None:
         return None
     return (
         f"the drive has too few turns, {turned_deg:.1f} degrees in {len(motions)} pairs of images: straight driving "
-        "leaves the rotation about its direction open"
+        "does not determine the rotation about its direction"
     )
 
 

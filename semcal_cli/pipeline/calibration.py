@@ -314,7 +314,7 @@ def fuse(
         edge_band_px=config.edge_band_px,
         of_motion=sum_of(of_clock, covariance_of_motion(data, T_polished)),
     )
-    return announced("fused", "weighing what is known", stage, on_event, T_polished)
+    return announced("fused", "combining with priors", stage, on_event, T_polished)
 
 
 def repeat(

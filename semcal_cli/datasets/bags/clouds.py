@@ -165,7 +165,7 @@ def _layout(cloud: Any, step: int) -> np.dtype[Any]:
             raise MessageError(f"found field {field.name!r} of datatype {field.datatype}, needed 1 to 8")
         end = int(field.offset) + np.dtype(kind).itemsize * count
         if end > step:
-            raise MessageError(f"found field {field.name!r} up to byte {end:,}, but point_step {step:,}")
+            raise MessageError(f"found field {field.name!r} up to byte {end:,}, beyond point_step {step:,}")
         names.append(re.sub(r"\s+", "_", field.name.strip("\0")) or "_")
         formats.append((order + kind, (count,)) if count > 1 else order + kind)
         offsets.append(int(field.offset))

@@ -82,7 +82,7 @@ class Topic:
 
     @property
     def rate_hz(self) -> float:
-        """Messages a second; 0 if it has fewer than two."""
+        """Messages per second; 0 if it has fewer than two."""
         duration_ns = self.span.last_ns - self.span.first_ns
         return (self.span.num_messages - 1) * NS / duration_ns if duration_ns > 0 else 0.0
 
