@@ -26,9 +26,7 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
     T[:3, 3] = [0.0, 0.9, 0.0]
     assert check_pose(T, agreement, 1.0) == check_pose(T, agreement) == ()
     (held,) = check_pose(T, agreement, 0.9)
-    assert held.sentence.startswith(
-        "the camera stopped at 0.9 m from the LiDAR, the limit of --max-baseline-m"
-    )
+    assert held.sentence.startswith("the camera reached 0.9 m from the LiDAR, the limit of --max-baseline-m")
     assert check_distance(T, 1.0) == ()
     (far,) = check_distance(T, 0.8)
     assert far.found == "the camera is 0.9 m from the LiDAR, --max-baseline-m allows 0.8 m"

@@ -89,7 +89,7 @@ def check_pose(
     findings = []
     distance_m = baseline_m(T_camera_lidar)
     if distance_m >= AT_LIMIT * max_baseline_m:
-        found = f"the camera stopped at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
+        found = f"the camera reached {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
         findings.append(FAR_CAMERA.finding(found))
     covered, least = told_apart(agreement.overlap, OVERLAP.limit(), 1, "%")
     found = f"visible points with classes cover {covered} of the image, needed at least {least}"
