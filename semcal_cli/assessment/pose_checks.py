@@ -23,6 +23,10 @@ LEAST_BIAS = 1e-12
 """Lower bound of the information by chance as a divisor, nats."""
 AT_LIMIT = 0.999
 """Fraction of the largest allowed distance from which a camera counts as clamped to it."""
+UNKNOWN_COST = (
+    "and the drive gives no motion: what motion costs is unknown, needed motion.poses, motion.twist, or "
+    "motion.speed_m_s, which is 0 for a stationary rig"
+)
 ROUNDING = 1e-9
 """Allowance for rounding, in metres or degrees, because fixed axes have intervals of zero width."""
 
@@ -39,6 +43,22 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
     return MOTION.measured(motion_error_px, found).findings
 
 
+def check_unstated(drive: Drive, observations: Observations) -> tuple[Finding, ...]:
+    """Check that a drive whose points have times gives the motion that smears its sweeps.
+
+    At a steady speed all frames are off alike, so that their labels do not tell it.
+    """
+    if not observations.have_times or not _is_unknown(drive, observations):
+        return ()
+    return (MOTION.finding(f"the points have times, {UNKNOWN_COST}"),)
+
+
+def _is_unknown(drive: Drive, observations: Observations) -> bool:
+    """Whether the drive gives no motion, and its frames do not show a rig that stands: several of one scene."""
+    stands = len(set(observations.scenes)) == 1 < observations.num_frames
+    return drive.motion is None and not stands
+
+
 def check_shutter(
     drive: Drive, observations: Observations, *, is_compensated: bool = True
 ) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
@@ -50,7 +70,8 @@ def check_shutter(
         is_compensated: Whether the method compensates it where the motion is known.
 
     Returns:
-        A finding if the shutter costs too many pixels, else a note; nothing if it is compensated or does not roll.
+        A finding if the shutter costs too many pixels, or unknown ones, else a note; nothing if it is compensated or
+        does not roll.
     """
     if drive.camera.readout_s == 0.0:
         return (), ()
@@ -58,6 +79,8 @@ def check_shutter(
         note = "this method does not compensate the rolling shutter: all rows count as the middle one"
         return (), () if is_compensated else (note,)
     found = "the rolling shutter is not compensated, because the drive gives no direction of motion"
+    if _is_unknown(drive, observations):
+        return (SHUTTER.finding(f"the shutter rolls, {UNKNOWN_COST}"),), ()
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:
         return (), (f"{found}: {SHUTTER.advice}",)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.assessment.joint import Joint
-from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
+from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter, check_unstated
 from semcal_cli.assessment.priors import Fused
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
@@ -95,7 +95,11 @@ class Stages:
         return cls(
             initial,
             refined,
-            of_data=(*check_motion(data.observations.motion_error_px), *of_shutter),
+            of_data=(
+                *check_motion(data.observations.motion_error_px),
+                *of_shutter,
+                *check_unstated(data.drive, data.observations),
+            ),
             notes_on_data=(*data.notes_on_networks, *notes),
             of_comparison=of_comparison,
             max_baseline_m=max_baseline_m,

@@ -161,6 +161,11 @@ def motion_error_px(drive: Drive, clouds: Sequence[Cloud]) -> float | None:
     return float(np.median(np.concatenate(shifts_px))) * core_camera(drive.camera).pixels_per_radian
 
 
+def have_times(clouds: Sequence[Cloud]) -> bool:
+    """Whether points have times that tell that a sweep took a while: a rig that moves meanwhile smears it."""
+    return any(cloud.time is not None and np.ptp(cloud.time) >= MIN_SWEEP_S for cloud in clouds)
+
+
 def _times(drive: Drive, motion: Motion, frame: Frame, cloud: Cloud) -> npt.NDArray[np.float64]:
     """Give the time of each point (N,), in seconds on the clock of the stamps."""
     path = drive.resolve(frame.points)

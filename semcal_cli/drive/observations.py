@@ -117,6 +117,8 @@ class Observations:
     image_class_names: Sequence[str]
     motion_error_px: float | None = None
     """Median displacement of the points by the rig's motion during a sweep: see `motion.motion_error_px`."""
+    have_times: bool = False
+    """Whether points have the times at which they were measured: see `motion.have_times`."""
     num_cues: int = 1
     """Number of cues, each of which observes every frame."""
     starts: StartsConfig | None = None

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.arrays import HeldArrays
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.motion import Compensated, compensated, motion_error_px
+from semcal_cli.drive.motion import Compensated, compensated, have_times, motion_error_px
 from semcal_cli.drive.observations import (
     NO_CLASS,
     FrameObservation,
@@ -148,6 +148,7 @@ def make_observations(
         point_class_names=names[0],
         image_class_names=names[1],
         motion_error_px=motion_error_px(drive, clouds),
+        have_times=have_times(clouds),
     )
 
 
