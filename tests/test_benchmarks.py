@@ -41,6 +41,7 @@ RUNS = {
     "fleet.py --fleets 1": 15,
     "import_bag.py -o OUT/recordings --gigabytes 0.001 --rounds 1 --points 1000 --width 160": 3,
     "hand_eye.py --drives 1 --width 320 --without-edges": 2,
+    "hand_eye.py --drives 1 --width 320 --check": 5,
     "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160": 3,
     "knocked_drive.py -o OUT/knocked.png --frames 4 --width 320 --angle-deg 3": 0,
     "labels_from_images.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128": 4,

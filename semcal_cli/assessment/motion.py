@@ -8,10 +8,11 @@ from time import perf_counter
 
 import numpy as np
 
+from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.geometry.poses import rotation_difference
+from semcal_cli.geometry.poses import Pose, rotation_difference, rotation_error_deg
 from semcal_cli.initialization.handeye import HandEye, NotDetermined, hand_eye
 from semcal_cli.result.checks import CAMERA_MOTION, Measured
 
@@ -49,15 +50,27 @@ def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignor
 
 def disagreement(found: HandEye, stages: Stages) -> Measured:
     """Measure how far a rotation by motion is from that of the last pose, in standard errors of both."""
-    off = rotation_difference(stages.T_camera_lidar, found.T_camera_lidar)
-    covariance = found.covariance[:3, :3] + SYSTEMATIC_SIGMA**2 * np.eye(3)
-    if stages.uncertainty is not None:
-        covariance = covariance + np.array(stages.uncertainty.covariance)[3:, 3:]
-    sigmas = math.sqrt(off @ np.linalg.solve(covariance, off))
-    off_deg = math.degrees(float(np.linalg.norm(off)))
+    of_pose = None if stages.uncertainty is None else np.array(stages.uncertainty.covariance)
+    sigmas = standard_errors(found, stages.T_camera_lidar, of_pose)
+    off_deg = rotation_error_deg(stages.T_camera_lidar, found.T_camera_lidar)
     most = f"needed at most {CAMERA_MOTION.limit():g}"
     return CAMERA_MOTION.measured(
         sigmas,
         f"the motion of camera and LiDAR gives a rotation {off_deg:.2f} degrees away, {sigmas:.1f} standard "
         f"errors, {most}",
     )
+
+
+def standard_errors(found: HandEye, T_camera_lidar: Pose, of_pose: Matrix | None = None) -> float:
+    """Measure how far a rotation by motion is from that of a pose (4, 4), in standard errors of both.
+
+    Args:
+        found: The rotation by motion.
+        T_camera_lidar: (4, 4), metres.
+        of_pose: (6, 6) covariance of the pose; None if it is unknown, as if the pose were exact.
+    """
+    off = rotation_difference(T_camera_lidar, found.T_camera_lidar)
+    covariance = found.covariance[:3, :3] + SYSTEMATIC_SIGMA**2 * np.eye(3)
+    if of_pose is not None:
+        covariance = covariance + of_pose[3:, 3:]
+    return math.sqrt(off @ np.linalg.solve(covariance, off))

@@ -110,7 +110,8 @@ def jam_row(hidden: float, seeds: range, points: int) -> tuple[str, ...]:
     return f"{hidden:.0%}", *speeds
 
 
-def kitti_row(folder: Path) -> tuple[str, ...]:
+def kitti_poses(folder: Path) -> tuple[dict[int, Pose], list[Pose]]:
+    """Poses of the LiDAR in a KITTI raw drive: of its sweeps by nanoseconds, one more at each end, and of its oxts."""
     odometry, truth, scale = Odometry(), list[Pose](), 0.0
     for number, cloud in enumerate(sorted(folder.glob("velodyne_points/data/*.bin"))):
         (read,) = read_point_clouds([(cloud, None)])
@@ -123,7 +124,12 @@ def kitti_row(folder: Path) -> tuple[str, ...]:
         T[:3, :3] = np.linalg.multi_dot([_turn(angle, axis) for angle, axis in turns])
         T[:3, 3] = scale * EARTH_M * np.radians(lon), scale * EARTH_M * north, alt
         truth.append(T @ inverse(T_LIDAR_IMU))
-    poses = list(odometry.poses().values())[1:-1]
+    return odometry.poses(), truth
+
+
+def kitti_row(folder: Path) -> tuple[str, ...]:
+    found_by, truth = kitti_poses(folder)
+    poses = list(found_by.values())[1:-1]
     found, true = (inverse(each[0]) @ each[-1] for each in (poses, truth))
     off_cm = 100.0 * np.linalg.norm(found[:3, 3] - true[:3, 3])
     way_m = np.linalg.norm(true[:3, 3])
