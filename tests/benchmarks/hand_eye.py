@@ -183,7 +183,9 @@ def main(
             for seed in range(first_seed, first_seed + drives)
         ]
         if check:
-            header = "poses turned by | drives that are determined | told | standard errors: least, median, most"
+            header = (
+                "poses turned by | drives that are determined | told | standard errors: least, median, most"
+            )
             yield from table(header, check_rows(cases))
             return
         header = "drive | hand-eye | its 95 % interval | edges from there | verdict"
