@@ -128,7 +128,7 @@ class Camera(StrictModel):
     and one pixel (`semcal_cli.drive.camera.sigma_of`); zeros mean that the intrinsics are exact."""
     readout_s: Readout = 0.0
     """Time that a rolling shutter takes from the first row of an image to the last, in seconds; 0 is a global shutter.
-    `image_stamp` is the time of the first row. The shutter is compensated if the drive gives a motion."""
+    `image_stamp` is the time of the first row. The shutter is compensated if the drive has a motion."""
     direction: ReadoutDirection = "down"
     """Direction in which a rolling shutter reads the rows; down starts with the top row."""
 

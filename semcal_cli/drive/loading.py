@@ -80,7 +80,7 @@ class LoadedDrive:
 
     @property
     def notes_on_networks(self) -> tuple[str, ...]:
-        """Sentence about how far a second network differs from the one whose image labels are used; empty without."""
+        """How far a second network differs from the one whose image labels are used; empty without a second one."""
         second = None if self.drive.networks is None else self.drive.networks.second
         if second is None or "image_labels" not in files_of(self.cues):
             return ()

@@ -47,7 +47,7 @@ class LabelNetworks(StrictModel):
     """Image labels of a second network."""
 
     def describe(self) -> list[str]:
-        """Name the networks, one a line, and say how far two of them differ."""
+        """Name the networks, one per line, and say how far two of them differ."""
         lines = [
             f"{side} labels: {network.name}{'' if network.licence is None else f', {network.licence}'}"
             for side, network in (("image", self.image), ("point", self.points))
