@@ -166,7 +166,7 @@ def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) 
     for given in (rig, rig.parent):
         found = CliRunner().invoke(semcal, ["verify", str(given), str(rig.parent / "camera_0")])
         assert str(found.exception) == (
-            f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the "
+            f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, needed the "
             "drive of one of its cameras"
         )
 

@@ -257,7 +257,7 @@ def test_a_motion_that_is_not_given_is_doubted_unless_the_rig_stands(rolling: Lo
     unknown = without_direction(rolling, None)
     for measured in (check_shutter(*fields_of(unknown))[0], check_unstated(*fields_of(unknown))):
         (finding,) = measured
-        assert "what motion costs is unknown" in finding.sentence
+        assert "the error by motion is unknown" in finding.sentence
     standing = unknown.of_frames([0, 0])
     assert check_shutter(*fields_of(standing)) == ((), (f"{NOT_COMPENSATED}: {ADVICE}",))
     assert check_unstated(*fields_of(standing)) == ()

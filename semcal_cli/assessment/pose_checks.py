@@ -24,8 +24,8 @@ LEAST_BIAS = 1e-12
 AT_LIMIT = 0.999
 """Fraction of the largest allowed distance from which a camera counts as clamped to it."""
 UNKNOWN_COST = (
-    "and the drive gives no motion: what motion costs is unknown, needed motion.poses, motion.twist, or "
-    "motion.speed_m_s, which is 0 for a stationary rig"
+    "but the drive gives no motion, so the error by motion is unknown, needed motion.poses, motion.twist, or "
+    "motion.speed_m_s (0 for a stationary rig)"
 )
 ROUNDING = 1e-9
 """Allowance for rounding, in metres or degrees, because fixed axes have intervals of zero width."""
