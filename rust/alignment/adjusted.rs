@@ -1,25 +1,26 @@
-//! The adjusted mutual information of segments and image classes (Vinh, Epps and Bailey, JMLR 2010).
+//! Adjusted mutual information of segments and image classes (Vinh, Epps and Bailey, JMLR 2010).
 //!
-//! `S = (I - N) / (H - N)`: I is the information of segments and classes, N the mean of that of null partitions, and H the
-//! entropy of the classes under the points, which I cannot exceed. It is 0 where segments tell no more than any partition
-//! of their kind, and 1 where they tell the classes. Neither richer nor poorer parts of the images raise it: I - N is
-//! larger where the image is rich, and I / H where it is poor.
+//! `S = (I - N) / (H - N)`: I is the mutual information of segments and classes, N its mean over the null
+//! partitions, and H the entropy of the classes under the points, which bounds I. S is 0 where segments say no more
+//! than any partition of their kind, and 1 where they determine the classes. It favours neither rich nor poor parts
+//! of the images: I - N is larger where the image is rich, I / H where it is poor.
 
 use std::ops::Range;
 
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 
-/// Least of what null partitions leave to be told, nats.
+/// Lower bound of the denominator H - N, nats.
 const LEAST_LEFT: f64 = 0.02;
 
-/// What each pair of a joint histogram adds to the sum over all points: of segments, to the adjusted information; of the
-/// classes of other frames, to the mutual information, nats. Pairs that weigh less than `floor` count as if they weighed
-/// as much.
+/// Contribution of each pair of a joint histogram to the sum over all points.
 ///
-/// With `h = -log p(y)` and `n` null partitions, a point adds `(pmi - S h) / (H - N) + S` by its segment, and
-/// `-(1 - S) pmi / (n (H - N))` by each null one. The sum is S, and the derivative by the weights of the pairs is that of
-/// S, where the weight of each point stays.
+/// Segments contribute to the adjusted information; classes of other frames contribute to the mutual information,
+/// nats. Pairs lighter than `floor` count as if they had that weight.
+///
+/// With `h = -log p(y)` and `n` null partitions, a point adds `(pmi - S h) / (H - N) + S` by its segment, and `-(1
+/// - S) pmi / (n (H - N))` by each null one. The sum is S. Its derivative with respect to the pair weights is that
+/// of S, as long as the weight of each point is fixed.
 pub fn adjusted(joint: &JointHistogram, observations: &Observations, floor: f64) -> Vec<f64> {
     let width = observations.num_image_classes;
     let mut table = joint.pointwise_in_blocks(observations.num_point_classes, floor);
@@ -63,7 +64,7 @@ mod tests {
     use super::super::scene::segmented;
     use super::*;
 
-    /// A histogram of a frame in which segments see classes by `seen`, and each null partition by `seen_by_null`.
+    /// Histogram of a frame in which segments see classes by `seen`, and each null partition by `seen_by_null`.
     fn score(seen: impl Fn(usize, usize) -> f64, seen_by_null: impl Fn(usize, usize) -> f64) -> f64 {
         let observations: Arc<Observations> = segmented(1);
         let rows = observations.partition_rows().next().expect("a frame with partitions");

@@ -1,4 +1,4 @@
-//! The mutual information along ways from a pose, of the points that are visible there: what a curve shows.
+//! Mutual information along lines through a pose, over the points visible there: the data of a curve.
 
 use std::sync::Arc;
 
@@ -15,11 +15,11 @@ use crate::observation::Observations;
 use crate::pyramid::Sampled;
 use crate::se3;
 
-/// Numbers of pixels to each side of a point that are tried, to find how far it may move within one class.
+/// Radii (pixels) tried to find how far a point may move within one class.
 const RADII: [usize; 5] = [2, 4, 8, 16, 32];
-/// Pixels by which a point on its way may be farther off than its share of the whole way: projections are not linear.
+/// Tolerance (pixels) for the nonlinearity of the projection along a line.
 const MARGIN_PX: f64 = 1.0;
-/// Number of frames whose histograms are in memory together.
+/// Number of frames whose histograms are in memory at once.
 const FRAMES_AT_ONCE: usize = 16;
 
 #[derive(Clone, Debug)]
@@ -36,10 +36,9 @@ impl Way {
     }
 }
 
-/// The mutual information in full resolution at each sample of the ways, nats, of the points that are visible at the
-/// anchor.
+/// Full-resolution mutual information at each sample of the lines, nats, over the points visible at the anchor.
 ///
-/// Points count with the weights that they have there, so that nothing but the pose changes along a way.
+/// Points keep the weights that they have at the anchor, so that only the pose changes along a line.
 pub fn information_along(
     observations: &Arc<Observations>,
     anchor: &Isometry3<f64>,
@@ -63,14 +62,14 @@ pub fn information_along(
     joints.iter().map(|of_way| of_way.iter().map(information).collect()).collect()
 }
 
-/// What surrounds a point at the anchor.
+/// The neighbourhood of a point at the anchor.
 #[derive(Clone, Copy, Debug)]
 struct Amid {
-    /// Where the point lies.
+    /// Projection of the point.
     pixel: Point2<f32>,
     /// The only class nearby; [`NO_CLASS`] where there are several.
     class: u8,
-    /// Pixels by which the point may move within it.
+    /// Distance, pixels, that the point may move within that class.
     radius_px: f32,
 }
 
@@ -78,13 +77,13 @@ impl Amid {
     const AMONG_SEVERAL: Self = Self { pixel: Point2::new(0.0, 0.0), class: NO_CLASS, radius_px: 0.0 };
 }
 
-/// Points by how far along a way they first leave their class.
+/// Points grouped by the length at which they first leave their class.
 struct Leaving {
-    /// The offsets' lengths, shortest first.
+    /// Absolute offsets in ascending order.
     lengths: Vec<f64>,
-    /// Indices of the points that lie among several classes from each of the lengths on, and not before.
+    /// Indices of the points that are among several classes from each length on, but not before.
     moving: Vec<Vec<u32>>,
-    /// Pairs of the points that lie amid one class at each of the lengths.
+    /// Pairs of the points that are inside one class at each length.
     constant: Vec<JointHistogram>,
 }
 
@@ -98,7 +97,7 @@ impl Level {
         within.last().map_or(Amid::AMONG_SEVERAL, of_radius)
     }
 
-    /// The joint histograms of the samples of one frame at each sample of the ways.
+    /// Joint histograms of the samples of one frame at each sample of the lines.
     fn joints_along(
         &self,
         samples: &[Sample],
@@ -128,7 +127,7 @@ impl Level {
         lengths.sort_by(f64::total_cmp);
         let farthest = lengths.last().copied().unwrap_or(0.0);
         let ends = [-farthest, farthest].map(|offset| self.at(&way.pose(anchor, offset)));
-        // The number of lengths at which a point is amid its class: less than its share of the way to the ends.
+        // The number of lengths at which a point stays inside its class: those that move it less than its radius.
         let count = |(sample, amid): (&Sample, &Amid)| {
             let allowed_px = f64::from(amid.radius_px) - MARGIN_PX;
             if allowed_px <= 0.0 {
@@ -150,7 +149,7 @@ impl Level {
                 self.add(&mut constant[count - 1], &samples[index], &Sampled::Uniform(amid[index].class));
             }
         }
-        // Those that are amid one class at some length are so at all shorter ones.
+        // A point that is inside one class at some length is so at all shorter lengths.
         for length in (1..lengths.len()).rev() {
             let (shorter, longer) = constant.split_at_mut(length);
             shorter[length - 1].merge(&longer[0]);
@@ -158,7 +157,7 @@ impl Level {
         Leaving { lengths, moving, constant }
     }
 
-    /// Adds samples where a pose projects them.
+    /// Adds samples at their projections from a pose.
     fn add_at(&self, joint: &mut JointHistogram, samples: &[Sample], indices: &[u32], at: &Projection<'_>) {
         let mut projected = Vec::with_capacity(RUN);
         for run in indices.chunks(RUN) {

@@ -1,4 +1,5 @@
-//! Class shares under chosen points and their derivatives, for estimators that live elsewhere: MINE's network in torch.
+//! Class shares under chosen points and their derivatives, for estimators implemented elsewhere, such as MINE's
+//! network in PyTorch.
 
 use std::sync::Arc;
 
@@ -10,20 +11,20 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
 
-/// The points of a level, chosen at an anchor pose with the weights that they have there.
+/// The points of a level, chosen at an anchor pose and weighted there.
 #[derive(Clone, Debug)]
 pub struct Anchored {
     level: Arc<Level>,
     samples: Vec<Sample>,
-    /// Pairs of the points that are not drawn, since they lie deep inside one class.
+    /// Pairs of the points that are never drawn because they lie deep inside one class.
     constant: JointHistogram,
     preconditioner: Matrix6<f64>,
 }
 
 impl Anchored {
-    /// Chooses the points, of at most `max_points`; there are none where numbers overflow.
+    /// Chooses at most `max_points` points, or none if numbers overflow.
     ///
-    /// Points that lie at least `constant_radius` blocks inside one class are summed up once; none are if it is zero.
+    /// Points at least `constant_radius` blocks inside one class are summed up once. Zero turns this off.
     pub fn new(
         observations: Arc<Observations>,
         factor: usize,
@@ -59,9 +60,9 @@ impl Anchored {
 
     /// Samples the label images under points at a pose.
     ///
-    /// `T_camera_lidar` needs not be rigid: derivatives are taken entry by entry.
+    /// `T_camera_lidar` need not be rigid: derivatives are taken entry by entry.
     pub fn sample(&self, indices: &[usize], t_camera_lidar: &Matrix3x4<f64>) -> MiniBatch {
-        // Points and pixels lie anywhere in memory: each pass does little beside, so that many are fetched at once.
+        // Access to points and pixels is random: short passes let many fetches overlap.
         let samples: Vec<Sample> = indices.iter().map(|&index| self.samples[index]).collect();
         let project = |sample: &Sample| {
             let p_camera = t_camera_lidar * sample.position.push(1.0);
@@ -69,7 +70,7 @@ impl Anchored {
         };
         let projected: Vec<_> = samples.iter().map(project).collect();
         let mut uniform = self.constant.clone();
-        // The batch stands for all points that are drawn from.
+        // The batch represents all points that are drawn from.
         let drawn = samples.len() as f64 / self.samples.len() as f64;
         uniform.weights.iter_mut().for_each(|weight| *weight *= drawn);
         let mut mixed = Vec::new();
@@ -89,9 +90,9 @@ impl Anchored {
 
 /// Points of a mini-batch at a pose, and the class shares of the blocks under them.
 ///
-/// Points on blocks of one class are put together: the first rows of [`MiniBatch::shares`] are those of one class each. A
-/// row follows for each point on blocks of several. Points that the lens does not project, or with nothing labelled
-/// under them, are left out.
+/// Points on blocks of a single class are pooled: the first rows of [`MiniBatch::shares`] hold one class each. A
+/// row follows for each point on blocks of several classes. Points that do not project, or that have no label under
+/// them, are left out.
 #[derive(Clone, Debug)]
 pub struct MiniBatch {
     level: Arc<Level>,
@@ -100,13 +101,13 @@ pub struct MiniBatch {
 }
 
 impl MiniBatch {
-    /// Numbers of rows, of classes of points, and of classes of pixels.
+    /// Numbers of rows, point classes and pixel classes.
     pub fn shape(&self) -> [usize; 3] {
         let Observations { num_point_classes, num_image_classes, .. } = *self.level.observations;
         [num_image_classes + self.mixed.len(), num_point_classes, num_image_classes]
     }
 
-    /// Shares of each class of pixels, row by row, each row adding up to one.
+    /// Shares of the pixel classes, row by row. Each row sums to one.
     pub fn shares(&self) -> Vec<f64> {
         let [num_rows, _, num_y] = self.shape();
         let mut shares = vec![0.0; num_rows * num_y];
@@ -118,7 +119,7 @@ impl MiniBatch {
         shares
     }
 
-    /// Weights of each class of points, row by row. A point has the weight that it has at the anchor.
+    /// Weights of the point classes, row by row. A point keeps its weight from the anchor.
     pub fn weights(&self) -> Vec<f64> {
         let [num_rows, num_x, num_y] = self.shape();
         let mut weights = vec![0.0; num_rows * num_x];
@@ -131,7 +132,7 @@ impl MiniBatch {
         weights
     }
 
-    /// The gradient with respect to the entries of `T_camera_lidar` of a value that has `gradient` with respect to
+    /// Gradient with respect to the entries of `T_camera_lidar`, given `gradient` with respect to
     /// [`MiniBatch::shares`].
     pub fn pull_back(&self, gradient: &[f64]) -> Matrix3x4<f64> {
         let [_, _, num_y] = self.shape();

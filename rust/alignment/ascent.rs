@@ -1,4 +1,4 @@
-//! Gradient ascent over mini-batches, level by level: what gets a pose in from far away.
+//! Gradient ascent over mini-batches, level by level, which converges from far away.
 
 use std::sync::Arc;
 
@@ -17,10 +17,10 @@ use crate::se3;
 /// Decay rates of Adam's two moments (Kingma and Ba, arXiv 1412.6980).
 const ADAM_DECAY: (f64, f64) = (0.9, 0.99);
 const ADAM_EPSILON: f64 = 1e-12;
-/// A level with fewer points than this tells nothing; the pose stays as it is.
+/// With fewer points than this, a level is skipped and the pose stays as it is.
 const MIN_POINTS: usize = 50;
 
-/// Its fields are those of `AlignmentConfig` in Python, which says what they mean.
+/// Settings of the ascent: the fields of `AlignmentConfig` in Python, which documents them.
 #[derive(Clone, Copy, Debug)]
 pub struct AlignmentConfig {
     pub edge_band_px: usize,
@@ -35,10 +35,10 @@ pub struct AlignmentConfig {
 #[derive(Clone, Copy, Debug)]
 pub struct Ascended {
     pub pose: Isometry3<f64>,
-    /// Blocks between the means, over the last two quarters of the ascent, of the sum of the steps; small if it has converged.
-    /// Steps count in full, also where the longest baseline keeps the pose from taking them.
+    /// Distance (blocks) between the mean positions in the last two quarters of the ascent. It is small after
+    /// convergence. Steps count in full even where the maximum baseline prevents them.
     pub drift: f64,
-    /// Number of labelled points on labelled blocks at the start, which it drew from.
+    /// Number of labelled points on labelled blocks at the start, from which batches were drawn.
     pub num_points: usize,
 }
 
@@ -56,8 +56,8 @@ pub fn ascend(
     level.ascend(start, counted, config, seed)
 }
 
-/// Ascends from each of the poses. The ends are given with the number of points there, and with the mutual information of
-/// points and blocks there, nats, less its bias.
+/// Ascends from each of the poses. Returns each end with the number of points there and their mutual information
+/// with the blocks, nats, less its bias.
 pub fn align(
     observations: &Arc<Observations>,
     starts: &[Isometry3<f64>],
@@ -91,7 +91,7 @@ impl Level {
         if num_points < MIN_POINTS {
             return Ascended { pose, drift: 0.0, num_points };
         }
-        // All of one size, or nearly: a last one with a handful of points would be noise.
+        // Batches are of equal or nearly equal size: a last one of a handful of points would be noise.
         let num_batches = num_points.div_ceil(config.batch_size);
         // Segments are counted frame by frame, which is fast while the points of a frame stay together.
         if num_batches > 1 || !self.observations.has_partitions() {
@@ -103,7 +103,7 @@ impl Level {
         };
         let constant = self.empty_joint();
         let mut adam = Adam::default();
-        // The way so far in the preconditioner's motions, and its sums over the last two quarters.
+        // The path so far in the preconditioner's coordinates, and its sums over the last two quarters.
         let (mut way, mut sums) = (Vector6::zeros(), [Vector6::zeros(); 2]);
         let quarter = config.steps / 4;
         for step in 0..config.steps {
@@ -124,7 +124,7 @@ impl Level {
     }
 }
 
-/// Steps of about unit length in the direction of a noisy gradient.
+/// Adam: steps of about unit length along a noisy gradient.
 #[derive(Default)]
 struct Adam {
     mean: Vector6<f64>,

@@ -1,4 +1,4 @@
-//! The points that count at a level: those of the sweeps that the camera may see near a pose, and the choice among them.
+//! Choice of the points used at a level, among those that the camera may see near a pose.
 
 use std::sync::Arc;
 
@@ -15,15 +15,15 @@ use crate::pyramid::{Sampled, ShareMap};
 use crate::thinning::thinned;
 use crate::visibility::{Projected, project_points};
 
-/// Width of the band around the image from which points are kept, as a share of its longer side.
+/// Width of the band around the image in which points are kept, relative to the longer side.
 const BAND: f64 = 0.5;
 
-/// The labelled points of the image that count.
+/// Which labelled points inside the image count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Counted {
     /// All of them.
     All,
-    /// The points that no nearer return hides from the camera.
+    /// The points that no nearer return occludes.
     Visible,
 }
 
@@ -34,9 +34,9 @@ pub struct Sample {
     pub position: Vector3<f64>,
     pub class: u8,
     pub frame: u32,
-    /// Index among the frame's points.
+    /// Index of the point in its frame.
     pub point: u32,
-    /// Labelled share of the blocks around it at the anchor pose.
+    /// Labelled share of the blocks around the point at the anchor pose.
     pub weight: f32,
 }
 
@@ -48,12 +48,12 @@ pub(super) struct Mixed {
     pub pixel: Point2<f64>,
 }
 
-/// What points weigh.
+/// How points are weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Weights {
-    /// A sample's weight at the anchor pose, wherever it projects.
+    /// By the weight at the anchor pose, wherever the point projects.
     AtAnchor,
-    /// The labelled share where a point lands, of its share of a class: its weight.
+    /// By the weight of the sample times the labelled share where it projects.
     WhereItLands,
 }
 
@@ -66,9 +66,10 @@ impl Weights {
     }
 }
 
-/// Observations without the points that lie far outside of the image at all of some poses, and without the rows of
-/// their segments: most segments of a turn are behind the camera. Observations without partitions stay as they are, and
-/// so do frames whose points have shares of classes.
+/// Observations without the points far outside the image at all of the given poses, and without the rows of their
+/// segments, most of which are behind the camera.
+///
+/// Observations without partitions are unchanged, and so are frames whose points have class shares.
 pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]) -> Arc<Observations> {
     if !observations.has_partitions() {
         return Arc::clone(observations);
@@ -100,22 +101,22 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
     Arc::new(observations.with_frames(frames))
 }
 
-/// The points that count, apart from those whose pairs do not change while they move a little.
+/// The chosen points, split into those near other classes and the pairs of the rest, which are locally constant.
 pub struct Chosen {
     /// Points near other classes.
     pub moving: Vec<Sample>,
-    /// Pairs of the others.
+    /// Pairs of the remaining points.
     pub constant: JointHistogram,
 }
 
 impl Level {
-    /// The labelled points on labelled pixels, with their weights at the anchor pose.
+    /// Labelled points on labelled pixels, weighted at the anchor pose.
     pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
         self.choose(pose, counted, |_, _| false).moving
     }
 
-    /// The same, but for the pairs of points that lie at least `radius` blocks inside one class: these do not change while
-    /// points move by less.
+    /// As [`Level::samples`], except that points at least `radius` blocks inside one class are only counted: their
+    /// pairs do not change while they move by less.
     pub fn chosen(&self, pose: &Isometry3<f64>, counted: Counted, radius: usize) -> Chosen {
         self.choose(pose, counted, |map, pixel| map.is_amid_one_class(pixel, radius))
     }
@@ -165,14 +166,14 @@ impl Level {
         Chosen { moving: moving.concat(), constant }
     }
 
-    /// The labelled points of a frame inside the image that count, thinned.
+    /// The labelled points of a frame that are inside the image and count, thinned.
     fn counted_points(&self, frame: &Frame, pose: &Isometry3<f64>, counted: Counted) -> Vec<Projected> {
         let (camera, points) = (&self.observations.camera, &frame.points);
         let chosen = || thinned(points.len(), self.stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
         if counted == Counted::All {
             return project_points(camera, points, chosen(), pose);
         }
-        // Points that do not count hide others.
+        // Points that do not count still occlude others.
         let mut counts = vec![false; points.len()];
         chosen().for_each(|i| counts[i] = true);
         let (projected, hidden) = points.in_image(camera, pose);

@@ -1,7 +1,8 @@
-//! What segments tell of the images at a pose, frame by frame, and what is gained from one pose to another.
+//! Information of segments about the images at a pose, frame by frame, and the gain from one pose to another.
 //!
-//! Segments of one frame say nothing of another's, so that no table of other frames can judge a frame. Each pose is
-//! judged by the histogram of the same frames there, which both poses are free to fill as well as they can.
+//! Segments of one frame say nothing about those of another, so a frame cannot be judged by the histogram of other
+//! frames. Each pose is judged by the histogram of the same frames at that pose, so that neither pose has an
+//! advantage.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,20 +16,20 @@ use super::projection::Projection;
 use crate::agreement::HeldOutGain;
 use crate::observation::Observations;
 
-/// Squares across an image that are counted as independent.
+/// Number of squares across an image, which are taken to be independent.
 const SQUARES_ACROSS: f64 = 8.0;
 
-/// The information of the visible points in a square of the image of a frame.
+/// Information of the visible points in one square of a frame's image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SquareInformation {
-    /// Sum over the points: of classes their pointwise information, nats; of segments what each adds to the adjusted mutual
-    /// information, a share, times the weight of all.
+    /// Sum over the points, weighted by their weight: pointwise information, nats, for classes; contributions to
+    /// the adjusted mutual information for segments.
     pub sum: f64,
-    /// Weight of the points.
+    /// Total weight of the points.
     pub weight: f64,
 }
 
-/// The information at a pose, in full resolution, by frame, row and column of the squares of the images.
+/// Full-resolution information at a pose, by frame and by row and column of the squares of the images.
 pub fn information(
     observations: &Arc<Observations>,
     pose: &Isometry3<f64>,
@@ -49,7 +50,7 @@ pub fn information(
     squares
 }
 
-/// The frame of a point, and the row and column of its square at a pose.
+/// Frame of a point, and row and column of its square at a pose.
 fn square_of<'a>(level: &Level, at: &'a Projection<'_>) -> impl Fn(&Sample) -> Option<[u32; 3]> + use<'a> {
     let side = level.observations.camera.width as f64 / SQUARES_ACROSS;
     move |sample| {
@@ -58,7 +59,7 @@ fn square_of<'a>(level: &Level, at: &'a Projection<'_>) -> impl Fn(&Sample) -> O
     }
 }
 
-/// The gains of the mean information from one pose to each of others, of the points that are visible at the first.
+/// Gains in mean information from one pose to each of the others, over the points visible at the first pose.
 /// Squares of the images are independent, and paired.
 pub fn information_gains(
     observations: &Arc<Observations>,
@@ -88,7 +89,7 @@ pub fn information_gains(
 }
 
 impl Level {
-    /// What each point adds to the information at a pose, times its weight: zero where the lens does not project it.
+    /// Weighted contribution of each point to the information at a pose: zero where the point does not project.
     fn contributions(&self, samples: &[Sample], at: &Projection<'_>) -> Vec<f64> {
         let values = self.values(&self.joint(samples, at));
         let contribution = |shares: &mut Vec<f64>, sample: &Sample| {

@@ -1,9 +1,9 @@
-//! The deterministic ascent to the top: Newton's method on the pose alone, or on it with intrinsics of the camera and the
-//! offset of its clock, from coarse blocks to pixels.
+//! Deterministic ascent to the maximum, from coarse blocks to pixels: Newton's method on the pose alone, or on the
+//! pose with intrinsics and time offset.
 //!
-//! The points are chosen anew where a round of steps ends, and curvature is kept as long as it holds. What was known before
-//! keeps the variables where the labels tell nothing: it is a penalty, `sum ((x - x_0) / sigma)^2 / (2 N)`, in which N says
-//! how many nats of a likelihood a nat of mutual information is worth.
+//! Points are chosen anew after each round of steps, and curvature is reused while it holds. Priors hold the
+//! variables where the labels do not constrain them: they are a penalty, `sum ((x - x_0) / sigma)^2 / (2 N)`, in
+//! which N converts mutual information to log-likelihood, both in nats.
 
 use std::sync::Arc;
 
@@ -17,17 +17,17 @@ use super::variables::{Estimate, Variables};
 use crate::error::Result;
 use crate::observation::Observations;
 
-/// Points at least this number of blocks inside one class are summed up once. A round that moves them farther is
+/// Points at least this many blocks inside one class are summed up once. A round that moves them farther is
 /// followed by another one, which chooses them again.
 pub(super) const CONSTANT_RADIUS: usize = 2;
-/// Curvature is taken again if the last round moved the points by more blocks than this.
+/// Curvature is recomputed if the last round moved the points by more blocks than this.
 const CURVATURE_HOLDS: f64 = 0.3;
-/// Levels but the last end when a round moved the points by less blocks than this.
+/// All levels but the last end when a round moves the points by fewer blocks than this.
 const COARSE_TOLERANCE: f64 = 0.1;
-/// Blocks up to this side, pixels, are fine: all points are used.
+/// Blocks of at most this side, pixels, use all points.
 const FINE: usize = 2;
 
-/// Its fields are those of `JointConfig` in Python, which says what they mean.
+/// Settings of the ascent: the fields of `JointConfig` in Python, which documents them.
 #[derive(Clone, Debug)]
 pub struct JointConfig {
     pub factors: Vec<usize>,
@@ -45,18 +45,19 @@ pub struct JointConfig {
 #[derive(Clone, Debug)]
 pub struct JointMaximum {
     pub estimate: Estimate,
-    /// Distance by which the last round moved the points, or still tried to move them, root mean square.
+    /// Root-mean-square distance by which the last round moved the points, or still tried to move them.
     pub moved_px: f64,
-    /// Last computed inverse of minus the second derivative by the variables; `None` where nothing changes the information.
+    /// Most recent inverse of the negative Hessian; `None` where the information is constant.
     pub inverse_curvature: Option<DMatrix<f64>>,
 }
 
-/// Ascends to the maximum of the mutual information, less what the variables are off what was known before.
+/// Ascends to the maximum of the mutual information less the penalty of the priors.
 ///
-/// `inverse_curvature` is that of a nearby top by part of the data; with it the curvature need not be computed at the start.
+/// `inverse_curvature` comes from a nearby maximum on part of the data, and saves computing the curvature at the
+/// start.
 ///
 /// # Errors
-/// The lens has not one of the variables.
+/// The lens lacks one of the variables.
 pub fn maximise(
     observations: &Arc<Observations>,
     start: &Isometry3<f64>,
@@ -68,7 +69,7 @@ pub fn maximise(
     let mut moved_px = f64::INFINITY;
     for (index, &factor) in config.factors.iter().enumerate() {
         if index > 0 {
-            // Curvature in other blocks is another one.
+            // Curvature depends on the size of the blocks.
             climb.inverse_curvature = None;
         }
         let tolerance = if index + 1 == config.factors.len() { config.tolerance } else { COARSE_TOLERANCE };
@@ -77,13 +78,13 @@ pub fn maximise(
     Ok(JointMaximum { estimate: climb.estimate, moved_px, inverse_curvature: climb.inverse_curvature })
 }
 
-/// What became of one choice of points.
+/// The outcome of one round, which uses one choice of points.
 struct Round {
-    /// By how many blocks it moved the points.
+    /// Distance, blocks, by which it moved the points.
     moved: f64,
-    /// By how many blocks it still tried to move them.
+    /// Distance, blocks, by which it still tried to move them.
     wanted: f64,
-    /// Whether the curvature is that of these points.
+    /// Whether the curvature was computed from these points.
     is_fresh: bool,
 }
 
@@ -94,9 +95,9 @@ struct Climb<'a> {
     /// Weight of the penalty on each variable, nats.
     precision: DVector<f64>,
     estimate: Estimate,
-    /// Change of the variables from what was known before; that of the pose means nothing.
+    /// Change of the variables from their priors; the entries of the pose are meaningless.
     gone: DVector<f64>,
-    /// Inverse of minus the second derivative by the variables, as it was computed last.
+    /// Most recent inverse of the negative Hessian.
     inverse_curvature: Option<DMatrix<f64>>,
 }
 
@@ -118,13 +119,13 @@ impl<'a> Climb<'a> {
         Ok(Self { observations, variables, config, precision, estimate, gone, inverse_curvature: None })
     }
 
-    /// Rounds on blocks of one size, until one moves the points by less blocks than `tolerance`; by how many pixels the
-    /// last one moved them, infinite where the information does not change.
+    /// Runs rounds on blocks of one size until one moves the points by fewer blocks than `tolerance`. Returns by
+    /// how many pixels the last round moved them, infinite where the information is constant.
     fn level(&mut self, factor: usize, tolerance: f64) -> Result<f64> {
         let mut moved_px = f64::INFINITY;
         let mut is_stale = self.inverse_curvature.is_none();
-        // Blocks are averaged once for all rounds as long as somebody holds them. Where only the pose changes, so does
-        // nothing that is observed.
+        // The blocks are averaged once for all rounds while they are held here. If only the pose changes, the
+        // observations do not.
         let held = self.observed(factor);
         let only_pose = self.variables.count() == 6;
         for _ in 0..self.config.max_rounds {
@@ -134,7 +135,7 @@ impl<'a> Climb<'a> {
                 break;
             };
             moved_px = moved.max(wanted) * factor as f64;
-            // A step that gained nothing may be that of an old curvature, or a cusp is the top.
+            // A step without gain may come from outdated curvature, or the maximum is a cusp.
             if moved < tolerance && (wanted < tolerance || is_fresh) {
                 break;
             }
@@ -143,20 +144,20 @@ impl<'a> Climb<'a> {
         Ok(moved_px)
     }
 
-    /// What the camera of the estimate observes, in blocks of some pixels.
+    /// The observations of the estimate's camera, in blocks of `factor` pixels.
     fn observed(&self, factor: usize) -> Level {
         let seen = self.estimate.observed(self.observations, self.variables);
         let max_points = if factor > FINE { self.config.max_coarse_points } else { usize::MAX };
         Level::new(in_view(&seen, &[self.estimate.pose]), factor, self.config.edge_band_px, max_points)
     }
 
-    /// One choice of points and the steps with it; nothing where the information does not change.
+    /// Runs one round. Returns `None` where the information is constant.
     fn round(&mut self, level: &Level, is_stale: bool, tolerance: f64) -> Result<Option<Round>> {
         let Self { variables, config, .. } = *self;
         let anchor = self.estimate.clone();
         let Chosen { moving, constant } = level.chosen(&anchor.pose, Counted::Visible, CONSTANT_RADIUS);
         let near = Neighbourhood::new(variables, &anchor)?;
-        // The pose alone has motions of its own, those of the ascents that led here.
+        // The pose alone has its own motions, those of the ascents that led here.
         let steps = if variables.count() == 6 {
             level
                 .preconditioner(&moving, &anchor.pose)

@@ -1,4 +1,4 @@
-//! Newton's method on the pose, and on it with intrinsics and the clock.
+//! Tests of Newton's method on the pose, alone and with intrinsics and time offset.
 
 use std::sync::Arc;
 
@@ -44,7 +44,7 @@ fn config(count: usize) -> JointConfig {
 #[test]
 fn the_gradient_is_that_of_finite_differences() {
     const STEP: f64 = 1e-6;
-    // Pairs of segments that weigh less than a tenth of a point have the slope of one that weighs as much.
+    // Pairs of segments lighter than a tenth of a point have the slope of one with that weight.
     for (observations, tolerance) in [(scene(0.3), 1e-4), (segmented(2), 1e-2)] {
         let variables = variables(&observations);
         let n = variables.count();
@@ -54,7 +54,7 @@ fn the_gradient_is_that_of_finite_differences() {
         let mut samples = level.samples(&pose, Counted::All);
         let near = Neighbourhood::new(&variables, &anchor).expect("numbers of the lens");
         let at = DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 1e-3 * (i as f64).sin() });
-        // Points that cross the middle of a block within the step are left out: there the slope jumps.
+        // Points that cross the middle of a block within the step are left out: the slope jumps there.
         let there = near.projection(&at).expect("a possible camera");
         samples.retain(|sample| {
             let (_, pixel) = there.place(sample).expect("in front");
@@ -92,7 +92,7 @@ fn the_gradient_is_that_of_finite_differences() {
 fn at_the_longest_baseline_it_settles_higher_than_it_began() {
     let intrinsics = vec![Intrinsic::Fx, Intrinsic::Fy, Intrinsic::Cx, Intrinsic::Cy];
     let variables = Variables { intrinsics, twists: None };
-    // The camera is not as it is said to be, and its best place is farther than it may go.
+    // The stated camera is wrong, and its best place is farther away than it may move.
     let best = Isometry3::translation(0.4, 0.0, 0.0);
     let frame = scene(0.0).frames[0].clone();
     let point = |point: &[f32; 3]| (best.inverse() * Point3::from(*point).cast::<f64>()).cast::<f32>().into();
@@ -116,7 +116,7 @@ fn at_the_longest_baseline_it_settles_higher_than_it_began() {
             measure(&seen, pose).joint.mutual_information()
         };
         let Estimate { pose, camera, .. } = &found.estimate;
-        // Less than the polish needs to have settled, pixels.
+        // The polish counts as settled below this, pixels.
         assert!(found.moved_px < 0.1, "{max_baseline_m}: {}", found.moved_px);
         assert!(pose.translation.vector.norm() < max_baseline_m + 1e-12, "{pose}");
         assert!(information(camera, pose) > information(&observations.camera, &start), "{max_baseline_m}");
@@ -139,7 +139,7 @@ fn points_amid_one_class_are_summed_up_once() {
     let all = level.samples(&pose, Counted::All);
     let Chosen { moving: left, constant } = level.chosen(&pose, Counted::All, 2);
     assert!(left.len() < all.len() && constant.total() > 0.0);
-    // A third of a pixel away, nothing of what was taken out has changed.
+    // A third of a pixel away, the points that were left out have not changed.
     let nearby = level.at(&se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)));
     let (whole, whole_gradient) = level.joint_and_gradient(&all, &level.empty_joint(), &nearby);
     let (split, split_gradient) = level.joint_and_gradient(&left, &constant, &nearby);

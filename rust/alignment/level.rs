@@ -15,7 +15,7 @@ use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{Sampled, ShareMap};
 use crate::thinning::stride;
 
-/// Weight, in points, of pairs that a batch has not seen: their pointwise mutual information has to be finite.
+/// Weight, in points, of pairs not seen in a batch, which keeps their pointwise mutual information finite.
 const LEAST_WEIGHT: f64 = 0.1;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
 const CHUNK: usize = 8192;
@@ -28,13 +28,13 @@ pub struct Level {
     pub(super) maps: Vec<Arc<ShareMap>>,
     /// Side of a block, pixels.
     pub(super) factor: usize,
-    /// Step between the points that are used.
+    /// Stride between the points used.
     pub(super) stride: usize,
 }
 
 impl Level {
-    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap`]. At most
-    /// `max_points` points, over all frames and directions, are used.
+    /// Creates a level with blocks of `factor` pixels, in which pixels along borders count little: see
+    /// [`ShareMap`]. At most `max_points` points are used, over all frames and directions.
     pub fn new(
         observations: Arc<Observations>,
         factor: usize,
@@ -53,12 +53,12 @@ impl Level {
         Projection::of_pose(&self.observations.camera, pose)
     }
 
-    /// The joint histogram of the points' classes and of the blocks that they project onto.
+    /// Joint histogram of the points' classes and the blocks that they project onto.
     pub fn joint(&self, samples: &[Sample], at: &Projection<'_>) -> JointHistogram {
         self.joint_and_mixed(samples, at, Weights::AtAnchor).0
     }
 
-    /// The joint histogram of points; and, in chunks, the points on several classes, by which the histogram changes.
+    /// Joint histogram of the points and, in chunks, the points on several classes, by which the histogram changes.
     pub(super) fn joint_and_mixed(
         &self,
         samples: &[Sample],
@@ -84,7 +84,7 @@ impl Level {
         (joint, mixed)
     }
 
-    /// Adds what lies under a sample to each of its rows.
+    /// Adds the shares under a sample to each of its rows.
     pub(super) fn add(&self, joint: &mut JointHistogram, sample: &Sample, sampled: &Sampled) {
         let &Sample { class, frame, point, weight, .. } = sample;
         self.observations.for_rows(frame as usize, point as usize, class, |row| {
@@ -92,7 +92,7 @@ impl Level {
         });
     }
 
-    /// The class shares under a pixel of a sample's frame.
+    /// Class shares under a pixel of a sample's frame.
     pub(super) fn under(&self, sample: &Sample, pixel: &Point2<f64>) -> Sampled<'_> {
         self.maps[sample.frame as usize].at(pixel)
     }
@@ -101,7 +101,7 @@ impl Level {
         JointHistogram::new(self.observations.num_rows, self.observations.num_image_classes)
     }
 
-    /// A histogram without pairs, of the rows of some neighbouring points.
+    /// Empty histogram with the rows of some neighbouring points.
     fn joint_of(&self, samples: &[Sample]) -> JointHistogram {
         let frames = samples.iter().map(|sample| sample.frame as usize);
         let (Some(first), Some(last)) = (frames.clone().min(), frames.max()) else {
@@ -110,13 +110,13 @@ impl Level {
         self.joint_of_frames(first..last + 1)
     }
 
-    /// A histogram without pairs, of the rows of some neighbouring frames.
+    /// Empty histogram with the rows of some neighbouring frames.
     pub(super) fn joint_of_frames(&self, frames: Range<usize>) -> JointHistogram {
         let rows = self.observations.rows_of(frames);
         JointHistogram::of_rows(rows, self.observations.num_image_classes)
     }
 
-    /// The mutual information of a joint histogram, nats; the adjusted one if there are partitions.
+    /// Mutual information of a joint histogram, nats; adjusted if there are partitions.
     pub fn information(&self, joint: &JointHistogram) -> f64 {
         let total = self.total(joint);
         if !self.observations.has_partitions() || total <= 0.0 {
@@ -127,7 +127,7 @@ impl Level {
         pairs.map(|(w, value)| if *w > 0.0 { w * value } else { 0.0 }).sum::<f64>() / total
     }
 
-    /// How far [`Level::information`] lies above the truth. That of partitions does not: null ones are as rich.
+    /// Bias of [`Level::information`]. It is zero for partitions, since null partitions are as rich.
     pub fn bias(&self, joint: &JointHistogram) -> f64 {
         if self.observations.has_partitions() { 0.0 } else { joint.bias() }
     }
@@ -137,7 +137,7 @@ impl Level {
         joint.total() - self.observations.partition_rows().map(of_nulls).sum::<f64>()
     }
 
-    /// What each pair adds to the information, finite for pairs that were never seen.
+    /// Contribution of each pair to the information, finite even for pairs that were never seen.
     pub(super) fn values(&self, joint: &JointHistogram) -> Values<'_> {
         self.values_at_least(joint, LEAST_WEIGHT)
     }
@@ -152,19 +152,20 @@ impl Level {
     }
 }
 
-/// Pointwise mutual information of each pair of a joint histogram, or what it adds to the adjusted one.
+/// Contribution of each pair of a joint histogram: its pointwise mutual information, or its part of the adjusted
+/// one.
 pub(super) struct Values<'a> {
     observations: &'a Observations,
     table: Vec<f64>,
 }
 
 impl Values<'_> {
-    /// The value of each pair of classes, where no point has partitions.
+    /// Value of each pair of classes, if no point has partitions.
     pub(super) fn of_classes(&self) -> &[f64] {
         &self.table
     }
 
-    /// Calls `with` with what each image class would add to the information under a point.
+    /// Calls `with` with the value of each image class for a point.
     pub(super) fn of<T>(&self, sample: &Sample, with: impl FnOnce(&[f64]) -> T) -> T {
         let &Sample { class, frame, point, .. } = sample;
         let width = self.observations.num_image_classes;

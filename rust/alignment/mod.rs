@@ -1,16 +1,15 @@
 //! Mutual information over SE(3): its value and gradient at a pose, at one level of the label pyramid (Alg. 1).
 //!
-//! Points share their pairs among the four blocks around them (partial volume), so that the joint histogram changes
-//! smoothly with the pose. For discrete labels the Donsker-Varadhan bound is reached by
-//! `F(x, y) = log p(x, y) / (p(x) p(y))`, a table, so this is the limit of MINE; for soft labels it is the mutual
-//! information of ids drawn from the shares, a lower bound.
+//! A point distributes its weight over the four blocks around it (partial volume), so that the joint histogram
+//! changes smoothly with the pose. For discrete labels the Donsker-Varadhan bound is attained by `F(x, y) = log
+//! p(x, y) / (p(x) p(y))`, a table, so this is the limit of MINE. For soft labels it is the mutual information of
+//! ids drawn from the shares, a lower bound.
 //!
-//! Overlap: points are chosen at an anchor pose, with the weights that they have there. While the lens still projects
-//! them they keep counting when they leave the image, with the class at the nearest border: a pose cannot raise the
-//! objective by pushing points out.
+//! Overlap: points are chosen and weighted at an anchor pose. While they project, they keep counting when they
+//! leave the image, with the class at the nearest border: a pose cannot raise the objective by pushing points out.
 //!
-//! Where points have partitions, the rows of the histogram are their segments, and what is maximised is the adjusted
-//! mutual information: see `adjusted.rs` and [`crate::observation::Partitions`].
+//! Where points have partitions, the rows of the histogram are their segments, and the adjusted mutual information
+//! is maximised: see `adjusted.rs` and [`crate::observation::Partitions`].
 
 mod adjusted;
 mod along;

@@ -1,9 +1,9 @@
-//! Newton's method on one choice of points, over the pose and whatever else is estimated with it.
+//! Newton's method on one choice of points, over the pose and the other variables of the estimate.
 //!
-//! The objective is piecewise smooth with a smoothed cusp at its top, so its pointwise second derivative says nothing:
-//! curvature is the difference of gradients across a block. Steps are taken along motions of the points that are
-//! independent of one another: a turn of the camera and a shift of the principal point that nearly undoes it are one strong
-//! and one weak motion.
+//! The objective is piecewise smooth with a smoothed cusp at its maximum, so its pointwise second derivative is
+//! meaningless: curvature is the difference of gradients across a block. Steps follow independent motions of the
+//! points: a rotation of the camera and a shift of the principal point that nearly cancels it become one strong and
+//! one weak motion.
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6};
 
@@ -12,27 +12,27 @@ use super::level::Level;
 use super::projection::Neighbourhood;
 use crate::mutual_information::JointHistogram;
 
-/// Distance in blocks to either side at which gradients are taken, root mean square.
+/// Half-width, blocks (root mean square), of the gradient differences.
 pub(super) const HALF_WIDTH: f64 = 0.5;
-/// Steps are no longer than this, in blocks.
+/// Longest step, blocks.
 const LONGEST_STEP: f64 = 1.0;
-/// A step that does not ascend is halved at most this number of times before the search ends.
+/// A step that does not ascend is halved at most this many times before the search ends.
 const MAX_HALVINGS: i32 = 4;
-/// Directions count as curved at least by this share of the most curved one.
+/// Curvature floor, relative to the largest eigenvalue.
 const LEAST_CURVATURE: f64 = 1e-3;
-/// Steps of the translation are no longer than this, metres, however little it moves the points.
+/// Longest step of the translation, metres, however little it moves the points.
 const LONGEST_MOTION_M: f64 = 0.5;
 
-/// Longest translation of a column, as a share of the median range, however little it moves the points.
+/// Longest translation of a column, relative to the median range, however little it moves the points.
 const LONGEST_MOTION: f64 = 0.05;
 
 impl Level {
-    /// The preconditioner of ascents: six twists, as columns, that each move the points by one block, root mean square,
-    /// independently of one another.
+    /// Preconditioner of the ascents: six twists, as columns, that each move the points by one block, root mean
+    /// square, independently of one another.
     ///
-    /// A sideways translation and the rotation that nearly undoes it in the image become one strong and one weak motion,
-    /// and an ascent goes along both at one pace instead of creeping along a valley between them. `None` where numbers
-    /// overflow: nothing is a million kilometres away.
+    /// A sideways translation and the rotation that nearly cancels it in the image become one strong and one weak
+    /// motion. An ascent follows both at one pace instead of creeping along a valley between them. `None` if
+    /// numbers overflow, as for points a million kilometres away.
     pub fn preconditioner(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Option<Matrix6<f64>> {
         let at = self.at(pose);
         let mut ranges = at.ranges(samples);
@@ -56,8 +56,8 @@ impl Level {
     }
 }
 
-/// Steps, as columns, that each move the points by one block, root mean square, independently of one another, but no
-/// variable after the pose by much more than its standard deviation; `None` where numbers overflow.
+/// Steps, as columns, that each move the points by one block, root mean square, independently of one another. No
+/// variable after the pose moves by much more than its standard deviation. `None` if numbers overflow.
 pub(super) fn unit_steps(motions: &DMatrix<f64>, sigmas: &[f64]) -> Option<DMatrix<f64>> {
     let mut moved = motions.clone();
     for axis in 0..3 {
@@ -66,7 +66,7 @@ pub(super) fn unit_steps(motions: &DMatrix<f64>, sigmas: &[f64]) -> Option<DMatr
     for (i, sigma) in sigmas.iter().enumerate() {
         moved[(6 + i, 6 + i)] += sigma.powi(-2);
     }
-    // Metres, radians and pixels side by side: each variable is scaled before directions are compared.
+    // Units differ (metres, radians, pixels): each variable is scaled before directions are compared.
     let scale = moved.diagonal().map(|square| 1.0 / square.sqrt());
     let scaled = DMatrix::from_diagonal(&scale) * moved * DMatrix::from_diagonal(&scale);
     if !scaled.iter().all(|x| x.is_finite()) {
@@ -82,10 +82,10 @@ pub(super) fn unit_steps(motions: &DMatrix<f64>, sigmas: &[f64]) -> Option<DMatr
 pub(super) struct Problem<'a> {
     pub level: &'a Level,
     pub samples: &'a [Sample],
-    /// Pairs that do not change.
+    /// Pairs of the points that do not change.
     pub constant: &'a JointHistogram,
     pub near: &'a Neighbourhood<'a>,
-    /// The camera stays within this distance of the LiDAR, metres.
+    /// Largest distance of the camera from the LiDAR, metres.
     pub max_baseline_m: f64,
     /// Weight of the penalty on each variable, nats.
     pub precision: &'a DVector<f64>,
@@ -93,22 +93,23 @@ pub(super) struct Problem<'a> {
     pub gone: &'a DVector<f64>,
     /// Changes of the variables, as columns, that each move the points by one block.
     pub steps: DMatrix<f64>,
-    /// The inverse of the steps.
+    /// Inverse of `steps`.
     pub blocks: DMatrix<f64>,
 }
 
-/// Where Newton's method went with one choice of points.
+/// The outcome of Newton's method on one choice of points.
 pub(super) struct Way {
     pub change: DVector<f64>,
-    /// By how many blocks it moved the points.
+    /// Distance, blocks, by which it moved the points.
     pub moved: f64,
-    /// By how many blocks it still tried to move them: steps without a gain mean that the curvature is wrong, or that the
-    /// top is a cusp.
+    /// Distance, blocks, by which it still tried to move them. Steps without gain mean that the curvature is wrong,
+    /// or that the maximum is a cusp.
     pub wanted: f64,
 }
 
 impl Problem<'_> {
-    /// At most `max_steps` steps, until one moves the points by less blocks than `tolerance`; `None` where numbers overflow.
+    /// Takes at most `max_steps` steps, until one moves the points by fewer blocks than `tolerance`. `None` if
+    /// numbers overflow.
     pub fn newton(&self, inverse: &DMatrix<f64>, max_steps: usize, tolerance: f64) -> Option<Way> {
         let mut change = DVector::zeros(self.steps.nrows());
         let (mut value, mut gradient) = self.value_and_gradient(&change)?;
@@ -125,7 +126,7 @@ impl Problem<'_> {
                 let (next_value, next_gradient) = self.value_and_gradient(&next)?;
                 (next_value > value).then_some((next, next_value, next_gradient))
             });
-            // Where even the shortest step gains nothing, the top is nearer than that.
+            // If even the shortest step gains nothing, the maximum is nearer than that.
             let Some((next, next_value, next_gradient)) = better else {
                 wanted = 0.5f64.powi(MAX_HALVINGS) * length.min(LONGEST_STEP);
                 break;
@@ -140,7 +141,7 @@ impl Problem<'_> {
         Some(Way { change, moved, wanted })
     }
 
-    /// The penalised information and its gradient by the variables; nothing where the camera is impossible.
+    /// Penalised information and its gradient; `None` if the camera is impossible.
     pub fn value_and_gradient(&self, change: &DVector<f64>) -> Option<(f64, DVector<f64>)> {
         let at = self.near.projection(change).ok()?;
         let (joint, gradient) = self.level.joint_and_gradient(self.samples, self.constant, &at);
@@ -149,8 +150,8 @@ impl Problem<'_> {
         Some((self.level.information(&joint) - 0.5 * pull.dot(&off), gradient - pull))
     }
 
-    /// The inverse of minus the second derivative by the variables, from gradients to both sides along each step; `None`
-    /// where nothing changes the information.
+    /// Inverse of the negative Hessian, from gradients to both sides along each step; `None` where the information
+    /// is constant.
     pub fn inverse_curvature(&self) -> Option<DMatrix<f64>> {
         let column = |step: usize| {
             let gradient = |by: f64| {

@@ -1,5 +1,5 @@
-//! The one way in which points become pixels: at a pose, or near an estimate whose intrinsics and clock change too; and how
-//! pixels move there.
+//! Projection of points to pixels, at a pose or near an estimate with variable intrinsics and time offset, and its
+//! derivatives.
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point2, Vector3, Vector6};
 
@@ -11,10 +11,10 @@ use crate::se3;
 
 /// Number of points that suffice to measure how the variables move the image.
 const MAX_MOTION_POINTS: usize = 5000;
-/// Entries of the widest cell.
+/// Number of entries of the widest cell.
 pub(super) const MOST: usize = MAX_VARIABLES + 1;
 
-/// Calls what follows with the number of entries of a cell that holds a weight and a slope for each of `n` variables.
+/// Calls the given function with the width of a cell that holds a weight and a slope for each of `n` variables.
 macro_rules! with_width {
     ($n:expr, $width:ident => $call:expr) => {
         match $n + 1 {
@@ -39,7 +39,8 @@ macro_rules! with_width {
 }
 pub(super) use with_width;
 
-/// How the pixel of a point moves with the variables: a row for each of its coordinates, with nothing first.
+/// Derivatives of a point's pixel with respect to the variables: a row for each coordinate, whose first entry is
+/// zero.
 pub(super) type Motion<const WIDTH: usize> = [[f64; WIDTH]; 2];
 
 /// Rotation and translation from the LiDAR frame to the camera frame.
@@ -56,18 +57,18 @@ pub(super) struct Neighbourhood<'a> {
     slopes: IntrinsicSlopes,
 }
 
-/// Projection of points (LiDAR frame) with some values of the variables.
+/// Projection of points (LiDAR frame) at given values of the variables.
 #[derive(Clone, Debug)]
 pub(super) struct Projection<'a> {
     camera: Camera,
     num_variables: usize,
-    /// How pixels move with the intrinsics that are variables.
+    /// Derivatives of pixels with respect to the variable intrinsics.
     slopes: Option<&'a IntrinsicSlopes>,
     /// Change of [`Intrinsic::Radial`].
     radial: f64,
-    /// To the camera: of each frame, or of all.
+    /// Transforms to the camera frame: one for each frame, or one for all.
     to_camera: Vec<ToCamera>,
-    /// Velocity and angular velocity of the points of each frame in the camera's frame, a second of the offset.
+    /// Velocity and angular velocity of each frame's points in the camera frame, per second of the offset.
     drifts: Vec<(Vector3<f64>, Vector3<f64>)>,
 }
 
@@ -77,8 +78,8 @@ impl<'a> Neighbourhood<'a> {
         Ok(Self { variables, anchor, slopes })
     }
 
-    /// A change of the variables and a step from there: a twist on the left of the pose, shortened where the camera would
-    /// leave the longest baseline, and changes of the others.
+    /// Adds a step to a change of the variables: a twist on the left of the pose, shortened where the camera would
+    /// exceed the maximum baseline, and changes of the others.
     pub fn stepped(&self, change: &DVector<f64>, step: &DVector<f64>, max_baseline_m: f64) -> DVector<f64> {
         let pose = within_baseline(&moved(&moved(&self.anchor.pose, change), step), max_baseline_m);
         let mut next = change + step;
@@ -86,7 +87,7 @@ impl<'a> Neighbourhood<'a> {
         next
     }
 
-    /// The projection at a change of the variables. Points are those that the anchor observes.
+    /// The projection at a change of the variables, of the points that the anchor observes.
     pub fn projection(&'a self, change: &DVector<f64>) -> Result<Projection<'a>> {
         let variables = self.variables;
         let at = self.anchor.changed(variables, change, f64::INFINITY)?;
@@ -114,7 +115,7 @@ impl<'a> Neighbourhood<'a> {
 }
 
 impl Projection<'static> {
-    /// The projection of a camera at a pose, which alone is variable.
+    /// The projection of a camera at a pose, the only variable.
     pub fn of_pose(camera: &Camera, pose: &Isometry3<f64>) -> Self {
         let (to_camera, drifts) = (vec![to_camera(pose)], Vec::new());
         Self { camera: camera.clone(), num_variables: 6, slopes: None, radial: 0.0, to_camera, drifts }
@@ -122,7 +123,7 @@ impl Projection<'static> {
 }
 
 impl Projection<'_> {
-    /// Number of the variables by which [`Projection::motion`] tells how pixels move.
+    /// Number of variables in [`Projection::motion`].
     pub fn num_variables(&self) -> usize {
         self.num_variables
     }
@@ -146,7 +147,8 @@ impl Projection<'_> {
         Some((p_camera, pixel + self.camera.radial_slope(&pixel) * self.radial))
     }
 
-    /// How the pixel of a point of a frame moves: with a twist on the left of the pose, intrinsics, and the clock.
+    /// Derivatives of a point's pixel with respect to the twist on the left of the pose, the intrinsics and the
+    /// time offset.
     pub fn motion<const WIDTH: usize>(
         &self,
         frame: u32,
@@ -174,7 +176,7 @@ impl Projection<'_> {
         motion
     }
 
-    /// Mean products of the displacements of points by the variables, pixels.
+    /// Mean outer products of the points' displacements by the variables, pixels.
     pub fn mean_motions(&self, samples: &[Sample]) -> DMatrix<f64> {
         with_width!(self.num_variables, WIDTH => self.mean_motions_of::<WIDTH>(samples))
     }
@@ -195,13 +197,13 @@ impl Projection<'_> {
         DMatrix::from_fn(n, n, |i, j| sums[1 + i][1 + j]) / f64::max(count, 1.0)
     }
 
-    /// Distances of points from the camera, metres: of as many as tell how the image moves.
+    /// Ranges of a representative number of points from the camera, metres.
     pub fn ranges(&self, samples: &[Sample]) -> Vec<f64> {
         some(samples).filter_map(|sample| self.place(sample)).map(|(p_camera, _)| p_camera.norm()).collect()
     }
 }
 
-/// As many of the samples as tell how the image moves.
+/// A representative number of the samples.
 fn some(samples: &[Sample]) -> impl Iterator<Item = &Sample> {
     samples.iter().step_by(samples.len().div_ceil(MAX_MOTION_POINTS).max(1))
 }

@@ -10,7 +10,7 @@ use crate::observation::{Frame, Observations};
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
 
-/// A label image of blobs, and points before it that carry the classes of their pixels at the identity.
+/// A label image of blobs, and points in front of it with the classes of their pixels at the identity.
 pub(super) fn scene(shift: f64) -> Arc<Observations> {
     let k = [[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]];
     let camera =
@@ -34,7 +34,7 @@ pub(super) fn scene(shift: f64) -> Arc<Observations> {
     Arc::new(Observations::new(camera, vec![frame], 3, 3).expect("valid observations"))
 }
 
-/// Frames of the scene, in which each blob is a segment, with two null partitions that lie elsewhere.
+/// Frames of the scene in which each blob is a segment, with two null partitions elsewhere.
 pub(super) fn segmented(num_frames: usize) -> Arc<Observations> {
     let frame = |index: usize| {
         let mut frame = scene(0.3 * index as f64).frames[0].clone();

@@ -1,8 +1,9 @@
-//! Dependence of the mutual information on the pose and the intrinsics, near a pose: scores and curvature.
+//! Sensitivity of the mutual information to the pose and the intrinsics, near a pose: scores and curvature.
 //!
-//! The score of a part of the data, the points of one class in one square of an image, is its share of the gradient. The
-//! scatter of the scores measures how far the optimum would move with other data. The objective is piecewise smooth with
-//! a smoothed cusp at its maximum, so curvature is the difference of gradients half a pixel to either side.
+//! The score of one part of the data, the points of one class in one square of an image, is its share of the
+//! gradient. The scatter of the scores measures how far the optimum would move with other data. The objective is
+//! piecewise smooth with a smoothed cusp at its maximum, so curvature is the difference of gradients half a pixel
+//! to either side.
 
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
@@ -22,25 +23,26 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
 
-/// Scores and curvature with respect to the variables: a twist on the left of the pose (metres and radians), and others.
+/// Scores and curvature with respect to the variables: a twist on the left of the pose (metres and radians), and
+/// others.
 #[derive(Clone, Debug)]
 pub struct Sensitivity {
-    /// Minus the second derivative, nats.
+    /// Negative Hessian, nats.
     pub curvature: DMatrix<f64>,
-    /// Mean products of the displacements of the points by the variables, pixels.
+    /// Mean outer products of the points' displacements by the variables, pixels.
     pub motions: DMatrix<f64>,
-    /// Share of each part in the gradient, nats; one row for each part.
+    /// Contribution of each part to the gradient, nats, one row each.
     pub scores: DMatrix<f64>,
-    /// Frame of each part, the row and column of its square in the image, and the class of its points. That of segments
-    /// is the class of the image under them, numbered after those of points.
+    /// Frame of each part, row and column of its square in the image, and class of its points. For segments, the
+    /// class is that of the image under them, numbered after those of points.
     pub parts: Vec<[u32; 4]>,
-    /// Share of each frame in the curvature, nats.
+    /// Contribution of each frame to the curvature, nats.
     pub frame_curvatures: Vec<DMatrix<f64>>,
-    /// Share of each class, as in `parts`, in the curvature, nats.
+    /// Contribution of each class, numbered as in `parts`, to the curvature, nats.
     pub class_curvatures: Vec<DMatrix<f64>>,
 }
 
-/// Its fields are those of `SensitivityConfig` in Python, which says what they mean.
+/// Settings: the fields of `SensitivityConfig` in Python, which documents them.
 #[derive(Clone, Copy, Debug)]
 pub struct SensitivityConfig {
     pub factor: usize,
@@ -49,9 +51,9 @@ pub struct SensitivityConfig {
     pub regions_across: usize,
 }
 
-/// Scores and curvature at a pose, over the points that are visible there.
+/// Scores and curvature at a pose, over the points visible there.
 ///
-/// `None` where no point projects onto a label, nothing changes the information, or the lens has not one of the variables.
+/// `None` if no point projects onto a label, the information is constant, or the lens lacks one of the variables.
 pub fn sensitivity(
     observations: &Arc<Observations>,
     pose: &Isometry3<f64>,
@@ -89,8 +91,8 @@ pub fn sensitivity(
 }
 
 impl Level {
-    /// Makes the weights of samples at a pose shares of a class: the labelled share under a point is put back where it
-    /// lands. Segments are of one sweep: what they share with those of others is the class of the image that they lie on.
+    /// Turns the weights of samples at a pose into shares of a class: the labelled share under a point is applied
+    /// where it lands. Segments belong to one sweep: across sweeps they are compared by the image class under them.
     fn as_shares_of_classes(&self, samples: &mut [Sample], pose: &Isometry3<f64>) {
         let (at, observations) = (self.at(pose), &self.observations);
         samples.par_iter_mut().for_each(|sample| {
@@ -106,7 +108,7 @@ impl Level {
     }
 }
 
-/// Shares of the frames, and of the classes of points, in a sum over all points.
+/// Contributions of the frames, and of the point classes, to a sum over all points.
 struct Shares<T> {
     of_frames: T,
     of_classes: T,
@@ -116,7 +118,7 @@ struct Problem<'a> {
     level: &'a Level,
     /// Points whose weights are shares of a class.
     samples: &'a [Sample],
-    /// Pairs that do not change.
+    /// Pairs of the points that do not change.
     constant: &'a JointHistogram,
     near: &'a Neighbourhood<'a>,
     /// Number of variables.
@@ -124,8 +126,8 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// The share in the gradient of each part: of a frame, a square of its image, and a class. Points are chosen again, as
-    /// at the end of the polish.
+    /// Contribution of each part to the gradient: one part is a frame, a square of its image, and a class. Points
+    /// are chosen again, as at the end of the polish.
     fn scores(
         &self,
         here: &Projection<'_>,
@@ -144,8 +146,8 @@ impl Problem<'_> {
         sums.into_iter().map(|(part, sum)| (part, score(sum))).collect()
     }
 
-    /// Shares in minus the second derivative: differences of gradients along the steps, and back to the variables by the
-    /// steps' inverse from the right.
+    /// Contributions to the negative Hessian: differences of gradients along the steps, converted back to the
+    /// variables by the inverse of the steps on the right.
     fn curvatures(&self, steps: &DMatrix<f64>) -> Option<Shares<Vec<DMatrix<f64>>>> {
         let along = |axis: usize| {
             let gradients =
@@ -174,7 +176,7 @@ impl Problem<'_> {
         })
     }
 
-    /// Shares in the gradient at some projection, with the points and weights chosen at the pose.
+    /// Contributions to the gradient at some projection, with the points and weights chosen at the pose.
     fn gradients(&self, at: &Projection<'_>) -> Shares<DMatrix<f64>> {
         let observations = &self.level.observations;
         let of_images = if observations.has_partitions() { observations.num_image_classes } else { 0 };
@@ -191,8 +193,8 @@ impl Problem<'_> {
         Shares { of_frames: of_frames / total, of_classes: of_classes / total }
     }
 
-    /// Steps, as columns, that each move the points by one block, root mean square; those of the pose do so independently
-    /// of one another.
+    /// Steps, as columns, that each move the points by one block, root mean square. Those of the pose do so
+    /// independently of one another.
     fn unit_steps(&self, motions: &DMatrix<f64>, pose: &Isometry3<f64>) -> Option<DMatrix<f64>> {
         let mut steps = DMatrix::zeros(self.n, self.n);
         steps.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.level.preconditioner(self.samples, pose)?);

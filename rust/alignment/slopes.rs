@@ -1,9 +1,10 @@
-//! How the information changes with the variables: the joint histogram of points and blocks, and the gradient that they have
-//! there, of all points or of parts of them.
+//! Derivatives of the information with respect to the variables: the joint histogram of points and blocks, and the
+//! gradient there, over all points or in parts.
 //!
-//! `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from the
-//! marginals cancel. Points that count by their class sum up in a histogram with slopes, in one pass. Points with partitions
-//! have too many rows for that: what they add follows one by one, once the histogram is known.
+//! `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point sum to one: the terms from
+//! the marginals cancel. Points that count by their class are summed up in one pass, in a histogram with slopes.
+//! Points with partitions have too many rows for that: their contributions are summed one by one, once the
+//! histogram is known.
 
 use nalgebra::{DVector, SVector};
 use rayon::prelude::*;
@@ -15,32 +16,32 @@ use crate::camera::RUN;
 use crate::mutual_information::JointHistogram;
 use crate::pyramid::Sampled;
 
-/// Number of points whose slopes one task sums up: two tasks or more for a mini-batch of the refinement.
+/// Number of points whose slopes one task sums up: at least two tasks for a mini-batch of the refinement.
 const CHUNK: usize = 2048;
 
-/// The parts whose gradients are wanted apart.
+/// How the gradient is split into parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Split {
-    /// All points are one part.
+    /// All points form one part.
     Whole,
-    /// The points of each class in each frame are one.
+    /// The points of each class in each frame form one part.
     FramesAndClasses,
 }
 
-/// A frame and a class of points; both 0 where the whole is one part.
+/// Frame and class of points; both are 0 if all points form one part.
 pub(super) type Part = (usize, usize);
 
-/// The histogram of points at a projection, and how the information changes there.
+/// The histogram of points at a projection, and the derivatives of the information there.
 pub(super) struct Slopes {
     pub joint: JointHistogram,
-    /// What parts of the points add to the gradient by the variables, times the weight of all points. A part may come more
-    /// than once.
+    /// Contributions of parts of the points to the gradient, times the weight of all points. A part may occur
+    /// several times.
     pub parts: Vec<(Part, DVector<f64>)>,
 }
 
 impl Level {
-    /// The joint histogram of `constant` pairs and those of the points, and the gradient of [`Level::information`] by the
-    /// variables, nats per metre, per radian, and per unit of the others.
+    /// Joint histogram of the `constant` pairs and the points, and the gradient of [`Level::information`], nats per
+    /// metre, per radian, and per unit of the other variables.
     pub fn joint_and_gradient(
         &self,
         samples: &[Sample],
@@ -162,7 +163,7 @@ impl Level {
         Slopes { joint, parts }
     }
 
-    /// Adds what a point on several classes adds to the gradient by the variables, times the weight of all points, in the
+    /// Adds the contribution of a point on several classes to the gradient, times the weight of all points, in the
     /// entries after the first.
     pub fn add_score<const WIDTH: usize>(
         &self,
@@ -180,9 +181,10 @@ impl Level {
     }
 }
 
-/// A joint histogram, and how its weights change with parameters. A cell has its weight first and then a slope for each
-/// parameter: the gradient of any sum over the pairs of points and classes is that of the cells, where what a pair adds
-/// does not change with the parameters.
+/// A joint histogram with the derivatives of its weights with respect to parameters.
+///
+/// A cell holds its weight and then a slope for each parameter. The gradient of a sum over pairs follows from the
+/// cells, as long as the value of each pair does not depend on the parameters.
 struct SlopedHistogram<const WIDTH: usize> {
     num_image_classes: usize,
     cells: Vec<[f64; WIDTH]>,
@@ -222,20 +224,20 @@ impl<const WIDTH: usize> SlopedHistogram<WIDTH> {
         }
     }
 
-    /// The weights alone, with those of other pairs.
+    /// The weights alone, plus those of other pairs.
     fn with(&self, others: &JointHistogram) -> JointHistogram {
         let mut joint = others.clone();
         joint.weights.iter_mut().zip(&self.cells).for_each(|(sum, cell)| *sum += cell[0]);
         joint
     }
 
-    /// The gradient of the sum over the pairs of each class of points where each adds one of `values`; the first entry is
-    /// the sum itself.
+    /// For each class of points, the gradient of the sum of `values` over its pairs. The first entry is the sum
+    /// itself.
     fn gradients(&self, values: &[f64]) -> impl Iterator<Item = SVector<f64, WIDTH>> {
         let width = self.num_image_classes;
         self.cells.chunks(width).zip(values.chunks(width)).map(|(cells, values)| {
             let mut sums = [0.0; WIDTH];
-            // Where there is no pair at all, values are infinite.
+            // Values of pairs that do not occur are infinite.
             let occupied = cells.iter().zip(values).filter(|(cell, _)| **cell != [0.0; WIDTH]);
             for (cell, value) in occupied {
                 sums.iter_mut().zip(cell).for_each(|(sum, x)| *sum += x * value);

@@ -1,4 +1,4 @@
-//! What may be estimated beside the pose: intrinsics of the camera, and the offset of its clock.
+//! Variables that may be estimated with the pose: camera intrinsics and the time offset.
 
 use std::sync::Arc;
 
@@ -13,12 +13,12 @@ use crate::se3;
 /// Largest number of variables: no camera has more.
 pub const MAX_VARIABLES: usize = 27;
 
-/// The variables of an estimate in their order: the pose's twist, intrinsics, and the offset of the clock.
+/// The variables of an estimate in order: the twist of the pose, intrinsics, and the time offset.
 #[derive(Clone, Debug, Default)]
 pub struct Variables {
     pub intrinsics: Vec<Intrinsic>,
-    /// Twist of the LiDAR in each frame, metres and radians a second in its own frame; with it, the time by which images
-    /// are later than they were taken to be is a variable, seconds.
+    /// Twist of the LiDAR in each frame, metres and radians per second in its own frame. If given, the time offset
+    /// of the images, seconds, is a variable.
     pub twists: Option<Vec<Vector6<f64>>>,
 }
 
@@ -26,7 +26,7 @@ pub struct Variables {
 pub struct Estimate {
     pub pose: Isometry3<f64>,
     pub camera: Camera,
-    /// Time by which images are later than they were taken to be, seconds.
+    /// Time offset of the images, seconds; positive if they were taken later than stamped.
     pub offset_s: f64,
 }
 
@@ -35,7 +35,7 @@ impl Variables {
         6 + self.intrinsics.len() + usize::from(self.twists.is_some())
     }
 
-    /// Index of the offset of the clock, if it is a variable.
+    /// Index of the time offset, if it is a variable.
     pub(super) fn offset(&self) -> Option<usize> {
         self.twists.is_some().then(|| self.count() - 1)
     }
@@ -50,7 +50,7 @@ impl Variables {
 }
 
 impl Estimate {
-    /// The estimate that a change of the variables leads to.
+    /// The estimate after a change of the variables.
     pub fn changed(&self, variables: &Variables, change: &DVector<f64>, max_baseline_m: f64) -> Result<Self> {
         Ok(Self {
             pose: within_baseline(&moved(&self.pose, change), max_baseline_m),
@@ -59,8 +59,8 @@ impl Estimate {
         })
     }
 
-    /// Observations with the camera of this estimate, and the points where the LiDAR would have seen them when the
-    /// images were taken.
+    /// Observations with the camera of this estimate, and with the points where the LiDAR would have seen them when
+    /// the images were taken.
     pub fn observed(&self, observations: &Observations, variables: &Variables) -> Arc<Observations> {
         let mut seen = observations.clone();
         seen.camera = self.camera.clone();
@@ -78,7 +78,7 @@ impl Estimate {
     }
 }
 
-/// Where points of the LiDAR's frame are in its frame some seconds later.
+/// Motion of points of the LiDAR frame to its frame some seconds later.
 pub(super) fn later(twist_per_s: &Vector6<f64>, seconds: f64) -> Isometry3<f64> {
     se3::exp(&(twist_per_s * -seconds))
 }
@@ -88,7 +88,7 @@ pub(super) fn moved(pose: &Isometry3<f64>, change: &DVector<f64>) -> Isometry3<f
     se3::exp(&change.fixed_rows::<6>(0).into_owned()) * pose
 }
 
-/// The pose with the camera's centre moved to the nearest place that is within `max_baseline_m` of the LiDAR.
+/// The pose with the camera centre moved to the nearest place within `max_baseline_m` of the LiDAR.
 pub(super) fn within_baseline(pose: &Isometry3<f64>, max_baseline_m: f64) -> Isometry3<f64> {
     let scale = (max_baseline_m / pose.translation.vector.norm()).min(1.0);
     Isometry3::from_parts((pose.translation.vector * scale).into(), pose.rotation)
