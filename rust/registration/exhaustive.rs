@@ -1,7 +1,7 @@
-//! The exhaustive search: every azimuth, elevation and in-plane rotation, on coarse cells.
+//! Exhaustive search over every azimuth, elevation and in-plane rotation, on coarse cells.
 //!
-//! For each elevation and in-plane rotation the images are brought to the grid once, as a template; all azimuths are
-//! then shifts of it along the spherical images, which are rings.
+//! For each elevation and in-plane rotation, the images are resampled to the grid once, as a template. Each azimuth
+//! is then a shift of the template along the spherical images, which wrap around.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;
@@ -23,11 +23,11 @@ pub(super) struct Candidate {
     pub placement: Placement,
     /// Mutual information less its bias, nats.
     pub mutual_information: f64,
-    /// Cells with a class on both sides.
+    /// Number of cells with a class on both sides.
     num_cells: f64,
 }
 
-/// Scores every azimuth for each (elevation, roll); the turn in azimuth is a shift of columns.
+/// Scores every azimuth for each (elevation, roll). A turn in azimuth is a shift of columns.
 pub(super) fn search(
     observations: &Observations,
     zoomed: &Zoomed,
@@ -86,14 +86,14 @@ fn upright_placements(
             scale: 1.0,
         }));
     }
-    // However narrow the search, the rotation that it is narrowed to is tried.
+    // However narrow the search, it includes the rotation at its centre.
     let given = around.map(|(rotation, _)| Placement { azimuth: 0.0, ..Placement::of_rotation(&rotation) });
     placements.extend(given);
     placements
 }
 
-/// The in-plane rotations, each once. A search that is narrowed to a rotation tries them all: where the camera looks far
-/// up or down, a turn in azimuth and one in the image are nearly the same.
+/// The in-plane rotations, each once. A narrowed search tries them all: where the camera looks far up or down, a
+/// turn in azimuth is nearly a roll of the image.
 fn rolls(config: &RegistrationConfig, is_narrowed: bool) -> Vec<f64> {
     let num_around = (TAU / config.roll_step).round();
     let steps = (config.max_roll / config.roll_step).ceil();
@@ -110,7 +110,7 @@ fn shifted(upright: &Placement, shift: usize, columns: usize) -> Placement {
     Placement { azimuth: -(shift as f64) / columns as f64 * TAU, ..*upright }
 }
 
-/// The range of a narrowed search: rotations within an angle of a given one, plus half a step of the search.
+/// Range of a narrowed search: rotations within an angle of a given one, plus half a step.
 struct Narrowed(Option<Around>);
 
 impl Narrowed {
@@ -124,8 +124,9 @@ impl Narrowed {
     }
 }
 
-/// The class of each cell of `coarse`, as the start of a row of [`Counts`], frame after frame: the class of most of the
-/// returns of the spherical image in it. Each row of cells comes twice in a row, so that a shift needs no modulo.
+/// The class of each cell of `coarse`, as the start of a row of [`Counts`], frame after frame: the majority class
+/// of the returns of the spherical image in it. Each row of cells is repeated once, so that a shift needs no
+/// modulo.
 fn rings(observations: &Observations, images: &SphericalImages, coarse: &SphericalGrid) -> Vec<Vec<u32>> {
     let (num_classes, width) = (observations.num_point_classes, observations.num_image_classes as u32 + 1);
     let ring = |returns: &Vec<LabelledReturn>| {
@@ -141,7 +142,7 @@ fn rings(observations: &Observations, images: &SphericalImages, coarse: &Spheric
     images.returns.par_iter().map(ring).collect()
 }
 
-/// The class with the highest count, the lowest of equal ones; the number of classes if all are zero.
+/// The class with the highest count, the lowest in a tie; the number of classes if all counts are zero.
 fn commonest(counts: &[u32]) -> usize {
     let best = (0..counts.len()).rev().max_by_key(|&class| counts[class]);
     best.filter(|&class| counts[class] > 0).unwrap_or(counts.len())
@@ -151,8 +152,8 @@ fn commonest(counts: &[u32]) -> usize {
 struct Template {
     upright: Placement,
     columns: usize,
-    /// Cells of one row of the grid that lie side by side in the image: where they begin in a ring that is not
-    /// shifted, and which of `classes` they are.
+    /// Runs of adjacent cells of one grid row inside the image: the start in an unshifted ring, and the range in
+    /// `classes`.
     runs: Vec<(usize, Range<usize>)>,
     /// The column of [`Counts`] of each cell, frame after frame.
     classes: Vec<Vec<u8>>,
@@ -191,7 +192,7 @@ impl Template {
         Self { upright: *upright, columns: grid.columns, runs, classes }
     }
 
-    /// The candidate that lies `shift` columns to the right of azimuth zero.
+    /// The candidate `shift` columns to the right of azimuth zero.
     fn score(&self, rings: &[Vec<u32>], shift: usize, counts: &mut Counts) -> Candidate {
         counts.clear();
         for (ring, classes) in rings.iter().zip(&self.classes) {
@@ -205,13 +206,13 @@ impl Template {
     }
 }
 
-/// A joint histogram of whole counts, made for speed. One row and one column more than there are classes take the pairs
-/// without a class.
+/// A fast joint histogram of integer counts. An extra row and an extra column hold the pairs without a class.
 #[derive(Clone)]
 struct Counts<'a> {
     width: usize,
     pairs: Vec<u32>,
-    /// Pairs of every other cell: neighbours are mostly of one pair, and a count waits for the one before it.
+    /// Pairs of every other cell: adjacent cells mostly have the same pair, and each count waits for the one before
+    /// it.
     odd_pairs: Vec<u32>,
     /// `n log n` of every count that can occur.
     n_log_n: &'a [f64],
@@ -229,7 +230,7 @@ impl<'a> Counts<'a> {
         self.odd_pairs.fill(0);
     }
 
-    /// Adds neighbouring cells, given by the starts of rows and by columns.
+    /// Adds adjacent cells, given by the starts of rows and by columns.
     fn add(&mut self, rows: &[u32], columns: &[u8]) {
         let ((rows, last_row), (columns, last_column)) = (rows.as_chunks::<2>(), columns.as_chunks::<2>());
         for (row, column) in rows.iter().zip(columns) {
@@ -241,12 +242,13 @@ impl<'a> Counts<'a> {
         }
     }
 
-    /// Brings all pairs together.
+    /// Pools all pairs.
     fn pool(&mut self) {
         self.pairs.iter_mut().zip(&self.odd_pairs).for_each(|(sum, count)| *sum += count);
     }
 
-    /// Mutual information less its bias, as [`JointHistogram`] has them, and the number of pairs with two classes.
+    /// Mutual information less its bias, as in [`JointHistogram`], and the number of pairs with a class on both
+    /// sides.
     fn mutual_information(&self) -> (f64, f64) {
         let (mut total, mut occupied, mut sum) = (0, 0i32, 0.0);
         let mut columns = vec![0; self.width - 1];
@@ -297,7 +299,7 @@ mod tests {
         #[test]
         fn counts_have_the_information_of_the_joint_histogram(pairs in prop::collection::vec((0usize..5, 0usize..4), 1..300)) {
             let n_log_n: Vec<f64> = (0..=300).map(|n| f64::from(n) * f64::from(n.max(1)).ln()).collect();
-            // The last row and the last column are those without a class.
+            // The last row and the last column hold the pairs without a class.
             let mut counts = Counts { width: 4, pairs: vec![0; 5 * 4], odd_pairs: vec![0; 5 * 4], n_log_n: &n_log_n };
             let mut joint = JointHistogram::new(4, 3);
             for (row, column) in pairs {

@@ -1,4 +1,4 @@
-//! Powell's method around a placement, with the returns themselves on finer cells of the label images.
+//! Powell's method around a placement, on the returns themselves and finer cells of the label images.
 
 use std::f64::consts::PI;
 
@@ -25,13 +25,13 @@ pub(super) struct Downsampled {
 impl Downsampled {
     pub fn class(&self, frame: usize, pixel: &Point2<f64>) -> u8 {
         let image = &self.images[frame];
-        // A product is faster than a division, and may end one block too far at the border.
+        // A product is faster than a division, but may land one block beyond the border.
         let block = |x: f64, count: usize| (((x + 0.5) * self.blocks_per_pixel) as usize).min(count - 1);
         image.at(block(pixel.x, image.width), block(pixel.y, image.height))
     }
 }
 
-/// Blocks are about as wide as a cell at the middle of the image.
+/// Downsamples the label images to blocks about as wide as a cell at the middle of the image.
 pub(super) fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f64) -> Downsampled {
     let pixels_per_radian = observations.camera.width as f64 / zoomed.horizontal_fov();
     let factor = ((pixels_per_radian * cell).round() as usize).max(1);
@@ -39,8 +39,8 @@ pub(super) fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f6
     Downsampled { blocks_per_pixel: 1.0 / factor as f64, images }
 }
 
-/// A label image in blocks of `factor` pixels, each of the class that most of its pixels have (ties go to the lowest
-/// class). Blocks cut by the border count the pixels they have.
+/// A label image in blocks of `factor` pixels, each with the majority class of its pixels (ties go to the lowest
+/// class). Blocks cut by the border count the pixels that they have.
 pub fn majority(image: &LabelImage<u8>, factor: usize) -> LabelImage<u8> {
     let (width, height) = (image.width.div_ceil(factor), image.height.div_ceil(factor));
     let mut ids = Vec::with_capacity(width * height);
@@ -64,13 +64,13 @@ pub fn majority(image: &LabelImage<u8>, factor: usize) -> LabelImage<u8> {
 
 /// Half-width of Powell's first bracket for the scale of the zoomed image.
 const SCALE_STEP: f64 = 0.1;
-/// Line searches end within this share of their bracket; a finer end has no meaning on cells of this size.
+/// Relative tolerance of the line searches: a finer one is meaningless on cells of this size.
 const TOLERANCE: f64 = 0.02;
 const MAX_ROUNDS: usize = 8;
-/// Returns are thinned to at most this number, over all frames and directions: more make the histogram no better.
+/// Returns are thinned to at most this many, over all frames and directions: more do not improve the histogram.
 const MAX_RETURNS: usize = 20_000;
 
-/// The unit direction (LiDAR frame) and the class of a return.
+/// Unit direction (LiDAR frame) and class of a return.
 type LabelledDirection = (Vector3<f64>, u8);
 
 /// The compared data: the labelled returns of the spherical images, and label images in cells.
@@ -98,7 +98,7 @@ impl<'a> Compared<'a> {
         Self { observations, zoomed, images: downsampled(observations, zoomed, cell), returns }
     }
 
-    /// The returns of each frame that an image placed within `reach` of `placement` may show.
+    /// The returns of each frame that may be inside an image placed within `reach` of `placement`.
     fn near(&self, placement: &Placement, reach: f64) -> Vec<Vec<LabelledDirection>> {
         let half_angle = self.zoomed.reach() + reach;
         let axis = from_angles(placement.azimuth, placement.elevation);
@@ -126,8 +126,8 @@ impl<'a> Compared<'a> {
         joint
     }
 
-    /// Powell's method from one placement: three angles, and the scale of the paper's zoomed image.
-    /// Line searches reach `reach` to either side.
+    /// Powell's method from one placement, over three angles and the scale of the paper's zoomed image. Line
+    /// searches extend by `reach` to either side.
     pub fn refine(&self, start: &Placement, reach: f64, config: &RegistrationConfig) -> Hypothesis {
         let returns = self.near(start, 2.0 * reach);
         let least = config.min_cells_of_most * self.joint(start, &returns).total();

@@ -1,8 +1,8 @@
 //! 2-D registration of label images with spherical label images by mutual information (Alg. 2, line 4).
 //!
-//! The histogram is pooled over all frames before MI is computed, since a single frame easily agrees by chance. A grid
-//! over all azimuths, the elevations at which image and sweep overlap, and in-plane rotations is searched exhaustively
-//! on coarse cells. Powell's method on finer cells then refines the best placements that are well apart.
+//! The histogram is pooled over all frames before MI is computed, since a single frame easily agrees by chance. The
+//! exhaustive search covers all azimuths, the elevations at which image and sweep overlap, and in-plane rotations,
+//! on coarse cells. Powell's method on finer cells then refines the best well-separated placements.
 
 mod exhaustive;
 mod local;
@@ -18,14 +18,14 @@ use crate::zoom::{Placement, Zoom, Zoomed};
 use exhaustive::Candidate;
 use local::Compared;
 
-/// Number of cells across the image: in the exhaustive search, and in Powell's method.
+/// Number of cells across the image in the exhaustive search and in Powell's method.
 const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
 /// Reach of Powell's line searches, in cells of the exhaustive search.
 const REACH: f64 = 1.5;
 /// Number of hypotheses that fit side by side across the image.
 const SEPARATIONS_ACROSS: f64 = 4.0;
 
-/// Its fields are those of `InitializationConfig` in Python, which says what they mean; angles in radians.
+/// Settings: the fields of `InitializationConfig` in Python, which documents them; angles in radians.
 #[derive(Clone, Copy, Debug)]
 pub struct RegistrationConfig {
     pub zoom: Zoom,
@@ -38,7 +38,7 @@ pub struct RegistrationConfig {
     pub separation: f64,
 }
 
-/// A rotation of `T_camera_lidar`, and the angle (radians) from it within which others are searched.
+/// A rotation of `T_camera_lidar`, and the angle (radians) around it that is searched.
 pub type Around = (Rotation3<f64>, f64);
 
 /// A placement of the image on the sphere, with the agreement of the labels there.
@@ -47,13 +47,13 @@ pub struct Hypothesis {
     pub placement: Placement,
     /// Mutual information of the pooled histogram, nats, less its bias.
     pub mutual_information: f64,
-    /// Number of labelled returns, among those used, on a labelled pixel, over all frames.
+    /// Number of labelled returns on a labelled pixel, over all frames, among those used.
     pub num_pairs: f64,
     /// The pooled histogram.
     pub joint: JointHistogram,
 }
 
-/// Finds the best well-separated placements, best first, among all or among those around one.
+/// Finds the best well-separated placements, best first, among all or among those around a given one.
 pub fn register(
     observations: &Observations,
     images: &SphericalImages,
