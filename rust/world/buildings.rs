@@ -1,5 +1,5 @@
-//! Houses. The local origin is the middle of the front at ground level, local x runs along the front, local -y is the
-//! street.
+//! Houses. The local origin is the middle of the front at ground level, local x runs along the front, and local -y
+//! points to the street.
 
 use rand::RngExt;
 
@@ -7,7 +7,7 @@ use super::classes::Class;
 use super::mesh::{Builder, Paint, Place};
 use super::surface::Texture;
 
-/// Walls go this deep, since the ground is rough.
+/// Depth of walls below ground level, which covers the roughness of the ground.
 const FOUNDATION: f32 = -0.6;
 const DOOR: [f32; 3] = [0.25, 0.14, 0.08];
 const ROOF: [f32; 3] = [0.4, 0.2, 0.15];
@@ -31,7 +31,7 @@ pub fn house(b: &mut Builder, place: &Place, size: Size) {
     b.begin_object();
     let floor = b.rng.random_range(2.8..3.4f32);
     let texture = Texture::Facade { pitch: b.rng.random_range(2.0..3.4), floor };
-    // Whole floors, or the roof cuts through windows.
+    // Only whole floors, or the roof would cut through windows.
     let size = Size { height: (size.height / floor).round().max(1.0) * floor, ..size };
     let paints = Paints {
         wall: b.paint_textured(Class::Building, texture),

@@ -25,7 +25,7 @@ classes! {
     Road = 1, "road";
     /// Pavement and kerb.
     Sidewalk = 2, "sidewalk";
-    /// Houses with all that is fixed to them.
+    /// Houses with everything attached to them.
     Building = 3, "building";
     /// Free-standing walls.
     Wall = 4, "wall";

@@ -1,5 +1,5 @@
-//! What stands along a street: posts, lights, signs, benches, bins, fences and walls. Local x points along the street
-//! unless said otherwise; local y to the left.
+//! Street furniture: posts, lights, signs, benches, bins, fences and walls. Local x points along the street unless
+//! stated otherwise, local y to the left.
 
 use parry3d::math::Vec3;
 use rand::RngExt;
@@ -12,7 +12,7 @@ const GLASS: [f32; 3] = [0.35, 0.42, 0.44];
 const RED: [f32; 3] = [0.8, 0.1, 0.08];
 const AMBER: [f32; 3] = [0.75, 0.5, 0.1];
 const GREEN: [f32; 3] = [0.1, 0.6, 0.25];
-/// Posts reach this far into the ground, which is rough.
+/// Depth of posts below ground level, which covers the roughness of the ground.
 pub const ROOT: f32 = -0.3;
 
 pub fn post(b: &mut Builder, paint: Paint, place: &Place, height: f32, radius: f32) {
@@ -56,7 +56,7 @@ pub fn bollards(b: &mut Builder, place: &Place, count: usize) {
     }
 }
 
-/// A traffic light that looks along local -x, with a second head on an arm along local y if `reach` is not 0.
+/// A traffic light that faces local -x, with a second head on an arm along local y if `reach` is not 0.
 pub fn traffic_light(b: &mut Builder, place: &Place, reach: f32) {
     b.begin_object();
     let steel = b.paint(Class::Pole);
@@ -79,7 +79,7 @@ fn light_head(b: &mut Builder, place: &Place) {
     }
 }
 
-/// A sign that looks along local -x: one or two plates of many shapes on a post.
+/// A sign that faces local -x: one or two plates of various shapes on a post.
 pub fn traffic_sign(b: &mut Builder, place: &Place) {
     b.begin_object();
     let steel = b.paint(Class::Pole);
@@ -113,7 +113,7 @@ fn sign_plate(b: &mut Builder, place: &Place, z: f32) {
     b.polygon(face, &plate(0.75 * size, -0.095));
 }
 
-/// A big blue panel over the road's edge, on two posts.
+/// A large blue panel over the edge of the road, on two posts.
 pub fn direction_panel(b: &mut Builder, place: &Place) {
     b.begin_object();
     let steel = b.paint(Class::Pole);
@@ -128,7 +128,7 @@ pub fn direction_panel(b: &mut Builder, place: &Place) {
     }
 }
 
-/// A bench of slats that looks along local y.
+/// A bench of slats that faces local y.
 pub fn bench(b: &mut Builder, place: &Place) {
     b.begin_object();
     let slat = b.paint(Class::Static);
@@ -146,7 +146,7 @@ pub fn bench(b: &mut Builder, place: &Place) {
     }
 }
 
-/// A small thing on the pavement: a bin, a hydrant, a cabinet, a planter or a letter box.
+/// A small object on the pavement: a bin, a hydrant, a cabinet, a planter or a letter box.
 pub fn small_thing(b: &mut Builder, place: &Place) {
     b.begin_object();
     let paint = b.paint(Class::Static);

@@ -1,19 +1,19 @@
-//! The ground as triangles: a grid in street coordinates whose lines run along every border between classes.
+//! The ground as triangles: a grid in street coordinates whose lines follow every border between classes.
 
 use super::classes::Class;
 use super::mesh::{Builder, Paint};
 use super::street::{LINE_WIDTH, Street};
 
-/// How far the ground reaches along the street, and to its sides.
+/// Extent of the ground along the street, and to its sides.
 const HALF_LENGTH: f32 = 108.0;
 const HALF_WIDTH: f32 = 84.0;
-/// Rows are (up to this distance, this long); every length divides [`super::street::DASH`].
+/// Rows as (distance up to which they apply, length). Every length divides [`super::street::DASH`].
 const ROWS: [(f32, f32); 3] = [(24.0, 0.75), (48.0, 1.5), (HALF_LENGTH, 3.0)];
 const MAX_PAVED_COLUMN: f32 = 1.2;
-/// Columns of terrain widen by this factor from one to the next, up to a limit.
+/// Growth factor of the width of terrain columns, up to a limit.
 const COLUMN_GROWTH: f32 = 1.25;
 const MAX_COLUMN: f32 = 8.0;
-/// Grid lines nearer than this are one.
+/// Grid lines nearer than this are merged.
 const MERGE: f32 = 0.01;
 
 struct Paints {

@@ -1,4 +1,4 @@
-//! What stands where: one street with all its objects, and the rig in one of its lanes.
+//! Layout of a scene: one street with all its objects, and the rig in one of its lanes.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -13,16 +13,16 @@ use super::street::{REACH, Site, Street, near_branch};
 use super::surface::Light;
 use super::{FREE_RADIUS_M, furniture, ground, lots, people, vegetation, vehicles};
 
-/// The mounting height of the LiDAR above the road.
+/// Mounting height of the LiDAR above the road.
 const MOUNT_M: std::ops::Range<f64> = 1.7..1.9;
-/// The rig's heading off its lane's, and its inclination.
+/// Largest angle between the heading of the rig and its lane, and largest inclination.
 const MAX_HEADING_OFF: f64 = 25.0;
-/// A rig that moves keeps to its lane: houses and fences stand where a way across the street would lead.
+/// A moving rig keeps to its lane: a path across the street would lead into houses and fences.
 const MAX_MOVING_HEADING_OFF: f64 = 10.0;
 const MAX_INCLINATION_DEG: f64 = 2.0;
-/// A crown reaches this share of the tree's height to its sides; the rig stands under none.
+/// Radius of a crown relative to the height of the tree. The rig never stands under one.
 const CROWN_REACH: f32 = 0.7;
-/// The kerb is more crowded up to here.
+/// The kerb is more crowded up to this distance.
 const NEAR: f32 = 16.0;
 
 /// A scene with a rig in it.
@@ -183,7 +183,7 @@ fn pavement(site: &mut Site, side: usize) {
     }
 }
 
-/// Puts an object on a disc of ground if that is free and off the side street's carriageway.
+/// Puts an object on a disc of ground if the disc is free and off the carriageway of the side street.
 fn place_at(
     site: &mut Site,
     side: usize,
@@ -198,7 +198,7 @@ fn place_at(
     }
 }
 
-/// Cars, and lorries and buses, keep this far from the rig: one beside it would fill the image.
+/// Smallest distance from the rig of cars, and of lorries and buses: one next to the rig would fill the image.
 const CAR_GAP: f32 = 3.6;
 const BIG_VEHICLE_GAP: f32 = 9.0;
 
@@ -223,7 +223,7 @@ pub fn moving(site: &mut Site) {
     }
 }
 
-/// Cars parked along the kerb of one side, if that is allowed there.
+/// Cars parked along the kerb of one side, if parking is allowed there.
 pub fn parked(site: &mut Site, side: usize) {
     if !site.street.parking[side] {
         return;
@@ -241,7 +241,7 @@ pub fn parked(site: &mut Site, side: usize) {
     }
 }
 
-/// A vehicle of a kind, if there is room for it.
+/// A vehicle of the given kind, if there is room for it.
 fn vehicle(site: &mut Site, kind: usize, s: f32, d: f32, yaw: f32) {
     let (make, half_size, gap): (fn(&mut Builder, &Place), _, _) = match kind {
         0 => (vehicles::truck, [5.0, 1.25], BIG_VEHICLE_GAP),

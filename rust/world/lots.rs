@@ -9,10 +9,10 @@ use super::mesh::Place;
 use super::street::{Site, near_branch};
 use super::{furniture, people, vegetation};
 
-/// Lots are laid out along this much of the street, either way.
+/// Lots are laid out along this much of the street in either direction.
 const REACH: f32 = 92.0;
 const LOT_WIDTHS: std::ops::Range<f32> = 9.0..19.0;
-/// Behind the lots stand taller houses and trees, at this distance from the centre line.
+/// Distance from the centre line of the taller houses and trees behind the lots.
 const BACKDROP: std::ops::Range<f32> = 48.0..58.0;
 
 /// A piece of land that fronts the street from `s` over `width` metres.
@@ -23,7 +23,7 @@ struct Lot {
 }
 
 impl Lot {
-    /// Street coordinates at a share of the width, `depth` metres behind the sidewalk.
+    /// Street coordinates at a fraction of the width, `depth` metres behind the sidewalk.
     fn spot(&self, site: &Site, share: f32, depth: f32) -> (f32, f32) {
         let sign = if self.side == 1 { 1.0 } else { -1.0 };
         let d = sign * (site.street.frontage_at(self.side) + depth);
@@ -108,7 +108,7 @@ fn garden_house(site: &mut Site, lot: &Lot) {
     }
 }
 
-/// What stands between the sidewalk and a garden.
+/// The border between the sidewalk and a garden: a fence, a wall or a hedge.
 fn enclosure(site: &mut Site, lot: &Lot) {
     let (place, length) = lot.edge(site, 0.4);
     let b = &mut site.builder;
@@ -150,7 +150,7 @@ fn plant(site: &mut Site, lot: &Lot, share: f32, depth: f32) {
     }
 }
 
-/// Grass with trees, bushes and benches behind a fence or nothing; a house far behind.
+/// Grass with trees, bushes and benches, with or without a fence, and a house far behind.
 fn park(site: &mut Site, lot: &Lot) {
     if site.builder.rng.random_bool(0.5) {
         enclosure(site, lot);
@@ -173,7 +173,7 @@ fn park(site: &mut Site, lot: &Lot) {
     buildings::house(&mut site.builder, &place, size);
 }
 
-/// Tall houses and trees all around, so that no line of sight runs out over bare ground.
+/// Tall houses and trees all around, so that no line of sight ends on bare ground.
 pub fn backdrop(site: &mut Site) {
     for side in [0, 1] {
         let sign = if side == 1 { 1.0 } else { -1.0 };

@@ -1,4 +1,4 @@
-//! Triangles with a surface each, and the solids that objects are made of.
+//! Triangles with one surface each, and the solids that objects are made of.
 
 use std::f32::consts::TAU;
 
@@ -8,13 +8,13 @@ use rand_chacha::ChaCha8Rng;
 use super::classes::Class;
 use super::surface::{Surface, Texture};
 
-/// The instance of everything that is ground: no object.
+/// The instance of all ground, which is not an object.
 pub const GROUND: u16 = 0;
 
 /// An index into the surfaces of a scene.
 pub type Paint = u32;
 
-/// One triangle, stored as ray casting wants it.
+/// One triangle, stored for ray casting.
 #[derive(Clone, Copy, Debug)]
 pub struct Triangle {
     pub corner: Vec3,
@@ -35,7 +35,7 @@ impl Place {
         Self { origin, heading: Vec2::from_angle(yaw) }
     }
 
-    /// Local coordinates to the world's.
+    /// Converts local coordinates to world coordinates.
     pub fn at(&self, x: f32, y: f32, z: f32) -> Vec3 {
         let turned = self.heading.rotate(Vec2::new(x, y));
         self.origin + turned.extend(z)
@@ -52,7 +52,7 @@ pub struct Builder {
     pub rng: ChaCha8Rng,
     pub triangles: Vec<Triangle>,
     pub surfaces: Vec<Surface>,
-    /// Spots along the rig's way.
+    /// Positions along the rig's path.
     viewpoints: Vec<Vec2>,
     instance: u16,
     objects: u16,
@@ -63,13 +63,13 @@ impl Builder {
         Self { rng, triangles: Vec::new(), surfaces: Vec::new(), viewpoints, instance: GROUND, objects: 0 }
     }
 
-    /// Metres from the rig's way, seen from above: what is near is built finer.
+    /// Distance to the rig's path in metres, seen from above: near objects are modelled in more detail.
     pub fn distance(&self, place: &Place) -> f32 {
         let spot = place.origin.truncate();
         self.viewpoints.iter().map(|rig| spot.distance(*rig)).fold(f32::INFINITY, f32::min)
     }
 
-    /// Paints made from here on belong to a new object.
+    /// Starts a new object, to which the paints made from here on belong.
     pub fn begin_object(&mut self) {
         self.objects += 1;
         self.instance = self.objects;
@@ -103,13 +103,13 @@ impl Builder {
         self.triangles.push(Triangle { corner: a, edge_1: b - a, edge_2: c - a, paint });
     }
 
-    /// A quadrilateral, its corners in turn.
+    /// A quadrilateral, its corners in order.
     pub fn quad(&mut self, paint: Paint, [a, b, c, d]: [Vec3; 4]) {
         self.triangle(paint, a, b, c);
         self.triangle(paint, a, c, d);
     }
 
-    /// A convex polygon, its corners in turn.
+    /// A convex polygon, its corners in order.
     pub fn polygon(&mut self, paint: Paint, corners: &[Vec3]) {
         for pair in corners.windows(2).skip(1) {
             self.triangle(paint, corners[0], pair[0], pair[1]);
@@ -131,7 +131,7 @@ impl Builder {
         self.polygon(paint, &left);
     }
 
-    /// The band between two closed outlines of as many corners each.
+    /// The band between two closed outlines with the same number of corners.
     pub fn loft(&mut self, paint: Paint, from: &[Vec3], to: &[Vec3]) {
         for i in 0..from.len() {
             let j = (i + 1) % from.len();
@@ -139,7 +139,7 @@ impl Builder {
         }
     }
 
-    /// A tapered tube closed at both ends.
+    /// A tapered tube, closed at both ends.
     pub fn tube(&mut self, paint: Paint, ends: [Vec3; 2], radii: [f32; 2], sides: usize) {
         let (u, v) = (ends[1] - ends[0]).normalize_or(Vec3::Z).any_orthonormal_pair();
         let circle = |end: usize| -> Vec<Vec3> {
@@ -154,7 +154,7 @@ impl Builder {
         self.polygon(paint, &to);
     }
 
-    /// An upright ellipsoid of few faces.
+    /// An upright ellipsoid with few faces.
     pub fn ellipsoid(&mut self, paint: Paint, center: Vec3, radii: Vec3) {
         const SIDES: usize = 8;
         const LATITUDES: [f32; 4] = [-1.2, -0.45, 0.45, 1.2];

@@ -29,7 +29,7 @@ impl Clothes {
     }
 }
 
-/// Someone on foot, standing or in mid-stride.
+/// A pedestrian, standing or in mid-stride.
 pub fn pedestrian(b: &mut Builder, place: &Place) {
     b.begin_object();
     let clothes = Clothes::random(b, Class::Pedestrian);
@@ -62,7 +62,7 @@ pub fn pedestrian(b: &mut Builder, place: &Place) {
     }
 }
 
-/// Someone astride a two-wheeler whose saddle and handlebar grips stand at the given height and distance.
+/// A person astride a two-wheeler with saddle and handlebar grips at the given height and distance.
 pub fn rider(b: &mut Builder, place: &Place, saddle: f32, grips: f32) {
     b.begin_object();
     let clothes = Clothes::random(b, Class::Rider);

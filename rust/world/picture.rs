@@ -1,4 +1,4 @@
-//! The camera's side of a frame: one ray through the centre of each pixel, and whether it sees a LiDAR return.
+//! The camera's side of a frame: one ray through the centre of each pixel, and the visibility of LiDAR returns.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use parry3d::math::Vec3;
@@ -11,9 +11,9 @@ use super::scene::to_f32;
 use super::sensors::Rig;
 use super::surface::Spot;
 
-/// The camera sees no farther.
+/// Maximum range of the camera.
 const FAR_M: f32 = 500.0;
-/// Shadow rays start this far off a surface, and nothing farther casts a shadow.
+/// Offset of shadow rays from the surface, and largest distance at which something casts a shadow.
 const SHADOW_OFFSET_M: f32 = 0.01;
 const SHADOW_REACH_M: f32 = 40.0;
 
@@ -23,7 +23,7 @@ pub struct Pixel {
     pub instance: u16,
 }
 
-/// The image of a rig's camera, whose pixels look along `pixel_rays`, row by row.
+/// Renders the image of a rig's camera, whose pixels look along `pixel_rays`, row by row.
 pub fn take(stage: &Stage, rig: &Rig, pixel_rays: &[Option<Vector3<f32>>]) -> Vec<Pixel> {
     let size = [rig.camera.width, rig.camera.height];
     let t_lidar_camera = rig.t_camera_lidar.inverse();
@@ -43,7 +43,7 @@ pub fn take(stage: &Stage, rig: &Rig, pixel_rays: &[Option<Vector3<f32>>]) -> Ve
     rows.into_iter().flatten().collect()
 }
 
-/// From where, and which way round, a line of the image is exposed.
+/// Position and orientation from which a line of the image is exposed.
 struct View {
     origin: Vec3,
     rotation: Matrix3<f32>,
@@ -62,7 +62,7 @@ impl Pixel {
     const UNREACHED: Self = Self { label: UNLABELED, rgb: [0; 3], instance: GROUND };
 }
 
-/// What the pixel before met, which its neighbour is likely to meet too.
+/// The hits of the previous pixel, which its neighbour is likely to share.
 #[derive(Default)]
 struct Neighbour {
     seen: Option<u32>,
@@ -70,7 +70,7 @@ struct Neighbour {
 }
 
 impl Neighbour {
-    /// The pixel of a unit ray in the world.
+    /// The pixel seen along a unit ray in the world.
     fn look(&mut self, stage: &Stage, origin: Vec3, direction: Vec3) -> Pixel {
         let (scene, light) = (&stage.scene, &stage.light);
         let Some(hit) = scene.cast(origin, direction, FAR_M, self.seen) else {
@@ -94,11 +94,11 @@ impl Neighbour {
     }
 }
 
-/// A return is hidden when something stands this much nearer on the camera's line of sight.
+/// A return is occluded when something is nearer by this much on the camera's line of sight.
 const HIDDEN_MARGIN_M: f64 = 0.1;
-/// When a rolling shutter exposes a point is known if it changes by less than this share of a line's time.
+/// The exposure time of a point has converged if it changes by less than this fraction of a line's time.
 const SETTLED_LINES: f64 = 0.1;
-/// A point whose line is not found in so many steps passes the camera faster than the shutter rolls.
+/// A point whose line is not found within this many steps passes the camera faster than the shutter rolls.
 const MAX_STEPS: usize = 30;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,17 +108,17 @@ pub enum Visibility {
     Visible,
 }
 
-/// What a ray of the LiDAR met.
+/// The target of a LiDAR ray.
 pub struct Target {
-    /// When it was fired, seconds from the middle of the sweep.
+    /// Firing time, seconds from the middle of the sweep.
     pub time_s: f64,
-    /// Where it was measured, LiDAR frame of that time.
+    /// Measured position, LiDAR frame of that time.
     pub measured: Vector3<f64>,
-    /// Where it truly is, LiDAR frame of that time.
+    /// True position, LiDAR frame of that time.
     pub truth: Vector3<f64>,
 }
 
-/// Whether a rig's camera sees a return, at the time at which the line of its place in the image is exposed.
+/// Whether a rig's camera sees a return at the time when its line of the image is exposed.
 pub fn visibility(stage: &Stage, rig: &Rig, target: &Target) -> Visibility {
     let Some(time_s) = exposure_time_s(stage, rig, target) else { return Visibility::Outside };
     let camera_world = stage.t_world_lidar(time_s) * (rig.t_camera_lidar.inverse() * Point3::origin());
@@ -131,7 +131,7 @@ pub fn visibility(stage: &Stage, rig: &Rig, target: &Target) -> Visibility {
     }
 }
 
-/// When the camera exposes the place at which a return lies in its image; `None` if it lies outside.
+/// The time at which the camera exposes the line that a return projects to; `None` if it is outside the image.
 fn exposure_time_s(stage: &Stage, rig: &Rig, target: &Target) -> Option<f64> {
     let (camera, shutter) = (&rig.camera, &rig.shutter);
     let size = [camera.width, camera.height];

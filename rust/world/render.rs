@@ -1,4 +1,4 @@
-//! One frame of a rig: its LiDAR's returns and its camera's image.
+//! Rendering of one frame of a rig: the returns of its LiDAR and the image of its camera.
 
 use nalgebra::{Point2, Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
@@ -13,17 +13,17 @@ use super::scene::to_f32;
 use super::sensors::{Passage, Rig};
 use crate::error::Result;
 
-/// Rays of a LiDAR that share one generator.
+/// Number of LiDAR rays that share one random generator.
 const CHUNK: usize = 1024;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// x, y, z, intensity in [0, 1] of each return, in the LiDAR's frame when it was fired, in firing order; lost rays are
-    /// left out.
+    /// x, y, z and intensity in [0, 1] of each return, in the LiDAR frame of its firing time, in firing order. Lost
+    /// rays are left out.
     pub points: Vec<[f32; 4]>,
     /// Seconds from the start of the sweep to each return.
     pub point_times: Vec<f32>,
-    /// SemanticKITTI's form: instance << 16 | class id.
+    /// Labels in SemanticKITTI's form: instance << 16 | class id.
     pub point_labels: Vec<u32>,
     /// Whether the camera sees each return.
     pub point_visibility: Vec<Visibility>,
@@ -31,7 +31,7 @@ pub struct Frame {
     pub image_labels: Vec<u8>,
     /// The colour image, row-major; black where the lens does not reach.
     pub image_rgb: Vec<[u8; 3]>,
-    /// Distinct objects in the image or among the returns; the ground is none.
+    /// Number of distinct objects in the image or among the returns, without the ground.
     pub num_objects: usize,
 }
 
@@ -66,18 +66,19 @@ impl Renderer {
         Ok(Self { rig, pixel_rays })
     }
 
-    /// The frame of a number in the world of a seed, of a rig that stands still.
+    /// Renders one frame of a static rig, by the seed of the world and the frame's number.
     pub fn frame(&self, seed: u64, number: u64) -> Frame {
         self.passing(seed, number, Passage::STILL)
     }
 
-    /// The frame of a rig that moves with one twist, metres and radians a second in the LiDAR frame.
+    /// Renders one frame of a rig that moves with a constant twist, metres and radians per second in the LiDAR
+    /// frame.
     ///
-    /// The image is stamped with the middle of the sweep. The street differs from that of [`Renderer::frame`]: the rig
-    /// keeps to its lane, and its way is free.
+    /// The image is stamped with the middle of the sweep. The street differs from that of [`Renderer::frame`]: the
+    /// rig keeps to its lane, and its path is free.
     ///
     /// # Errors
-    /// The twist is not finite, or no rig is as fast.
+    /// The twist is not finite, or faster than any rig.
     pub fn frame_in_motion(&self, seed: u64, number: u64, twist_per_s: Vector6<f64>) -> Result<Frame> {
         Ok(self.passing(seed, number, Passage::new(twist_per_s, &self.rig)?))
     }
@@ -111,7 +112,7 @@ impl Renderer {
         chunks.into_iter().flatten().collect()
     }
 
-    /// One ray of the LiDAR, by its number in the sweep.
+    /// Fires one ray of the LiDAR, given by its number in the sweep.
     fn fire(
         &self,
         stage: &Stage,
@@ -142,7 +143,7 @@ impl Renderer {
     }
 }
 
-/// The generator of one part of one frame.
+/// The random generator of one part of one frame.
 fn generator(seed: u64, number: u64, part: u64) -> ChaCha8Rng {
     let mut key = [0; 32];
     for (bytes, word) in key.chunks_exact_mut(8).zip([seed, number, part]) {
@@ -176,7 +177,7 @@ mod tests {
     use crate::shutter::Shutter;
     use crate::spherical::from_angles;
 
-    /// Half the default image's size, so that the tests stay quick.
+    /// Half the size of the default image, which keeps the tests fast.
     const SIZE: (usize, usize) = (640, 360);
 
     /// A camera 0.5 m from the LiDAR that looks along an azimuth.
@@ -232,12 +233,12 @@ mod tests {
             let frame = renderer.frame(1, number);
             let label = (frame.point_labels[0] & 0xffff) as u8;
             assert!([Class::Road.id(), Class::RoadLine.id()].contains(&label));
-            // A vehicle inclined by 2 degrees, and roughness between the grid's lines, change it by some millimetres.
+            // An inclination of 2 degrees, and roughness between the grid lines, change it by some millimetres.
             assert!((-1.92..-1.68).contains(&frame.points[0][2]), "{:?}", frame.points[0]);
         }
     }
 
-    /// The nearest thing above the ground that the LiDAR's rays meet from anywhere on its way.
+    /// Distance of the nearest object above the ground that the LiDAR's rays hit from anywhere on its path.
     fn clearance(stage: &Stage) -> f32 {
         let [from, to] = stage.passage.ends_s;
         let mut nearest = f32::MAX;

@@ -1,4 +1,4 @@
-//! A finished scene: what a ray meets first.
+//! A finished scene, for ray casting.
 
 use nalgebra::Vector3;
 use parry3d::bounding_volume::Aabb;
@@ -8,7 +8,7 @@ use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 use super::mesh::{Builder, Triangle};
 use super::surface::{Spot, Surface};
 
-/// Triangles that share an edge overlap by this share of their size, so that no ray slips through between them.
+/// Triangles that share an edge overlap by this fraction of their size, so that no ray slips through between them.
 const EDGE_OVERLAP: f32 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,12 +18,12 @@ pub struct Hit {
     pub range: f32,
 }
 
-/// A vector of the rig's geometry, for the ray caster.
+/// Converts a vector of the rig's geometry for the ray caster.
 pub fn to_f32(v: &Vector3<f64>) -> Vec3 {
     Vec3::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
-/// Triangles under a bounding volume hierarchy.
+/// Triangles in a bounding volume hierarchy.
 pub struct Scene {
     triangles: Vec<Triangle>,
     surfaces: Vec<Surface>,
@@ -42,7 +42,8 @@ impl Scene {
 
     /// The first triangle on a ray of unit direction, nearer than `max_range`.
     ///
-    /// `guess` is a triangle that the ray may well meet, such as the one that its neighbour met: it only saves time.
+    /// `guess` is a triangle that the ray is likely to hit, such as the one that its neighbour hit. It only saves
+    /// time.
     pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32, guess: Option<u32>) -> Option<Hit> {
         let meet = |id: u32| intersect(&self.triangles[id as usize], origin, direction);
         let guessed = guess
@@ -63,12 +64,12 @@ impl Scene {
             return Some(id);
         }
         let slabs = Slabs::new(origin, direction);
-        // Whatever is met ends the search: nothing is nearer than minus infinity.
+        // Any hit ends the search: nothing is nearer than minus infinity.
         let meet = |id: u32, _| stands_in(id).then_some(f32::NEG_INFINITY);
         self.bvh.find_best(max_range, |node, _| slabs.enter(node), meet).map(|(id, _)| id)
     }
 
-    /// What a ray sees where it hits; the normal is on the ray's side.
+    /// The surface point that a ray hits, with the normal on the ray's side.
     pub fn spot(&self, hit: Hit, origin: Vec3, direction: Vec3) -> Spot<'_> {
         let triangle = &self.triangles[hit.triangle as usize];
         let normal = triangle.edge_1.cross(triangle.edge_2).normalize_or(Vec3::Z);
@@ -82,7 +83,8 @@ impl Scene {
     }
 }
 
-/// A ray as box tests want it. Parry's own test is not inlined across crates, which costs half the time.
+/// A ray in the form that box tests need. Parry's own test is not inlined across crates, which would double the
+/// time.
 struct Slabs {
     origin: Vec3A,
     inverse: Vec3A,
@@ -93,7 +95,7 @@ impl Slabs {
         Self { origin: origin.into(), inverse: Vec3A::from(direction).recip() }
     }
 
-    /// Where the ray enters a node's box, `f32::MAX` if it passes by.
+    /// Range at which the ray enters a node's box; `f32::MAX` if it misses.
     #[inline(always)]
     fn enter(&self, node: &BvhNode) -> f32 {
         let low = (Vec3A::from(node.mins()) - self.origin) * self.inverse;

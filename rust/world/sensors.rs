@@ -1,4 +1,5 @@
-//! The rig: a LiDAR's firing pattern and flaws, a camera beside it, and its way while one frame is measured.
+//! The rig: a LiDAR with its firing pattern and flaws, a camera next to it, and the rig's path while one frame is
+//! measured.
 
 use std::f64::consts::TAU;
 
@@ -11,8 +12,8 @@ use crate::se3::exp;
 use crate::shutter::Shutter;
 use crate::spherical::from_angles;
 
-/// Turns of a rosette about z, and swings between its lowest and highest angle, per [`ROSETTE_PERIOD`] points. Neither
-/// ratio is rational, so that the pattern never repeats.
+/// Turns of a rosette about z, and swings between its lowest and highest angle, per [`ROSETTE_PERIOD`] points.
+/// Neither ratio is rational, so the pattern never repeats.
 const ROSETTE_TURNS: f64 = 20.0 * 1.618_033_988_749_895;
 const ROSETTE_SWINGS: f64 = 700.0 * std::f64::consts::SQRT_2;
 const ROSETTE_PERIOD: f64 = 20_000.0;
@@ -20,19 +21,19 @@ const ROSETTE_PERIOD: f64 = 20_000.0;
 /// How a LiDAR's rays cover its field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pattern {
-    /// Channels evenly spaced in elevation, turned through evenly spaced azimuths; column by column, from the top.
+    /// Channels evenly spaced in elevation, at evenly spaced azimuths; column by column, from the top.
     Spinning,
-    /// A flower all around the z axis, as a Livox Mid-360 draws: the ray swings in elevation while it turns, never
-    /// along the same line again, so that every frame has other rays. It is no grid.
+    /// A rosette all around the z axis, like that of a Livox Mid-360: the ray swings in elevation while it turns,
+    /// and never repeats a line, so that every frame has other rays. It is not a grid.
     Rosette,
 }
 
-/// A LiDAR: where its rays point, in its own frame (x forward, y left, z up), in firing order, and its flaws.
+/// A LiDAR: its ray directions in its own frame (x forward, y left, z up), in firing order, and its flaws.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lidar {
     pub pattern: Pattern,
     pub channels: usize,
-    /// Columns of a turn; the first looks along x, the next to its left. A rosette has as many rays.
+    /// Columns of a turn. The first points along x, the next to its left. A rosette has the same number of rays.
     pub columns: usize,
     pub fov_up_deg: f64,
     pub fov_down_deg: f64,
@@ -40,7 +41,8 @@ pub struct Lidar {
     pub dropout: f64,
     pub max_range_m: f64,
     pub sweep_s: f64,
-    /// How far the sensor's x axis is pitched below the vehicle's. The camera, mounted to the LiDAR, tilts with it.
+    /// Pitch of the sensor's x axis below that of the vehicle. The camera is mounted on the LiDAR and tilts with
+    /// it.
     pub tilt_deg: f64,
 }
 
@@ -91,7 +93,7 @@ impl Lidar {
         }
     }
 
-    /// The part of the sweep that is over when a ray is fired; the rays of a column are fired together.
+    /// Fraction of the sweep that has passed when a ray is fired. The rays of a column are fired together.
     pub(super) fn share_before(&self, ray: usize) -> f64 {
         match self.pattern {
             Pattern::Spinning => (ray / self.channels) as f64 / self.columns as f64,
@@ -115,7 +117,7 @@ pub struct Rig {
     pub camera: Camera,
     /// `p_camera = t_camera_lidar * p_lidar`.
     pub t_camera_lidar: Isometry3<f64>,
-    /// When the lines of an image are exposed; it matters only while the rig moves.
+    /// Exposure of the lines of an image, which matters only while the rig moves.
     pub shutter: Shutter,
 }
 
@@ -136,24 +138,24 @@ impl Rig {
     }
 }
 
-/// Spots that stand for a way lie no farther apart.
+/// Largest distance between the positions that represent a path.
 const SPOT_GAP_M: f64 = 0.5;
-/// No rig is faster, metres or radians a second.
+/// Upper bound of a rig's speed, metres or radians per second.
 const MAX_RATE: f64 = 100.0;
 
-/// How a rig passes through the scene of a frame. Times are seconds from the middle of the sweep.
+/// Motion of a rig through the scene of a frame. Times are seconds from the middle of the sweep.
 #[derive(Clone, Debug)]
 pub struct Passage {
-    /// Its twist, metres and radians a second in the LiDAR frame; `None` if it stands still.
+    /// Twist, metres and radians per second in the LiDAR frame; `None` for a static rig.
     twist_per_s: Option<Vector6<f64>>,
-    /// The first and the last time at which something is measured.
+    /// First and last time at which something is measured.
     pub(super) ends_s: [f64; 2],
 }
 
 impl Passage {
     pub const STILL: Self = Self { twist_per_s: None, ends_s: [0.0; 2] };
 
-    /// The passage of a rig with one twist.
+    /// Creates the passage of a rig with a constant twist.
     pub fn new(twist_per_s: Vector6<f64>, rig: &Rig) -> Result<Self> {
         if !twist_per_s.iter().all(|rate| rate.abs() <= MAX_RATE) {
             let found: [f64; 6] = twist_per_s.into();
@@ -171,18 +173,18 @@ impl Passage {
         self.twist_per_s.is_some()
     }
 
-    /// The LiDAR's pose in the world at a time, for its pose at time zero.
+    /// The LiDAR's pose in the world at a time, given its pose at time zero.
     pub fn carry(&self, t_world_lidar: &Isometry3<f64>, time_s: f64) -> Isometry3<f64> {
-        // At rest the pose stays as it is to the bit.
+        // At rest the pose stays bit-identical.
         self.twist_per_s.map_or(*t_world_lidar, |twist| t_world_lidar * exp(&(twist * time_s)))
     }
 
-    /// A point of the LiDAR's frame at one time, in its frame at another.
+    /// Moves a point from the LiDAR frame of one time to that of another.
     pub fn seen_at(&self, point: Point3<f64>, from_s: f64, to_s: f64) -> Point3<f64> {
         self.twist_per_s.map_or(point, |twist| exp(&(twist * (from_s - to_s))) * point)
     }
 
-    /// Spots of the LiDAR along the way, seen from above; the one at time zero is `spot`.
+    /// Positions of the LiDAR along the path, seen from above; the one at time zero is `spot`.
     pub fn spots(&self, spot: Vec2, t_world_lidar: &Isometry3<f64>) -> Vec<Vec2> {
         let Some(twist) = self.twist_per_s else { return vec![spot] };
         let [from, to] = self.ends_s;

@@ -1,6 +1,6 @@
-//! The plan of a street: where its lanes, pavements and side street run, and how high the ground is.
+//! The plan of a street: the course of its lanes, pavements and side street, and the height of the ground.
 //!
-//! Street coordinates: `s` metres along the centre line, `d` metres to its left. The rig stands at `s = 0`.
+//! Street coordinates are `s`, metres along the centre line, and `d`, metres to its left. The rig is at `s = 0`.
 
 use parry3d::math::{Vec2, Vec3};
 use rand::RngExt;
@@ -10,19 +10,19 @@ use super::classes::Class;
 use super::mesh::{Builder, Place};
 use super::{FREE_RADIUS_M, surface};
 
-/// Widths of painted lines.
+/// Width of painted lines.
 pub const LINE_WIDTH: f32 = 0.14;
-/// Dashes and the gaps between them.
+/// Length of dashes and of the gaps between them.
 pub const DASH: f32 = 3.0;
 const LANE_WIDTHS: std::ops::Range<f32> = 3.2..3.6;
 const PARKING_WIDTH: f32 = 2.2;
 const KERB_HEIGHTS: std::ops::Range<f32> = 0.12..0.18;
-/// Sharpest curve, 1/m: cross-sections do not meet within the width of the scene.
+/// Largest curvature, 1/m: cross-sections must not intersect within the width of the scene.
 const MAX_CURVATURE: f32 = 1.0 / 130.0;
-/// Amplitudes of the smooth noise on the ground.
+/// Amplitude of the smooth noise on the ground.
 const ROAD_ROUGHNESS: f32 = 0.014;
 const TERRAIN_ROUGHNESS: std::ops::Range<f32> = 0.05..0.2;
-/// Terrain reaches its full roughness this far from paved ground.
+/// Terrain reaches its full roughness at this distance from paved ground.
 const TERRAIN_RAMP: f32 = 2.0;
 const HILL_HEIGHT: f32 = 0.4;
 const HILL_LENGTH: f32 = 40.0;
@@ -33,20 +33,20 @@ pub struct SideStreet {
     pub s: f32,
     pub half_width: f32,
     pub sidewalk: f32,
-    /// Whether it leaves to the right, to the left.
+    /// Whether it leaves to the right, and to the left.
     pub sides: [bool; 2],
 }
 
 /// A street's plan and relief.
 #[derive(Clone, Debug)]
 pub struct Street {
-    /// 1/m, behind the rig and ahead of it.
+    /// Curvature, 1/m, behind the rig and ahead of it.
     curvature: [f32; 2],
     pub lanes: usize,
     pub lane_width: f32,
-    /// Whether cars are parked along the right kerb, the left kerb.
+    /// Whether cars are parked along the right kerb, and along the left kerb.
     pub parking: [bool; 2],
-    /// Grass between the kerb and the sidewalk.
+    /// Width of the grass between the kerb and the sidewalk.
     pub verge: f32,
     pub sidewalk: f32,
     pub kerb: f32,
@@ -82,17 +82,17 @@ impl Street {
         }
     }
 
-    /// From the centre line to the edge of the outermost lane.
+    /// Distance from the centre line to the edge of the outermost lane.
     pub fn lanes_half_width(&self) -> f32 {
         0.5 * self.lanes as f32 * self.lane_width
     }
 
-    /// From the centre line to the kerb of one side (0 right, 1 left).
+    /// Distance from the centre line to the kerb of one side (0 right, 1 left).
     pub fn kerb_at(&self, side: usize) -> f32 {
         self.lanes_half_width() + if self.parking[side] { PARKING_WIDTH } else { 0.4 }
     }
 
-    /// From the centre line to the far edge of the sidewalk of one side.
+    /// Distance from the centre line to the far edge of the sidewalk of one side.
     pub fn frontage_at(&self, side: usize) -> f32 {
         self.kerb_at(side) + self.verge + self.sidewalk
     }
@@ -102,7 +102,7 @@ impl Street {
         (lane as f32 + 0.5) * self.lane_width - self.lanes_half_width()
     }
 
-    /// Traffic keeps to the right: whether a lane runs towards growing `s`.
+    /// Whether a lane runs towards growing `s`. Traffic keeps to the right.
     pub fn lane_runs_ahead(&self, lane: usize) -> bool {
         2 * lane < self.lanes
     }
@@ -136,13 +136,13 @@ impl Street {
         self.curvature[usize::from(s >= 0.0)]
     }
 
-    /// On the ground, turned by `yaw` from the street's direction.
+    /// A place on the ground, turned by `yaw` from the street's direction.
     pub fn place(&self, s: f32, d: f32, yaw: f32) -> Place {
         let height = self.relief(s, d) + self.step(self.class_at(s, d));
         Place::new(self.at(s, d).extend(height), self.yaw(s) + yaw)
     }
 
-    /// What the ground is made of.
+    /// The class of the ground.
     pub fn class_at(&self, s: f32, d: f32) -> Class {
         let (side, out) = (usize::from(d > 0.0), d.abs());
         let kerb = self.kerb_at(side);
@@ -169,12 +169,12 @@ impl Street {
         !crossed && self.lines().iter().any(painted)
     }
 
-    /// The side street, where it leaves to this side.
+    /// The side street, if it leaves to this side.
     pub fn branch(&self, side: usize) -> Option<&SideStreet> {
         self.side_street.as_ref().filter(|branch| branch.sides[side])
     }
 
-    /// How far ground of a class stands above the carriageway.
+    /// Height of a class of ground above the carriageway.
     pub fn step(&self, class: Class) -> f32 {
         match class {
             Class::Road | Class::RoadLine => 0.0,
@@ -199,7 +199,7 @@ impl Street {
         from_street.min(from_branch)
     }
 
-    /// The point where the rig's vehicle stands, for a rig at `d`.
+    /// The position of the rig's vehicle, for a rig at `d`.
     pub fn rig_spot(&self, d: f32) -> Vec3 {
         self.place(0.0, d, 0.0).origin
     }
@@ -209,26 +209,26 @@ fn is_dash(along: f32) -> bool {
     (along / DASH).floor() as i32 % 2 == 0
 }
 
-/// Objects are placed along this much of the street, either way.
+/// Objects are placed along this much of the street in either direction.
 pub const REACH: f32 = 80.0;
 
-/// A scene under construction: the street, its triangles, and the ground that is taken.
+/// A scene under construction: the street, its triangles, and the occupied ground.
 pub struct Site {
     pub builder: Builder,
     pub street: Street,
-    /// Spots along the rig's way.
+    /// Positions along the rig's path.
     way: Vec<Vec2>,
     taken: Vec<(Vec2, f32)>,
 }
 
 impl Site {
-    /// Bare ground, of which the rig has its own: spots along its way.
+    /// Creates bare ground, of which only the rig's path is taken.
     pub fn new(builder: Builder, street: Street, way: Vec<Vec2>) -> Self {
         let taken = way.iter().map(|&spot| (spot, FREE_RADIUS_M)).collect();
         Self { builder, street, way, taken }
     }
 
-    /// Takes a disc of ground, if all of it is free; `(s, d)` in street coordinates.
+    /// Claims a disc of ground, if all of it is free; `(s, d)` in street coordinates.
     pub fn claim(&mut self, s: f32, d: f32, radius: f32) -> bool {
         let spot = self.street.at(s, d);
         let free = self.taken.iter().all(|(other, size)| spot.distance(*other) > radius + size);
@@ -238,9 +238,9 @@ impl Site {
         free
     }
 
-    /// Takes ground for something long, lying at `yaw` to the street.
+    /// Claims ground for a long object, at `yaw` to the street.
     ///
-    /// `gap` is what must lie between it and the rig's way.
+    /// `gap` is its smallest distance from the rig's path.
     pub fn claim_long(
         &mut self,
         s: f32,
@@ -266,7 +266,7 @@ impl Site {
     }
 }
 
-/// Whether `s` lies in the mouth of the side street, or within a margin of it.
+/// Whether `s` is in the mouth of the side street, or within a margin of it.
 pub fn near_branch(street: &Street, side: usize, s: f32, margin: f32) -> bool {
     street.branch(side).is_some_and(|branch| (s - branch.s).abs() < branch.half_width + margin)
 }

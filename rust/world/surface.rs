@@ -1,4 +1,4 @@
-//! What a surface is like, and what the sensors measure of it: a colour for the camera, an intensity for the LiDAR.
+//! Surface materials and what the sensors measure of them: a colour for the camera, an intensity for the LiDAR.
 
 use parry3d::math::{Vec2, Vec3};
 use rand::RngExt;
@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::classes::Class;
 
-/// An integer hash of good avalanche (Wellons' `lowbias32`).
+/// An integer hash with good avalanche (Wellons' `lowbias32`).
 fn hash(mut x: u32) -> u32 {
     x ^= x >> 16;
     x = x.wrapping_mul(0x7feb_352d);
@@ -44,14 +44,15 @@ pub fn smooth(p: Vec2, seed: u32) -> f32 {
     low + (high - low) * t.y
 }
 
-/// Reflectances of objects of one class differ by up to this much from the class's mean: as much as classes differ.
+/// Largest deviation of an object's reflectance from the mean of its class, which is about the spread between
+/// classes.
 const REFLECTANCE_SPREAD: f32 = 0.25;
-/// Brightness of objects of one class differs by up to this factor, up or down.
+/// Spread of brightness among objects of one class, as a factor up or down.
 const BRIGHTNESS_SPREAD: f32 = 0.3;
-/// Each colour channel differs by up to this factor on top.
+/// Additional spread of each colour channel, as a factor.
 const HUE_SPREAD: f32 = 0.06;
 
-/// A pattern on a surface, on top of grain.
+/// A pattern on a surface, in addition to grain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Texture {
     /// Grain alone.
@@ -70,13 +71,13 @@ pub struct Surface {
     pub class: Class,
     pub instance: u16,
     pub albedo: Vec3,
-    /// Of the laser's infrared, on average over the surface.
+    /// Mean infrared reflectance of the surface.
     pub reflectance: f32,
     pub texture: Texture,
 }
 
 impl Surface {
-    /// A material as the class may have it.
+    /// Draws a material of a class.
     pub fn random(class: Class, instance: u16, rng: &mut ChaCha8Rng) -> Self {
         let (albedo, reflectance, texture) = typical(class, rng);
         let brightness = 1.0 + rng.random_range(-BRIGHTNESS_SPREAD..BRIGHTNESS_SPREAD);
@@ -154,24 +155,24 @@ const FURNITURE: [[f32; 3]; 5] =
 const GRAIN: f32 = 45.0;
 const GRAIN_CONTRAST: f32 = 0.06;
 const PATCH_CONTRAST: f32 = 0.22;
-/// Metres across of stains and wear that one of the sensors sees and the other does not, and their contrast.
+/// Size in metres of stains and wear that only one of the sensors sees, and their contrast.
 const STAIN_SIZE: f32 = 0.7;
 const STAIN_CONTRAST: f32 = 0.2;
 const COURSE_HEIGHT: f32 = 0.3;
 const COURSE_LENGTH: f32 = 0.6;
 const GLASS: Vec3 = Vec3::new(0.1, 0.13, 0.17);
 const GLASS_REFLECTANCE: f32 = 0.25;
-/// The share of a facade's pitch and floor that a window spans.
+/// Fraction of a facade's pitch and floor that a window spans.
 const WINDOW: [std::ops::Range<f32>; 2] = [0.28..0.72, 0.3..0.78];
-/// The part of the intensity that does not fall with the angle of incidence.
+/// The part of the intensity that is independent of the angle of incidence.
 const DIFFUSE_FLOOR: f32 = 0.35;
-/// Intensity falls by 1/e over this range.
+/// Range over which intensity falls by a factor of e.
 const ATTENUATION_RANGE: f32 = 160.0;
-/// Haze takes over by 1 - 1/e at this range.
+/// Range at which haze contributes 1 - 1/e of the colour.
 const HAZE_RANGE: f32 = 260.0;
 const HORIZON: Vec3 = Vec3::new(0.76, 0.82, 0.88);
 const ZENITH: Vec3 = Vec3::new(0.3, 0.5, 0.8);
-/// Light from the sky on upright faces, and how much more on level ones.
+/// Skylight on vertical faces, and the additional skylight on horizontal ones.
 const SKY_LIGHT: [f32; 2] = [0.42, 0.13];
 
 /// The sun and the exposure of one frame.
@@ -198,7 +199,7 @@ impl Light {
         normal.dot(self.sun) > 0.0
     }
 
-    /// The colour of a spot in the sun or in shadow.
+    /// The colour of a spot in sun or shadow.
     pub fn color(&self, spot: &Spot, sunlit: bool) -> [u8; 3] {
         let sky = SKY_LIGHT[0] + SKY_LIGHT[1] * spot.normal.z;
         let sun = if sunlit { self.sun_strength * spot.normal.dot(self.sun) } else { 0.0 };
@@ -222,7 +223,7 @@ fn sky_color(direction: Vec3) -> Vec3 {
     HORIZON.lerp(ZENITH, direction.z.clamp(0.0, 1.0).sqrt())
 }
 
-/// A point of a surface that a sensor sees, along a unit direction over a range in metres.
+/// A surface point that a sensor sees, along a unit direction, at a range in metres.
 pub struct Spot<'a> {
     pub surface: &'a Surface,
     pub point: Vec3,
@@ -238,7 +239,8 @@ impl Spot<'_> {
         (self.textured().1 * facing * (-self.range / ATTENUATION_RANGE).exp()).clamp(0.0, 1.0)
     }
 
-    /// Albedo and reflectance: the surface's own, under the texture that both have, and stains and grain of each alone.
+    /// Albedo and reflectance: those of the surface, with the texture common to both, and the stains and grain of
+    /// each.
     fn textured(&self) -> (Vec3, f32) {
         let &Self { surface, point, normal, .. } = self;
         let own = |sensor: u32| {
@@ -269,7 +271,7 @@ fn on_face(point: Vec3, normal: Vec3) -> Vec2 {
     Vec2::new(along.dot(point.truncate()), point.z)
 }
 
-/// Every stone its own shade.
+/// A shade for each stone.
 fn courses(point: Vec3, normal: Vec3) -> f32 {
     let p = on_face(point, normal);
     let course = (p.y / COURSE_HEIGHT).floor();

@@ -9,15 +9,15 @@ use rand_distr::{Distribution, UnitBall, UnitSphere};
 use super::classes::Class;
 use super::mesh::{Builder, Paint, Place};
 
-/// Leaves deep within a hedge.
+/// Colour of leaves deep within a hedge.
 const SHADE: [f32; 3] = [0.07, 0.13, 0.04];
 const BARK: [f32; 3] = [0.27, 0.2, 0.14];
 
-/// A tuft of leaves spans this angle as the rig sees it, within limits in metres.
+/// Angle that a tuft of leaves spans as seen from the rig, within limits in metres.
 const LEAF_ANGLE: f32 = 0.022;
 const LEAF_SIZES: [f32; 2] = [0.22, 0.8];
 
-/// How a plant's leaves are spread over an ellipsoid.
+/// Distribution of a plant's leaves over an ellipsoid.
 #[derive(Clone, Copy)]
 struct Foliage {
     /// Metres from a leaf's centre to its corners.
@@ -26,7 +26,7 @@ struct Foliage {
     density: f32,
 }
 
-/// A tree of a height; its crown starts above people's heads.
+/// A tree of the given height, whose crown starts above people's heads.
 pub fn tree(b: &mut Builder, place: &Place, height: f32) {
     b.begin_object();
     let bark = b.paint_as(Class::Vegetation, BARK);
@@ -79,7 +79,7 @@ pub fn bush(b: &mut Builder, place: &Place, radius: f32) {
     }
 }
 
-/// A hedge along local x: a dense heart in a ragged coat.
+/// A hedge along local x: a dense core in a ragged coat.
 pub fn hedge(b: &mut Builder, place: &Place, length: f32, height: f32) {
     b.begin_object();
     let coat = b.paint(Class::Vegetation);
@@ -104,13 +104,13 @@ impl Foliage {
         Self { leaf: (LEAF_ANGLE * b.distance(place)).clamp(smallest, largest), density }
     }
 
-    /// Leaves that cover an ellipsoid: a random leaf's area is about half its size squared.
+    /// Number of leaves that cover an ellipsoid. The area of a random leaf is about half its size squared.
     fn count(self, radii: Vec3) -> usize {
         let area = 4.0 * PI * radii.x * radii.z;
         (self.density * area / (0.5 * self.leaf * self.leaf)) as usize + 12
     }
 
-    /// Leaves near the surface of an ellipsoid and some within.
+    /// Scatters leaves near the surface of an ellipsoid, and some inside.
     fn scatter(self, b: &mut Builder, paint: Paint, center: Vec3, radii: Vec3) {
         for i in 0..self.count(radii) {
             let spot: [f32; 3] =
@@ -121,7 +121,7 @@ impl Foliage {
     }
 }
 
-/// A triangle of random size and direction; it stands for a tuft of leaves.
+/// A triangle of random size and direction, which represents a tuft of leaves.
 fn leaf(b: &mut Builder, paint: Paint, center: Vec3, size: f32) {
     let mut corner = || {
         let spot: [f32; 3] = UnitSphere.sample(&mut b.rng);

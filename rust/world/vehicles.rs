@@ -1,4 +1,4 @@
-//! Cars, lorries and buses. Local x points forward, the origin is the middle of the footprint.
+//! Cars, lorries and buses. Local x points forward; the origin is the middle of the footprint.
 
 use parry3d::math::Vec3;
 use rand::RngExt;
@@ -12,18 +12,18 @@ const HEADLIGHT: [f32; 3] = [0.85, 0.85, 0.8];
 const TAILLIGHT: [f32; 3] = [0.55, 0.05, 0.05];
 const WHEEL_SIDES: usize = 10;
 
-/// A passenger car's proportions: (x, z) outlines as shares of its length and height, from rear to front.
+/// Proportions of a passenger car: (x, z) outlines as fractions of its length and height, from rear to front.
 struct Shape {
     length: f32,
     width: f32,
     height: f32,
     /// The top edge of the lower body.
     waist: f32,
-    /// Rear end and front end of the glass's foot, rear end and front end of the roof.
+    /// Rear and front end of the foot of the glass, then rear and front end of the roof.
     cabin: [f32; 4],
 }
 
-/// The place of the van in [`SHAPES`].
+/// Index of the van in [`SHAPES`].
 const VAN: usize = 4;
 const SHAPES: [Shape; 5] = [
     // Hatchback, saloon, estate, off-roader, van.
@@ -75,7 +75,7 @@ fn car_of_shape(b: &mut Builder, place: &Place, shape: &Shape) {
     }
 }
 
-/// The glass house of a car: sides lean in towards the roof, which is painted.
+/// The glass cabin of a car: its sides lean in towards the roof, which is painted.
 fn cabin(b: &mut Builder, place: &Place, [body, glass]: [Paint; 2], x: &[f32; 4], z: [f32; 2], half: f32) {
     const LEAN: f32 = 0.16;
     let foot = half - 0.03;
