@@ -273,7 +273,7 @@ pub(super) fn maximise(
     })
 }
 
-/// The settings of as many variables after the pose as there are.
+/// Checks that there is one setting for each variable after the pose.
 fn check_count(config: &JointConfig, count: usize) -> PyResult<()> {
     let found = [config.changes.len(), config.sigmas.len()];
     if found != [count; 2] {
@@ -282,7 +282,7 @@ fn check_count(config: &JointConfig, count: usize) -> PyResult<()> {
     Ok(())
 }
 
-/// What is estimated beside the pose: intrinsics by their names, and with twists of all frames the offset of the clock.
+/// The variables beside the pose: intrinsics by name and, if the twists of all frames are given, the time offset.
 fn variables(
     observations: &Observations,
     intrinsics: &[String],

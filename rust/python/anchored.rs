@@ -1,4 +1,4 @@
-//! Points chosen at an anchor pose, for MINE's network in torch.
+//! Points chosen at an anchor pose, for MINE's network in PyTorch.
 
 use std::sync::Arc;
 
@@ -53,7 +53,8 @@ impl PyAnchoredPoints {
         t_camera_lidar: Affine,
     ) -> PyResult<PyMiniBatch> {
         let indices = self.indices(&indices)?;
-        // On this thread: what threads take turns at takes longer than a mini-batch where other work shares the cores.
+        // Runs on this thread: handing over to a pool takes longer than a mini-batch where other work shares the
+        // cores.
         Ok(PyMiniBatch(py.detach(|| self.0.sample(&indices, &t_camera_lidar.0))))
     }
 }

@@ -1,4 +1,4 @@
-//! Rows, images, matrices and rigid transforms from NumPy and to it.
+//! Conversion of rows, images, matrices and rigid transforms from and to NumPy.
 
 use std::borrow::Cow;
 
@@ -29,7 +29,7 @@ pub(super) fn rows<const N: usize, T: Copy + numpy::Element>(
     borrowed_rows(name, array).map(Cow::into_owned)
 }
 
-/// Rows from NumPy, copied only if they do not follow one another in memory.
+/// Borrows rows from NumPy, and copies them only if they are not contiguous.
 pub(super) fn borrowed_rows<'a, const N: usize, T: Copy + numpy::Element>(
     name: &str,
     array: &'a PyReadonlyArray2<T>,
@@ -62,7 +62,7 @@ pub(super) fn image_array(py: Python<'_>, image: LabelImage<u8>) -> PyResult<Bou
     image.ids.into_pyarray(py).reshape([image.height, image.width])
 }
 
-/// `T_camera_lidar`, which is taken to be rigid, (4, 4) in Python.
+/// `T_camera_lidar`, taken to be rigid, (4, 4) in Python.
 #[derive(Clone, Copy)]
 pub(super) struct Pose(pub Isometry3<f64>);
 
@@ -88,7 +88,7 @@ impl<'py> IntoPyObject<'py> for Pose {
     }
 }
 
-/// The first three rows of a transform that needs not be rigid.
+/// The first three rows of a transform that need not be rigid.
 pub(super) struct Affine(pub Matrix3x4<f64>);
 
 impl<'a, 'py> FromPyObject<'a, 'py> for Affine {

@@ -1,4 +1,4 @@
-//! How calls of the core run: on which threads, and what becomes of its errors.
+//! Calls of the core: their threads and the conversion of their errors.
 
 use std::io;
 use std::path::PathBuf;
@@ -24,8 +24,8 @@ impl From<Error> for PyErr {
     }
 }
 
-/// An `InputError` that an `OSError` with the system's number stands behind, as where Python itself fails to read. A
-/// failed allocation has no number.
+/// Raises an `InputError` from an `OSError` with the system's error number, as Python does where it fails to read a
+/// file itself. A failed allocation has no number.
 fn of_system(message: String, path: PathBuf, source: &io::Error) -> PyErr {
     let (error, reason) = (InputError::new_err(message), source.to_string());
     let cause = source.raw_os_error().map_or_else(
@@ -40,7 +40,7 @@ pub(super) fn value_error(message: impl Into<String>) -> PyErr {
     PyValueError::new_err(message.into())
 }
 
-/// The threads of every parallel call; rayon's own default until [`set_num_threads`] is called.
+/// The thread pool of every parallel call; rayon's default until [`set_num_threads`] is called.
 static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 
 /// Runs `f` without the GIL, on the chosen number of threads.
@@ -55,7 +55,7 @@ pub(super) fn detached<T: Send>(f: impl Send + FnOnce() -> T) -> T {
     Python::attach(|py| py.detach(run))
 }
 
-/// More threads than any machine has cores: a pool of a thousand million is never done.
+/// More threads than any machine has cores: creating a pool of a billion threads never ends.
 const MAX_THREADS: usize = 4096;
 
 #[pyfunction]

@@ -1,4 +1,4 @@
-//! The camera, and points in its image.
+//! The camera, and projection of points into its image.
 
 use std::collections::BTreeMap;
 

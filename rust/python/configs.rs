@@ -1,5 +1,5 @@
-//! The core's settings, read from the attributes of Python's config objects: the one place where they cross, and where each
-//! is checked. What depends on other arguments is checked beside them.
+//! Settings of the core, read from the attributes of Python's config objects and checked. Settings that depend on
+//! other arguments are checked together with those.
 
 use std::fmt::Debug;
 
@@ -34,7 +34,7 @@ fn is_positive(x: &f64) -> bool {
     x.is_finite() && *x > 0.0
 }
 
-/// An attribute of a Python object, of which something may be needed.
+/// Reads an attribute of a Python object and checks what it needs.
 fn attribute<'py, T>(object: Borrowed<'_, 'py, PyAny>, name: &str, needs: Option<&Needs<T>>) -> PyResult<T>
 where
     T: FromPyObjectOwned<'py> + Debug,
@@ -47,8 +47,8 @@ where
     Ok(value)
 }
 
-/// Fills structs from the attributes of a Python object that are named after their fields, and checks them. `step_rad:
-/// step_deg => radians` takes a field from an attribute of another name, and converts it.
+/// Fills structs from the attributes of a Python object that are named like their fields, and checks them.
+/// `step_rad: step_deg => radians` reads a field from an attribute of another name and converts it.
 macro_rules! from_attributes {
     ($($config:ident { $($field:ident $(: $other:ident $(=> $convert:ident)?)? $([$needs:ident])?),+ $(,)? })+) => {
         $(impl<'py> FromPyObject<'_, 'py> for $config {
@@ -65,7 +65,7 @@ macro_rules! from_attributes {
             }
         })+
 
-        /// The attributes that each of the core's settings is read from.
+        /// The attributes from which each setting of the core is read.
         static ATTRIBUTES: &[(&str, &[&str])] =
             &[$((stringify!($config), &[$(name!($field $($other)?)),+])),+];
     };
@@ -168,7 +168,7 @@ pub(super) fn config_attributes() -> Vec<(&'static str, Vec<&'static str>)> {
     ATTRIBUTES.iter().map(|(config, names)| (*config, names.to_vec())).collect()
 }
 
-/// The settings of a polish: the same ascent over the pose alone, in full resolution.
+/// Settings of a polish: the same ascent over the pose alone, at full resolution.
 pub(super) struct PolishConfig {
     edge_band_px: usize,
     max_rounds: usize,
@@ -196,7 +196,7 @@ impl From<PolishConfig> for JointConfig {
     }
 }
 
-/// Reads variants from their names.
+/// Parses variants from their names.
 macro_rules! from_names {
     ($($kind:ident { $($name:literal => $variant:ident),+ })+) => {
         $(impl<'py> FromPyObject<'_, 'py> for $kind {

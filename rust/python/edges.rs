@@ -1,4 +1,4 @@
-//! Steps along the scans of sweeps, and steps of range and colour at the borders between labels.
+//! Steps along the scans of sweeps, and steps in range and colour at the borders between labels.
 
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,

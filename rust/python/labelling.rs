@@ -1,4 +1,4 @@
-//! What networks give, carried to pixels and points.
+//! Network outputs, transferred to pixels and points.
 
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;

@@ -1,4 +1,4 @@
-//! Sweeps, class shares and label images, as they are read from files.
+//! Sweeps, class shares and label images, read from files.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,5 @@
-//! The Python face of the core: checks, copies in, releases the GIL, calls, copies out.
+//! Python bindings of the core: they check and copy arguments, release the GIL, call the core, and copy the
+//! results.
 
 mod alignment;
 mod anchored;
@@ -17,7 +18,7 @@ mod semantic_distance;
 mod statistics;
 mod world;
 
-/// The core's functions and classes; `semcal_cli/_core.pyi` documents them.
+/// Functions and classes of the core; `semcal_cli/_core.pyi` documents them.
 #[pyo3::pymodule]
 mod _core {
     #[pymodule_export]

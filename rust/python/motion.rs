@@ -1,4 +1,4 @@
-//! The LiDAR's motion, and compensation of it in sweeps and for a rolling shutter.
+//! Motion of the LiDAR, and its compensation in sweeps and for a rolling shutter.
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;

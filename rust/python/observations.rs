@@ -1,4 +1,5 @@
-//! All frames, as the core keeps them: clouds and label images are copied once, and shared by all frames with them.
+//! All frames as the core stores them: clouds and label images are copied once, and shared by all frames that use
+//! them.
 
 use std::sync::Arc;
 

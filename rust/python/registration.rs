@@ -1,4 +1,4 @@
-//! Spherical images and their grids, the registration of label images with them, and the correspondences from it.
+//! Spherical images and their grids, the registration of label images with them, and the resulting correspondences.
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
