@@ -1,4 +1,5 @@
-//! Agreement of points and full-resolution label images at a pose: exact mutual information, agreement, overlap.
+//! Agreement of points and full-resolution label images at a pose: exact mutual information, label agreement,
+//! overlap.
 
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
@@ -10,37 +11,37 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
 use crate::visibility::Projected;
 
-/// Number of blocks along the longer side of the image, for the share of it that the points cover.
+/// Number of blocks along the longer side of the image that measure how much of it the points cover.
 const COVER_BLOCKS: f64 = 40.0;
 
-/// Number of clusters of pairs over all frames together, as a square root. A cluster is a part of the image of one
-/// frame; the standard error of the mutual information is computed over the clusters.
+/// Square root of the number of clusters of pairs over all frames together. A cluster is a part of one frame's
+/// image; the standard error of the mutual information is computed over the clusters.
 const CLUSTERS_ACROSS: f64 = 8.0;
 
-/// Weight, in points, of pairs that the other observations have not seen.
+/// Weight, in points, of pairs that do not occur in the other observations.
 const LEAST_WEIGHT: f64 = 0.1;
 
 #[derive(Clone, Debug)]
 pub struct Agreement {
     /// Bilinear weights of the pairs that visible points form with the four pixels around them, over all frames.
     pub joint: JointHistogram,
-    /// Share of each frame in `joint`.
+    /// Contribution of each frame to `joint`.
     pub frame_joints: Vec<JointHistogram>,
     /// Number of labelled points inside the image.
     pub num_inside: usize,
-    /// Number of these points that a nearer return hides from the camera.
+    /// Number of these points that a nearer return occludes from the camera.
     pub num_hidden: usize,
-    /// Share of the image's area, averaged over frames, that visible labelled points cover.
+    /// Share of the image's area that visible labelled points cover, averaged over frames.
     pub overlap: f64,
     /// Standard error of the mutual information over clusters, nats.
     pub sigma: f64,
 }
 
 impl Agreement {
-    /// Share of the visible pairs whose pointwise mutual information is positive.
+    /// Share of the visible pairs with positive pointwise mutual information.
     pub fn label_agreement(&self) -> f64 {
         let pairs = self.joint.weights.iter().zip(self.joint.pointwise());
-        // An empty sum of floats is minus zero.
+        // The empty sum of floats is minus zero.
         let agreeing = pairs.filter(|(_, pmi)| *pmi > 0.0).fold(0.0, |sum, (weight, _)| sum + weight);
         let total = self.joint.total();
         if total > 0.0 { agreeing / total } else { 0.0 }
@@ -73,7 +74,7 @@ fn merged(observations: &Observations, clusters: &[&JointHistogram]) -> JointHis
     joint
 }
 
-/// A difference between two poses, nats.
+/// Gain from one pose to another, nats.
 #[derive(Clone, Copy, Debug)]
 pub struct HeldOutGain {
     /// Mean gain over all pairs.
@@ -82,19 +83,19 @@ pub struct HeldOutGain {
     pub sigma: f64,
 }
 
-/// A pose, and the observations that are looked at there: those that make a table, and those that are held out. Other
-/// cameras see the same images and points otherwise.
+/// A pose with the observations evaluated there: those that provide the table, and those that are held out. Another
+/// camera observes the same images and points differently.
 #[derive(Clone, Copy)]
 pub struct HeldOut<'a> {
-    /// Observations by whose table the others are judged.
+    /// Observations that provide the table of pointwise mutual information.
     pub observations: &'a Observations,
-    /// Observations that are judged.
+    /// Held-out observations, which are evaluated with the table.
     pub held_out: &'a Observations,
     pub pose: &'a Isometry3<f64>,
 }
 
-/// The gain of held-out data from one pose to another, by the tables of pointwise mutual information of other observations
-/// there: the first term of the Donsker-Varadhan bound. Clusters are paired.
+/// Gain of held-out data from one pose to another, by the tables of pointwise mutual information of other
+/// observations at each pose: the first term of the Donsker-Varadhan bound. Clusters are paired.
 pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> HeldOutGain {
     let [before, after] = [before, after].map(|HeldOut { observations, held_out, pose }| {
         let table = measure(observations, pose).joint.pointwise_at_least(LEAST_WEIGHT);
@@ -114,7 +115,7 @@ pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> HeldOutGain {
 impl HeldOutGain {
     /// The sum of the gains of independent parts.
     pub fn of_parts(gains: Vec<f64>) -> Self {
-        // An empty sum of floats is minus zero.
+        // The empty sum of floats is minus zero.
         let (count, sum) = (gains.len() as f64, gains.iter().fold(0.0, |sum, gain| sum + gain));
         let scatter: f64 = gains.iter().map(|gain| (gain - sum / count).powi(2)).sum();
         let sigma = if gains.len() < 2 { f64::INFINITY } else { (scatter * count / (count - 1.0)).sqrt() };
@@ -122,8 +123,8 @@ impl HeldOutGain {
     }
 }
 
-/// The standard error of the mutual information: pairs in a cluster are dependent, clusters are independent. A pair
-/// moves the estimate by the difference of its pointwise mutual information from the mean.
+/// Standard error of the mutual information. Pairs in a cluster are dependent, clusters are independent. A pair
+/// moves the estimate by the deviation of its pointwise mutual information from the mean.
 fn standard_error(joint: &JointHistogram, clusters: &[&JointHistogram]) -> f64 {
     let (pointwise, mean, total) = (joint.pointwise(), joint.mutual_information(), joint.total());
     let influence = |cluster: &&JointHistogram| {
@@ -170,7 +171,7 @@ impl FrameAgreement {
     }
 }
 
-/// Shares a pair among the four pixels around a point, so that the histogram changes smoothly with the pose.
+/// Distributes a pair over the four pixels around a point, so that the histogram changes smoothly with the pose.
 fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, pixel: &Point2<f64>) {
     let (u, v) =
         (pixel.x.clamp(0.0, image.width as f64 - 1.0), pixel.y.clamp(0.0, image.height as f64 - 1.0));
@@ -188,7 +189,7 @@ fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, p
     joint.add(class, d, du * dv);
 }
 
-/// Square blocks of the image, with a given number along its longer side.
+/// Square blocks of the image, with the given number along its longer side.
 struct Blocks {
     side: f64,
     columns: usize,
@@ -203,7 +204,7 @@ impl Blocks {
         Self { side, columns, count: columns * blocks(camera.height) }
     }
 
-    /// The block of a pixel inside the image.
+    /// Index of the block of a pixel inside the image.
     fn at(&self, pixel: &Point2<f64>) -> usize {
         let at = |x: f64| ((x + 0.5) / self.side) as usize;
         at(pixel.y) * self.columns + at(pixel.x)
@@ -223,7 +224,7 @@ mod tests {
 
     #[test]
     fn the_standard_error_comes_from_the_differences_between_clusters() {
-        // Pairs of the classes have -log 3/4 and -log 1/4; their mean is the entropy.
+        // The pairs have pointwise information -log 3/4 and -log 1/4; their mean is the entropy.
         let clusters = [diagonal(6.0, 0.0), diagonal(0.0, 2.0)];
         let joint = diagonal(6.0, 2.0);
         let gap = 6.0 * (-(0.75f64.ln()) - joint.mutual_information()) / 8.0;

@@ -1,5 +1,5 @@
-//! The dense class ids that points and pixels carry in place of raw ones, and shares of classes, as blocks of label images
-//! and as networks give them, kept compactly: most items are of one class.
+//! Dense class ids, which replace the raw ids of points and pixels, and class shares of blocks of label images and
+//! of network outputs. Shares are stored compactly: most items are of one class.
 
 use rayon::prelude::*;
 
@@ -8,7 +8,7 @@ pub const NO_CLASS: u8 = u8::MAX;
 
 pub const NUM_IDS: usize = 1 << u16::BITS;
 
-/// Which ids occur in any of the frames.
+/// Flags the ids that occur in any of the frames.
 pub fn seen(frames: &[&[u16]]) -> Vec<bool> {
     let none = || vec![false; NUM_IDS];
     let of_frame = |mut seen: Vec<bool>, ids: &&[u16]| {
@@ -22,12 +22,12 @@ pub fn seen(frames: &[&[u16]]) -> Vec<bool> {
     frames.par_iter().fold(none, of_frame).reduce(none, either)
 }
 
-/// The class of each id, by a table of the classes of all ids.
+/// The class of each id, by a table with a class for every id.
 pub fn look_up(ids: &[u16], table: &[u8; NUM_IDS]) -> Vec<u8> {
     ids.iter().map(|&id| table[usize::from(id)]).collect()
 }
 
-/// A class, and how much of an item it has, in 1/255.
+/// A class and its share of an item, in 1/255.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Share {
     pub class: u8,
@@ -36,7 +36,7 @@ pub struct Share {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClassShares {
-    /// Index of the first entry of each item, with one more index for the end.
+    /// Index of the first entry of each item, plus one final index for the end.
     starts: Vec<u32>,
     entries: Vec<Share>,
 }
@@ -48,14 +48,14 @@ impl Default for ClassShares {
 }
 
 impl ClassShares {
-    /// No items, with room for some.
+    /// An empty collection with room for `num_items`.
     pub fn with_capacity(num_items: usize) -> Self {
         let mut shares = Self { starts: Vec::with_capacity(num_items + 1), entries: Vec::new() };
         shares.starts.push(0);
         shares
     }
 
-    /// Items that are each all of one class, or of none.
+    /// Items that are each entirely of one class, or of none.
     pub fn certain(classes: impl Iterator<Item = u8>) -> Self {
         let mut shares = Self::default();
         for class in classes {
@@ -82,13 +82,14 @@ impl ClassShares {
         &self.entries
     }
 
-    /// Adds an item with what `add` appends.
+    /// Adds an item with the shares that `add` appends.
     pub fn push_with(&mut self, add: impl FnOnce(&mut Vec<Share>)) {
         add(&mut self.entries);
         self.starts.push(self.entries.len() as u32);
     }
 
-    /// Adds an item whose classes `0..values.len()` have shares in proportion to `values`; none if these add up to zero.
+    /// Adds an item whose classes `0..values.len()` have shares in proportion to `values`; none if the values sum
+    /// to zero.
     pub fn push_proportional(&mut self, values: &[f32]) -> Result<(), f32> {
         if let Some(&wrong) = values.iter().find(|value| !(value.is_finite() && **value >= 0.0)) {
             return Err(wrong);
@@ -106,8 +107,8 @@ impl ClassShares {
         Ok(())
     }
 
-    /// The same items with other classes: `table` gives the new class of each, `NO_CLASS` takes its share away. Classes
-    /// that become one add up.
+    /// The same items with other classes: `table` maps each class to its new class, or to `NO_CLASS`, which drops
+    /// its share. Shares of merged classes add up.
     pub fn renamed(&self, table: &[u8; 256]) -> Self {
         let mut renamed = Self::default();
         for index in 0..self.len() {
@@ -127,7 +128,7 @@ impl ClassShares {
         renamed
     }
 
-    /// The items that are kept.
+    /// The subset of items flagged by `keep`.
     pub fn kept(&self, keep: &[bool]) -> Self {
         let mut kept = Self::default();
         for (index, _) in keep.iter().enumerate().filter(|(_, is_kept)| **is_kept) {
@@ -136,7 +137,7 @@ impl ClassShares {
         kept
     }
 
-    /// The class of each item that has the largest share, the lowest of several; `NO_CLASS` where less than half is
+    /// The class with the largest share of each item, the lowest in a tie; `NO_CLASS` where less than half is
     /// labelled.
     pub fn classes(&self) -> Vec<u8> {
         let largest = |index: usize| {
@@ -175,7 +176,7 @@ mod tests {
         (table[0], table[1]) = (4, 4);
         let renamed = shares(&[&[0.2, 0.4, 0.4], &[0.1, 0.2, 0.7]]).renamed(&table);
         assert_eq!(renamed.at(0), [Share { class: 4, amount: 153 }]);
-        // What carries no information is most of the second.
+        // Most of the second item carries no information.
         assert_eq!(renamed.classes(), [4, NO_CLASS]);
     }
 }

@@ -17,18 +17,18 @@ use crate::spherical::{LabelledReturn, SphericalImages};
 use crate::thinning::{stride, thinned};
 use crate::zoom::{Zoom, Zoomed};
 
-/// Number of columns and of rows of the image over which pairs are spread, together with bands of range.
+/// Number of columns and rows of image blocks over which pairs are spread, in addition to bands of range.
 const BLOCKS: (usize, usize) = (12, 8);
-/// Bands of range in which parallax falls by half each: up to 5 m, 10 m, 20 m, 40 m, and beyond.
+/// Limits of the range bands, each of which halves parallax: up to 5 m, 10 m, 20 m, 40 m, and beyond.
 const RANGE_BANDS: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
-/// A band of a block that holds fewer pairs than its share leaves the rest to the others.
+/// A band of a block with fewer pairs than its quota leaves the rest to the others.
 const SHARE_MARGIN: usize = 3;
 
-/// Returns are thinned to at most this number, over all frames and directions: an image shows a quarter of them or less,
-/// and PnP takes some thousand.
+/// Returns are thinned to at most this many, over all frames and directions. An image shows a quarter of them or
+/// less, and PnP takes some thousand.
 const MAX_RETURNS: usize = 50_000;
 
-/// A LiDAR point (metres, LiDAR frame), and the raw pixel that the registration maps it to.
+/// A LiDAR point (metres, LiDAR frame) and the raw pixel that the registration maps it to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
     pub point: [f32; 3],
@@ -36,8 +36,8 @@ pub struct Correspondence {
     pub pixel: Point2<f64>,
 }
 
-/// Samples, for each hypothesis, up to `count` pairs whose classes agree, that is, have positive pointwise mutual
-/// information; they are spread over the image and over range.
+/// Samples up to `count` pairs for each hypothesis, spread over the image and over range. The classes of each pair
+/// agree, that is, have positive pointwise mutual information.
 pub fn sample(
     observations: &Observations,
     images: &SphericalImages,
@@ -81,7 +81,7 @@ fn agreeing(
         .collect()
 }
 
-/// The first pairs, up to `count`, such that no part of the image and no band of range has more than its share.
+/// The first pairs, up to `count`, such that no block of the image and no band of range exceeds its quota.
 fn spread(mut pairs: Vec<Correspondence>, camera: &Camera, count: usize) -> Vec<Correspondence> {
     let block = |x: f64, size: usize, blocks: usize| ((x + 0.5) / size as f64 * blocks as f64) as usize;
     let bin = |c: &Correspondence| {

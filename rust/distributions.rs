@@ -1,17 +1,17 @@
-//! Quantiles of Student's t, and the upper tail of Fisher's F, for intervals and the limits of tests.
+//! Quantiles of Student's t and the upper tail of Fisher's F, for confidence intervals and test limits.
 
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use statrs::function::beta::{beta_reg, ln_beta};
 
-/// The smallest probability of a tail of Student's t, and its fewest degrees of freedom: beyond them the inverse of the
-/// incomplete beta function is far off.
+/// Smallest tail probability of Student's t, and its fewest degrees of freedom: beyond them the inverse of the
+/// incomplete beta function is inaccurate.
 pub const RAREST: f64 = 1e-9;
 pub const FEWEST_DEGREES: f64 = 0.3;
-/// From so many degrees of freedom on, that inverse loses its digits, and an expansion has all of them.
+/// From this many degrees of freedom on, that inverse loses precision, and an expansion has full precision.
 const MANY_DEGREES: f64 = 1e5;
 
-/// The value below which Student's t lies with a probability; none unless `RAREST <= probability <= 1 - RAREST` and the
-/// degrees of freedom are finite and at least [`FEWEST_DEGREES`].
+/// The quantile of Student's t; `None` unless `RAREST <= probability <= 1 - RAREST` and the degrees of freedom are
+/// finite and at least [`FEWEST_DEGREES`].
 #[must_use]
 pub fn student_quantile(probability: f64, degrees_of_freedom: f64) -> Option<f64> {
     let is_known = (RAREST..=1.0 - RAREST).contains(&probability) && degrees_of_freedom >= FEWEST_DEGREES;
@@ -27,16 +27,16 @@ pub fn student_quantile(probability: f64, degrees_of_freedom: f64) -> Option<f64
     Some(z + (first + second / degrees_of_freedom) / degrees_of_freedom)
 }
 
-/// Largest probability of a tail; Newton's method is sure to converge in it.
+/// Largest tail probability, for which Newton's method is sure to converge.
 pub const MAX_TAIL: f64 = 0.1;
-/// Newton's steps; they double the digits, and five reach the last one.
+/// Newton steps. Each doubles the number of digits, and five reach the last one.
 const NUM_STEPS: usize = 20;
 
-/// The value that F exceeds with probability `alpha`; none unless `0 < alpha <= MAX_TAIL` and both degrees of freedom
-/// are finite, at least 1 and above 0.
+/// The value that F exceeds with probability `alpha`; `None` unless `0 < alpha <= MAX_TAIL` and both degrees of
+/// freedom are finite, at least 1 and above 0.
 ///
-/// With a = `denominator` / 2, b = `numerator` / 2 and y = a / (a + b F), the probability is the incomplete beta function
-/// I_y(a, b). Its logarithm is almost linear in that of y, over which Newton's method solves for `alpha`.
+/// With a = `denominator` / 2, b = `numerator` / 2 and y = a / (a + b F), the probability is the incomplete beta
+/// function I_y(a, b). Its logarithm is almost linear in log y, over which Newton's method solves for `alpha`.
 #[must_use]
 pub fn fisher_limit(alpha: f64, numerator: f64, denominator: f64) -> Option<f64> {
     let (a, b) = (0.5 * denominator, 0.5 * numerator);

@@ -1,4 +1,4 @@
-//! Mutual information of the classes of points and of the pixels that they project onto.
+//! Mutual information of the classes of points and of the pixels that they project to.
 
 use std::ops::Range;
 
@@ -6,14 +6,14 @@ use rayon::prelude::*;
 
 use crate::classes::NO_CLASS;
 
-/// Number of rows that one task takes at least.
+/// Smallest number of rows in one task.
 const ROWS_A_TASK: usize = 2048;
 
 /// Weighted counts of the pairs (row, image class). A row is a class of points, or a segment of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointHistogram {
     num_image_classes: usize,
-    /// Row of the first weights: a part of the data may cover some of the rows only.
+    /// Row of the first weights: a part of the data may cover only some of the rows.
     first_row: usize,
     /// Row-major `num_rows x num_image_classes`.
     pub weights: Vec<f64>,
@@ -24,12 +24,12 @@ impl JointHistogram {
         Self::of_rows(0..num_rows, num_image_classes)
     }
 
-    /// An empty histogram of some of the rows.
+    /// An empty histogram of a range of rows.
     pub fn of_rows(rows: Range<usize>, num_image_classes: usize) -> Self {
         Self { num_image_classes, first_row: rows.start, weights: vec![0.0; rows.len() * num_image_classes] }
     }
 
-    /// Counts a pair; one side without a class carries no information.
+    /// Counts a pair. A pair without a class on one side carries no information and is ignored.
     pub fn add(&mut self, point_class: u8, image_class: u8, weight: f64) {
         if point_class != NO_CLASS && image_class != NO_CLASS {
             let index = self.index(usize::from(point_class), image_class);
@@ -58,8 +58,9 @@ impl JointHistogram {
         pairs.map(|(w, pmi)| if *w > 0.0 { w * pmi } else { 0.0 }).sum::<f64>() / total
     }
 
-    /// Miller and Madow's estimate of how far the plug-in estimate lies above the truth:
-    /// `((K_xy - 1) - (K_x - 1) - (K_y - 1)) / 2N` with `K` the occupied cells and `N` the number of pairs.
+    /// Miller and Madow's estimate of the upward bias of the plug-in estimate:
+    /// `((K_xy - 1) - (K_x - 1) - (K_y - 1)) / 2N` with `K` the number of occupied cells and `N` the number of
+    /// pairs.
     pub fn bias(&self) -> f64 {
         let (rows, columns) = self.marginals();
         let occupied = |weights: &[f64]| weights.iter().filter(|&&w| w > 0.0).count() as f64;
@@ -68,13 +69,13 @@ impl JointHistogram {
         if total > 0.0 { cells / (2.0 * total) } else { 0.0 }
     }
 
-    /// `log p(x,y) / (p(x) p(y))` of each pair; minus infinity where a pair was never seen.
+    /// `log p(x,y) / (p(x) p(y))` of each pair; minus infinity for pairs that do not occur.
     pub fn pointwise(&self) -> Vec<f64> {
         self.pointwise_at_least(0.0)
     }
 
-    /// The same, with `floor` for the weight of pairs and of classes that were seen less, and of all pairs: finite, for
-    /// gradients, and zero where none was seen.
+    /// The same, with `floor` as the smallest weight of pairs, of classes and of the total: finite, for gradients,
+    /// and zero in an empty histogram.
     pub fn pointwise_at_least(&self, floor: f64) -> Vec<f64> {
         let (rows, columns) = self.marginals();
         let total = self.total().max(floor);
@@ -87,8 +88,8 @@ impl JointHistogram {
         self.weights.iter().enumerate().map(cell).collect()
     }
 
-    /// The same but for rounding, each of two blocks of rows on its own, and zero in rows that are empty: fast where most
-    /// cells are.
+    /// The same up to rounding, for two blocks of rows separately, and zero in empty rows. This is fast where most
+    /// cells are empty.
     pub fn pointwise_in_blocks(&self, first_of_second: usize, floor: f64) -> Vec<f64> {
         let mut table = vec![0.0; self.weights.len()];
         let place = self.index(first_of_second, 0);
@@ -118,7 +119,7 @@ impl JointHistogram {
         );
     }
 
-    /// The weight of each image class in some rows.
+    /// Total weight of each image class over some rows.
     pub fn columns(&self, weights: &[f64]) -> Vec<f64> {
         let mut columns = vec![0.0; self.num_image_classes];
         for row in weights.chunks_exact(self.num_image_classes) {
@@ -166,7 +167,7 @@ mod tests {
         assert!(independent.mutual_information().abs() < 1e-15);
         let identical = histogram([[3.0, 0.0], [0.0, 3.0]]);
         assert!((identical.mutual_information() - 2f64.ln()).abs() < 1e-15);
-        // A binary symmetric channel of error e carries log 2 - H(e).
+        // A binary symmetric channel with error e carries log 2 - H(e).
         let e: f64 = 0.1;
         let channel = histogram([[1.0 - e, e], [e, 1.0 - e]]);
         let expected = 2f64.ln() + e * e.ln() + (1.0 - e) * (1.0 - e).ln();

@@ -1,11 +1,12 @@
 //! The input of the pipeline: labelled points and label images with dense class ids.
 //!
-//! A sweep's points have partitions: into its segments, and null ones that know nothing of the image.
+//! The points of a sweep have partitions: one into its segments, and null partitions that are independent of the
+//! image.
 //!
-//! The mutual information of segments and image classes grows where the image is rich, whatever the pose, and so has
-//! no maximum at the true one. A null partition has the same pieces in another place, as if the sweep had been turned
-//! (a spin test: Alexander-Bloch et al., NeuroImage 2018); what it tells of the image is what any partition of that
-//! kind would. See `alignment/adjusted.rs` for the score.
+//! The mutual information of segments and image classes grows where the image is rich, whatever the pose, and so
+//! need not have its maximum at the true one. A null partition has the same segments in another place, as if the
+//! sweep had been rotated (a spin test: Alexander-Bloch et al., NeuroImage 2018). Its mutual information with the
+//! image is what any partition of that kind would have. See `alignment/adjusted.rs` for the score.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -19,8 +20,8 @@ use crate::label_image::LabelImage;
 use crate::pyramid::LabelPyramid;
 use crate::visibility::Sweep;
 
-/// A sweep and an image taken at one moment. A clone shares all arrays; frames that differ, for example in the label
-/// image over one cloud, share the others.
+/// A sweep and an image taken at the same time. A clone shares all arrays. Frames that differ in one array, such as
+/// in the label image for one cloud, share the others.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Points in metres, LiDAR frame.
@@ -28,17 +29,17 @@ pub struct Frame {
     pub point_classes: Arc<Vec<u8>>,
     /// Classes of the pixels, with their levels.
     pub image: Arc<LabelPyramid>,
-    /// Shares of classes of each point, where a network gave them; the classes are then the largest. A point of
-    /// [`NO_CLASS`] carries no information, whatever its shares are.
+    /// Class shares of each point, if a network gave them; `classes` then holds the largest. A point of
+    /// [`NO_CLASS`] carries no information, whatever its shares.
     pub point_shares: Option<Arc<ClassShares>>,
-    /// Segments of the points, which take the place of their classes when a pose is refined.
+    /// Segments of the points, which replace their classes when a pose is refined.
     pub partitions: Option<Arc<Partitions>>,
-    /// Weight of each of its points when a pose is refined.
+    /// Weight of each point of the frame when a pose is refined.
     pub weight: f32,
 }
 
 impl Frame {
-    /// A frame for tests, whose points and pixels are certain to be of their classes: no network gave shares of others.
+    /// A frame for tests, without class shares.
     #[cfg(test)]
     pub fn certain(points: Vec<[f32; 3]>, point_classes: Vec<u8>, image_classes: LabelImage<u8>) -> Self {
         Self {
@@ -62,12 +63,12 @@ pub struct Observations {
     /// Image classes are `0..num_image_classes`, or [`NO_CLASS`].
     pub num_image_classes: usize,
     first_rows: Vec<usize>,
-    /// Rows of the joint histogram: classes, and the segments of each frame in each of its partitions.
+    /// Number of rows of the joint histogram: classes, and the segments of each frame in each of its partitions.
     pub num_rows: usize,
 }
 
 impl Observations {
-    /// Checks that frames, classes and camera belong together.
+    /// Checks that frames, classes and camera are consistent.
     ///
     /// # Errors
     /// There is no frame, counts or sizes disagree, or a class is out of range.
@@ -127,8 +128,8 @@ impl Observations {
         Self { camera: self.camera.clone(), frames, first_rows, num_rows, ..*self }
     }
 
-    /// Calls `with` with each row of the joint histogram to which a point adds: that of its class, or those of its
-    /// segments.
+    /// Calls `with` with each row of the joint histogram to which a point contributes: that of its class, or those
+    /// of its segments.
     pub fn for_rows(&self, frame: usize, point: usize, class: u8, mut with: impl FnMut(usize)) {
         match &self.frames[frame].partitions {
             None => with(usize::from(class)),
@@ -145,7 +146,7 @@ impl Observations {
         self.num_rows > self.num_point_classes
     }
 
-    /// The rows of some neighbouring frames.
+    /// The rows of a range of frames.
     pub fn rows_of(&self, frames: Range<usize>) -> Range<usize> {
         let end = self.first_rows.get(frames.end).copied().unwrap_or(self.num_rows);
         let has_partitions = |frame: &Frame| frame.partitions.is_some();
@@ -190,10 +191,10 @@ fn fits(shares: Option<&ClassShares>, count: usize, num_classes: usize) -> bool 
     })
 }
 
-/// Whether all ids but [`NO_CLASS`] are below a number. Every subset of a drive is checked: without an early exit that
-/// takes no longer than reading the memory.
+/// Whether all ids except [`NO_CLASS`] are below a number. Every subset of a drive is checked: without an early
+/// exit this takes no longer than reading the memory.
 fn in_range(ids: &[u8], num_classes: usize) -> bool {
-    // One more than the class, and nothing for NO_CLASS.
+    // One more than the class, and zero for NO_CLASS.
     let needed = ids.iter().fold(0, |needed: u8, id| needed.max(id.wrapping_sub(NO_CLASS)));
     usize::from(needed) <= num_classes
 }
@@ -201,18 +202,18 @@ fn in_range(ids: &[u8], num_classes: usize) -> bool {
 /// The segment of each point in each partition, as rows of a joint histogram.
 #[derive(Clone, Debug)]
 pub struct Partitions {
-    /// Point by point: the row of its segment, and that of its segment in each null partition.
+    /// For each point, the row of its segment and the rows of its segments in the null partitions.
     rows: Vec<u16>,
     num_partitions: usize,
-    /// Rows of the segments; those of null partitions follow.
+    /// Number of rows of the segments; those of the null partitions follow.
     pub num_segments: usize,
-    /// Rows of all partitions.
+    /// Number of rows of all partitions.
     pub num_rows: usize,
 }
 
 impl Partitions {
-    /// Takes `num_partitions` segments for each point, the first of which is its own, of `num_segments` in each
-    /// partition.
+    /// Takes `num_partitions` segment ids for each point, the first of which is its own, out of `num_segments` in
+    /// each partition.
     pub fn new(ids: &[u32], num_segments: usize, num_partitions: usize) -> Result<Self> {
         let num_rows = num_segments * num_partitions;
         if num_partitions < 2 || !ids.len().is_multiple_of(num_partitions) {
@@ -233,7 +234,7 @@ impl Partitions {
         self.rows.len() / self.num_partitions
     }
 
-    /// Number of partitions, with that into segments.
+    /// Number of partitions, including the one into segments.
     pub fn num_partitions(&self) -> usize {
         self.num_partitions
     }
@@ -242,7 +243,8 @@ impl Partitions {
         &self.rows[point * self.num_partitions..][..self.num_partitions]
     }
 
-    /// Those of some of the points, with rows for their segments only. A sweep without segments has none.
+    /// The partitions of a subset of the points, with rows for their segments only. A sweep without segments has
+    /// none.
     pub fn of_points(&self, points: &[usize]) -> Self {
         let mut rows: Vec<u16> = points.iter().flat_map(|&point| self.rows(point)).copied().collect();
         let mut numbers = vec![None; self.num_rows];
