@@ -1,9 +1,9 @@
 //! The camera's label image on the LiDAR's angular grid (Alg. 2, lines 2-3).
 //!
-//! A [`Placement`] is the place of the image on the sphere; it maps LiDAR directions to raw pixels. The paper zooms the
-//! image to the LiDAR's angular resolution, as if columns were azimuths and rows elevations. Exact resampling turns the
-//! direction into the camera frame, and projects it through K and the distortion model. The two agree on the axis of the
-//! image, and differ by several degrees at the border of a 90-degree lens.
+//! A [`Placement`] is the place of the image on the sphere, and maps LiDAR directions to raw pixels. The paper
+//! zooms the image to the LiDAR's angular resolution, as if columns were azimuths and rows elevations. Exact
+//! resampling transforms the direction to the camera frame and projects it through K and the distortion model. The
+//! two agree on the axis of the image, and differ by several degrees at the border of a 90-degree lens.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 use crate::spherical::{SphericalGrid, azimuth, elevation};
 
-/// Number of steps from the border to the middle of the image, in the search for the end of the lens.
+/// Number of steps from the border to the middle of the image, in the search for the limit of the lens.
 const BORDER_STEPS: usize = 64;
 
 /// Mapping of the label image to the angular grid.
@@ -34,7 +34,7 @@ pub struct Placement {
     pub elevation: f64,
     /// Rotation of the image about the optical axis, radians; zero keeps its rows level.
     pub roll: f64,
-    /// Magnification of the zoomed image; exact resampling does not use it, and has one.
+    /// Magnification of the zoomed image; always one in exact resampling, which does not use it.
     pub scale: f64,
 }
 
@@ -43,7 +43,7 @@ impl Placement {
         let forward: Vector3<f64> = rotation.matrix().row(2).transpose();
         let level =
             Self { azimuth: azimuth(&forward), elevation: elevation(&forward), roll: 0.0, scale: 1.0 };
-        // What is left is a turn about the optical axis.
+        // The remaining rotation is about the optical axis.
         let turn = rotation * level.rotation().inverse();
         Self { roll: turn[(0, 1)].atan2(turn[(0, 0)]), ..level }
     }
@@ -61,7 +61,7 @@ impl Placement {
     }
 }
 
-/// A camera's image with a kind of zoom: maps LiDAR directions to raw pixels.
+/// A camera's image under one kind of zoom, which maps LiDAR directions to raw pixels.
 #[derive(Clone, Debug)]
 pub struct Zoomed<'a> {
     camera: &'a Camera,
@@ -84,16 +84,16 @@ impl<'a> Zoomed<'a> {
         for (right, down) in sides.into_iter().chain(corners) {
             let (ray, reached) = border_ray(camera, right, down)?;
             border.push(ray);
-            // As if the lens went on evenly beyond what it reaches.
+            // Extrapolates the lens evenly beyond its limit.
             angles.push(ray.angle(&center) / reached);
         }
         let fov = Vector2::new(angles[0] + angles[1], angles[2] + angles[3]);
-        // A placement's axis is the optical axis, but the middle of the image for the paper's zoom.
+        // A placement's axis is the optical axis, except for the paper's zoom, where it is the middle of the image.
         let axis = if zoom == Zoom::Exact { Vector3::z() } else { center };
         Ok(Self { camera, zoom, fov, border, axis })
     }
 
-    /// `R_camera_lidar`, with the camera turned so that the axis of placements becomes the optical axis.
+    /// `R_camera_lidar`, with the camera rotated so that the axis of placements becomes the optical axis.
     pub fn onto_axis(&self, rotation: &Rotation3<f64>) -> Rotation3<f64> {
         Rotation3::rotation_between(&self.axis, &Vector3::z()).unwrap_or_default() * rotation
     }
@@ -102,8 +102,8 @@ impl<'a> Zoomed<'a> {
         self.fov.x
     }
 
-    /// Angles that an image with a level axis reaches above and below it, radians; the largest possible where the lens sees
-    /// beside or behind itself, since it then sees the horizon in any direction.
+    /// Angles by which an image with a level axis extends above and below it, radians. They are the largest
+    /// possible if the lens sees to its sides or behind itself, since it then sees the horizon in any direction.
     pub fn above_below(&self, roll: f64) -> (f64, f64) {
         let (sin, cos) = roll.sin_cos();
         if self.zoom == Zoom::Paper {
@@ -163,8 +163,8 @@ pub fn zoom(
     LabelImage { width: grid.columns, height: grid.rows, ids }
 }
 
-/// The ray at a place of the image, given from -1 (left, top) to 1 (right, bottom), and the share of the way from the
-/// middle that the lens reaches: a circular fisheye leaves the border dark.
+/// The ray at a place of the image, given from -1 (left, top) to 1 (right, bottom), and the fraction of the way
+/// from the middle that the lens reaches: a circular fisheye leaves the border dark.
 fn border_ray(camera: &Camera, right: f64, down: f64) -> Result<(Vector3<f64>, f64)> {
     let half = Vector2::new(camera.width as f64 - 1.0, camera.height as f64 - 1.0) * 0.5;
     let pixel = |share: f64| Point2::from(half + half.component_mul(&Vector2::new(right, down)) * share);

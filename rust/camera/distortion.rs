@@ -1,16 +1,16 @@
-//! Distortion of normalised image coordinates: OpenCV's polynomials, their inverse, and how far they, or radii that grow
-//! with the incidence angle, do not fold.
+//! Distortion of normalised image coordinates: OpenCV's polynomials, their inverse, and the radius up to which
+//! they, or radii as functions of the incidence angle, do not fold.
 
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Vector2};
 
-/// A lens that maps the half-space in front of it is not evaluated past this normalised radius, 87 degrees.
+/// Largest normalised radius, 87 degrees, at which a lens that maps the half-space in front of it is evaluated.
 pub(super) const MAX_RADIUS: f64 = 20.0;
-/// Radii at which, and directions in which, a distortion is checked not to fold.
+/// Number of radii, and of directions, at which a distortion is checked for folds.
 const RADII: usize = 4096;
 const DIRECTIONS: usize = 16;
-/// At the limit itself a distortion stands still, and Newton's method does not know where to go.
+/// At the limit itself the derivative of a distortion vanishes, and Newton's method stalls.
 const NEAR_LIMIT: f64 = 0.95;
 const FEW_NEWTON_STEPS: usize = 6;
 const MAX_NEWTON_STEPS: usize = 50;
@@ -53,8 +53,8 @@ impl Distortion {
     }
 }
 
-/// The normalised coordinates, within a radius, that a distortion puts on `distorted`: Newton's method from there, which is
-/// enough for most lenses and pixels, or else from what would be right if the distortion were radial.
+/// The normalised coordinates, within a radius, that a distortion maps to `distorted`. Newton's method starts
+/// there, which is enough for most lenses and pixels, or else from the solution for a radial distortion.
 pub(super) fn undistort(
     distort: impl Fn(Vector2<f64>) -> Vector2<f64>,
     jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>,
@@ -64,7 +64,7 @@ pub(super) fn undistort(
     let tolerance = TOLERANCE * (1.0 + distorted.norm());
     let newton = |mut xy: Vector2<f64>, steps: usize| {
         for _ in 0..steps {
-            // From beyond the limit, where the distortion may fold, the way would lead anywhere.
+            // Beyond the limit, where the distortion may fold, the iteration would lead anywhere.
             xy *= (limit / xy.norm()).min(1.0);
             let residual = distort(xy) - distorted;
             if residual.norm() < tolerance {
@@ -78,7 +78,8 @@ pub(super) fn undistort(
         .or_else(|| newton(along(&distort, distorted, limit), MAX_NEWTON_STEPS))
 }
 
-/// The place in the direction of `distorted` that is put as far from the middle, or one near the limit.
+/// The point in the direction of `distorted` that is mapped to the same distance from the middle, or one near the
+/// limit.
 fn along(
     distort: impl Fn(Vector2<f64>) -> Vector2<f64>,
     distorted: &Vector2<f64>,
@@ -89,7 +90,7 @@ fn along(
     unit * radius.unwrap_or(NEAR_LIMIT * limit)
 }
 
-/// The radius up to which a distortion with this Jacobian does not fold, in no direction; at most `largest`.
+/// The radius, at most `largest`, up to which a distortion with this Jacobian does not fold in any direction.
 pub(super) fn unfolded_radius(jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>, largest: f64) -> f64 {
     let at = |step: usize| largest * step as f64 / RADII as f64;
     let unit = |i: usize| {
@@ -104,12 +105,12 @@ pub(super) fn unfolded_radius(jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>, l
     (1..=RADII).find(|&step| !unfolded(step)).map_or(largest, |step| at(step - 1))
 }
 
-/// Far below a pixel, in normalised image units; where those are large, a share of them, above round-off.
+/// Far below a pixel, in normalised image units; relative where those are large, above round-off.
 pub(super) const TOLERANCE: f64 = 1e-12;
-/// Samples on which a radius is checked to be monotone.
+/// Number of samples at which a radius is checked to be monotone.
 const STEPS: usize = 4096;
 
-/// Bisection for `f(x) = y` on `[0, limit]`, where `f` grows.
+/// Bisection for `f(x) = y` on `[0, limit]`, where `f` increases.
 pub(super) fn invert_monotone(f: impl Fn(f64) -> f64, y: f64, limit: f64) -> Option<f64> {
     (y <= f(limit)).then_some(())?;
     let (mut low, mut high) = (0.0, limit);

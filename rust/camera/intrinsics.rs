@@ -1,11 +1,11 @@
-//! Intrinsics that may be estimated: their values, cameras with other ones, and how pixels move with them.
+//! Intrinsics that may be estimated: their values, cameras with changed values, and the derivatives of pixels.
 
 use nalgebra::{Point2, Vector2, Vector3};
 
 use super::Camera;
 use crate::error::{Error, Result};
 
-/// Step by which a coefficient of a lens is changed for the derivative of pixels with respect to it.
+/// Step of a lens coefficient for the numeric derivative of pixels.
 const STEP: f64 = 1e-4;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,15 +14,15 @@ pub enum Intrinsic {
     Fy,
     Cx,
     Cy,
-    /// A small radial distortion on top of whatever the lens does, to first order. No camera has it, so that it only tells
-    /// what a distortion would do.
+    /// A small radial distortion on top of the lens, to first order. No camera has this parameter; it only shows
+    /// the effect of a distortion.
     Radial,
-    /// A number of the lens by its index: distortion coefficients in their order, and then parameters.
+    /// A number of the lens by its index: distortion coefficients in their order, then parameters.
     Coefficient(usize),
 }
 
 impl Intrinsic {
-    /// The intrinsic of a name: fx, fy, cx, cy, radial, or the index of a number of the lens.
+    /// Parses an intrinsic: fx, fy, cx, cy, radial, or the index of a number of the lens.
     pub fn of(name: &str) -> Option<Self> {
         match name {
             "fx" => Some(Self::Fx),
@@ -36,7 +36,7 @@ impl Intrinsic {
 }
 
 impl Camera {
-    /// The value of an intrinsic; nothing if the lens has no such number.
+    /// The value of an intrinsic; `None` if the lens has no such number.
     pub fn intrinsic(&self, intrinsic: Intrinsic) -> Option<f64> {
         match intrinsic {
             Intrinsic::Fx => Some(self.focal.x),
@@ -74,7 +74,7 @@ impl Camera {
             };
             *number.ok_or_else(|| Error::Input(format!("camera: the lens has no {intrinsic:?}")))? += by;
         }
-        // How far a lens does not fold takes long to find out, and depends on K for none but this.
+        // The radius up to which a lens does not fold takes long to compute, and depends on K only for this model.
         let is_same_lens = distortion == self.distortion && parameters == self.parameters;
         if is_same_lens && &*self.model != "equirectangular" && is_possible(&focal, &center) {
             return Ok(Self { focal, center, ..self.clone() });
@@ -89,10 +89,10 @@ fn is_possible(focal: &Vector2<f64>, center: &Vector2<f64>) -> bool {
     focal.iter().chain(center).all(|x| x.is_finite()) && focal.min() > 0.0
 }
 
-/// How pixels of a camera move with some of its intrinsics.
+/// Derivatives of a camera's pixels with respect to some of its intrinsics.
 #[derive(Clone, Debug)]
 pub struct IntrinsicSlopes {
-    /// For each intrinsic, the cameras to both sides of it, where the lens changes with it.
+    /// For each intrinsic that changes the lens, the cameras to both sides of its value.
     slopes: Vec<(Intrinsic, Option<[Camera; 2]>)>,
 }
 
@@ -104,14 +104,15 @@ impl IntrinsicSlopes {
             if camera.intrinsic(intrinsic).is_none() {
                 return Err(Error::Input(format!("camera: the lens has no {intrinsic:?}")));
             }
-            // At the end of its range a number has a neighbour to one side only.
+            // At the end of its range a number has a neighbour on one side only.
             let beside = |by: f64| camera.changed([(intrinsic, by)]).unwrap_or_else(|_| camera.clone());
             Ok((intrinsic, Some([beside(-STEP), beside(STEP)])))
         };
         Ok(Self { slopes: intrinsics.iter().map(of).collect::<Result<_>>()? })
     }
 
-    /// The derivatives of the pixel of a point (camera frame), one after another, pixels for each unit.
+    /// Calls the closure with the derivatives of the pixel of a point (camera frame), one after another, in pixels
+    /// per unit.
     pub fn for_each(
         &self,
         camera: &Camera,
@@ -136,8 +137,8 @@ impl IntrinsicSlopes {
     }
 }
 
-/// The difference of the pixels of two cameras for each unit of the intrinsic that they differ in; zero where one of them
-/// does not project the point.
+/// Difference of the pixels of two cameras per unit of the intrinsic in which they differ; zero if one of them does
+/// not project the point.
 fn difference(sides: &[Camera; 2], p_camera: &Vector3<f64>, intrinsic: Intrinsic) -> Vector2<f64> {
     let [before, after] = sides;
     let apart = |camera: &Camera| camera.intrinsic(intrinsic).unwrap_or(0.0);

@@ -1,4 +1,4 @@
-//! The interface of a lens, and the choice of one.
+//! The lens interface, and the choice of a lens by model name.
 
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
@@ -8,7 +8,8 @@ use super::spheres::Equirectangular;
 use super::spheres::{DoubleSphere, Omnidirectional};
 use crate::error::{Error, Result};
 
-/// A lens: points (camera frame, metres) to distorted coordinates, which focal lengths and principal point make pixels.
+/// A lens maps points (camera frame, metres) to distorted coordinates, which focal lengths and principal point turn
+/// into pixels.
 pub(super) trait Model {
     /// Distorted coordinates of a point; `None` where the model is not valid.
     fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>>;
@@ -23,7 +24,7 @@ pub(super) trait Model {
     fn limit(&self) -> f64;
 }
 
-/// Any lens. A closed set, so that the hot loops choose by a branch that is always the same, and inline.
+/// Any lens. An enum, so that the hot loops take the same branch every time, and inline.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Lens {
     Polynomial(Polynomial),
@@ -65,7 +66,7 @@ impl Lens {
     }
 }
 
-/// The coefficients that are given, and zeros, which are none, for the rest.
+/// The given coefficients, padded with zeros.
 fn padded<const N: usize>(distortion: &[f64]) -> [f64; N] {
     let mut coefficients = [0.0; N];
     for (all, given) in coefficients.iter_mut().zip(distortion) {
@@ -74,7 +75,7 @@ fn padded<const N: usize>(distortion: &[f64]) -> [f64; N] {
     coefficients
 }
 
-/// The parameters of these names, when there are no others.
+/// The parameters of these names, if there are no others.
 fn named<const N: usize>(model: &str, given: &[(String, f64)], names: [&str; N]) -> Result<[f64; N]> {
     let value = |name: &str| given.iter().find(|(key, _)| key == name).map(|(_, value)| *value);
     let values: Option<Vec<f64>> = names.into_iter().map(value).collect();

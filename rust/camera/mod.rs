@@ -1,10 +1,10 @@
 //! Camera models: a ray in the camera frame to a pixel, and back.
 //!
-//! A lens, through the one interface [`Model`], turns a point into distorted coordinates, and `K` makes pixels of these.
+//! A lens, through the interface [`Model`], maps a point to distorted coordinates, and `K` maps these to pixels.
 //! Coefficients are in OpenCV's order. Pixels are `(u, v)`; an integer pixel is a pixel centre.
 //!
-//! A lens holds up to the incidence angle at which its distortion stops being monotone. Beyond it a point is outside: it
-//! has no pixel, and never one that belongs to another direction.
+//! A lens is valid up to the incidence angle at which its distortion stops being monotone. A point beyond it is
+//! outside: it has no pixel, and never one that belongs to another direction.
 
 mod distortion;
 mod intrinsics;
@@ -23,8 +23,8 @@ use crate::error::{Error, Result};
 pub use intrinsics::{Intrinsic, IntrinsicSlopes};
 use lens::{Lens, Model};
 
-/// Number of points that loops project before they look at the first of them: divisions of many points overlap as long as
-/// no branch has to be guessed between them.
+/// Number of points that loops project before they use the first of them: divisions of many points overlap as long
+/// as no branch has to be predicted between them.
 pub const RUN: usize = 128;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -34,14 +34,14 @@ pub struct Camera {
     focal: Vector2<f64>,
     center: Vector2<f64>,
     lens: Lens,
-    /// What the lens was made of: its model, distortion coefficients and parameters.
+    /// The lens's specification: model, distortion coefficients and parameters.
     model: Arc<str>,
     distortion: Vec<f64>,
     parameters: Vec<(String, f64)>,
 }
 
 impl Camera {
-    /// Builds a camera whose model needs nothing beyond `K` and `distortion`: see [`Camera::with_parameters`].
+    /// Builds a camera whose model needs only `K` and `distortion`: see [`Camera::with_parameters`].
     #[cfg(test)]
     pub fn new(model: &str, size: (usize, usize), k: [[f64; 3]; 3], distortion: &[f64]) -> Result<Self> {
         Self::with_parameters(model, size, k, distortion, &[])
@@ -82,7 +82,7 @@ impl Camera {
         Ok(Self { width, height, focal, center, lens, model: model.into(), distortion, parameters })
     }
 
-    /// The pixel of a point (camera frame, metres); `None` where the model does not hold. The pixel may lie outside
+    /// The pixel of a point (camera frame, metres); `None` where the model is not valid. The pixel may be outside
     /// the image: see [`Camera::contains`].
     #[inline(always)]
     pub fn project(&self, point: &Vector3<f64>) -> Option<Point2<f64>> {
@@ -90,27 +90,28 @@ impl Camera {
         Some(Point2::from(self.focal.component_mul(&distorted) + self.center))
     }
 
-    /// The Jacobian of the pixel of a point that the camera projects, pixels a metre.
+    /// The Jacobian of the pixel of a point that projects, pixels per metre.
     pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         Matrix2::from_diagonal(&self.focal) * self.lens.jacobian(point)
     }
 
-    /// The unit ray (camera frame) that projects onto a pixel; `None` where the lens does not reach the pixel.
+    /// The unit ray (camera frame) that projects to a pixel; `None` where the lens does not reach the pixel.
     pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Vector3<f64>> {
         self.lens.unproject(&(pixel.coords - self.center).component_div(&self.focal))
     }
 
-    /// The largest incidence angle, radians, at which the model holds.
+    /// The largest incidence angle, radians, at which the model is valid.
     pub fn limit(&self) -> f64 {
         self.lens.limit()
     }
 
-    /// Columns a radian on the optical axis. With a mirror or a sphere in the lens, that is not the focal length.
+    /// Columns per radian on the optical axis. For lenses with a mirror or a sphere this differs from the focal
+    /// length.
     pub fn pixels_per_radian(&self) -> f64 {
         self.jacobian(&Vector3::z())[(0, 0)]
     }
 
-    /// Whether a pixel lies inside the image, whose pixels reach half a pixel beyond their centres.
+    /// Whether a pixel is inside the image, whose pixels extend half a pixel beyond their centres.
     pub fn contains(&self, pixel: &Point2<f64>) -> bool {
         pixel.x >= -0.5
             && pixel.y >= -0.5

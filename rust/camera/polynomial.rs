@@ -1,5 +1,5 @@
-//! A pinhole with OpenCV's distortion: plumb_bob and rational_polynomial with radial, rational and tangential terms, and
-//! the full model with thin prism terms and a tilted sensor (Scheimpflug), too.
+//! A pinhole with OpenCV's distortion: plumb_bob and rational_polynomial with radial, rational and tangential
+//! terms, and the full model with thin prism terms and a tilted sensor (Scheimpflug).
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Polynomial {
     distortion: Distortion,
-    /// Normalised.
+    /// Largest radius, normalised.
     max_radius: f64,
 }
 
@@ -44,7 +44,7 @@ impl Model for Polynomial {
     }
 }
 
-/// The pinhole: x / z and y / z of what lies in front, within a radius.
+/// Pinhole projection, x / z and y / z, of points in front of the camera, within a radius.
 pub(super) fn normalised(point: &Vector3<f64>, max_radius: f64) -> Option<Vector2<f64>> {
     if point.z <= 0.0 {
         return None;
@@ -63,9 +63,9 @@ pub(super) struct ThinPrism {
     distortion: Distortion,
     /// s1 s2 s3 s4.
     prism: [f64; 4],
-    /// The homography from the lens's plane to the sensor's.
+    /// The homography from the plane of the lens to that of the sensor.
     tilt: Matrix3<f64>,
-    /// Normalised.
+    /// Largest radius, normalised.
     max_radius: f64,
 }
 
@@ -98,7 +98,7 @@ impl ThinPrism {
         self.distortion.at(xy) + Vector2::new(s1 + s2 * r2, s3 + s4 * r2) * r2
     }
 
-    /// The Jacobian of [`ThinPrism::at`]; zero, as where it folds, for what the tilted sensor cannot see.
+    /// The Jacobian of [`ThinPrism::at`]; zero, as where it folds, for points that the tilted sensor cannot see.
     fn plane_jacobian(&self, xy: Vector2<f64>) -> Matrix2<f64> {
         let tilted = self.tilt * self.before_tilt(xy).push(1.0);
         if tilted.z <= 0.0 {
@@ -132,7 +132,7 @@ impl Model for ThinPrism {
     }
 }
 
-/// As OpenCV has it: the sensor is turned about x, then about y, and its plane is projected along the optical axis.
+/// As in OpenCV: the sensor is rotated about x, then about y, and its plane is projected along the optical axis.
 fn tilt(tau_x: f64, tau_y: f64) -> Matrix3<f64> {
     let ((sin_x, cos_x), (sin_y, cos_y)) = (tau_x.sin_cos(), tau_y.sin_cos());
     let about_x = Matrix3::new(1.0, 0.0, 0.0, 0.0, cos_x, sin_x, 0.0, -sin_x, cos_x);

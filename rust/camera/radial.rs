@@ -1,12 +1,13 @@
 //! Lenses whose distorted radius is a function of the incidence angle alone.
 //!
-//! Fisheye: an odd polynomial of it. Kannala and Brandt, *A generic camera model and calibration method for conventional,
-//! wide-angle, and fish-eye lenses*, in OpenCV's form; unlike there, the angle is taken beyond 90 degrees, too.
+//! Fisheye: an odd polynomial of the angle. Kannala and Brandt, *A generic camera model and calibration method for
+//! conventional, wide-angle, and fish-eye lenses*, in OpenCV's form; unlike OpenCV, it is also defined beyond 90
+//! degrees.
 //!
-//! FOV, also called atan: Devernay and Faugeras, *Straight lines have to be straight*: `r_d = atan(2 tan(w / 2) r_u) / w`, with
-//! the undistorted radius `r_u = tan(angle)`. With `atan2` of distance from the axis and depth it goes on beyond 90 degrees
-//! (Usenko, Demmel, Cremers, *The double sphere camera model*). The one coefficient w is in radians, as Kalibr and PTAM
-//! write it.
+//! FOV, also called atan: Devernay and Faugeras, *Straight lines have to be straight*: `r_d = atan(2 tan(w / 2)
+//! r_u) / w`, with the undistorted radius `r_u = tan(angle)`. With `atan2` of the distance from the axis and the
+//! depth it extends beyond 90 degrees (Usenko, Demmel, Cremers, *The double sphere camera model*). The single
+//! coefficient w is in radians, as in Kalibr and PTAM.
 
 use std::f64::consts::PI;
 
@@ -16,20 +17,20 @@ use super::distortion::{invert_monotone, monotone_limit};
 use super::lens::Model;
 use crate::error::{Error, Result};
 
-/// The largest incidence angle that such a lens is asked about: it sees behind itself, but never all round.
+/// Largest incidence angle at which such a lens is evaluated: it sees behind itself, but never all around.
 pub(super) const MAX_ANGLE: f64 = std::f64::consts::PI * 0.95;
 
-/// A point that is nearer to the optical axis than this share of its depth lies on it.
+/// A point nearer to the optical axis than this fraction of its depth is on the axis.
 const ON_AXIS: f64 = 1e-12;
 
-/// The distance of a point from the optical axis, unless it lies on the axis in front.
+/// Distance of a point from the optical axis, unless it is on the axis in front.
 pub(super) fn off_axis(point: &Vector3<f64>) -> Option<f64> {
     let radius = point.xy().norm();
     (radius > ON_AXIS * point.z).then_some(radius)
 }
 
-/// The Jacobian with respect to a point of its direction from the axis times the distorted radius `distorted`, which
-/// grows by `(dr, dz)` with the distance `radius` from the axis and with the depth.
+/// The Jacobian, with respect to a point, of its direction from the axis times the distorted radius `distorted`,
+/// which changes by `(dr, dz)` with the distance `radius` from the axis and with the depth.
 pub(super) fn jacobian(
     point: &Vector3<f64>,
     radius: f64,
@@ -37,13 +38,13 @@ pub(super) fn jacobian(
     (dr, dz): (f64, f64),
 ) -> Matrix2x3<f64> {
     let unit = point.xy() / radius;
-    // Along the radius the distorted radius changes; across it the image only turns.
+    // Along the radius the distorted radius changes; across it the image only rotates.
     let along = Vector3::new(unit.x * dr, unit.y * dr, dz);
     let across = (Matrix2::identity() - unit * unit.transpose()) * (distorted / radius);
     unit * along.transpose() + across * Matrix2x3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 }
 
-/// The Jacobian on the optical axis, where the lens is a pinhole that magnifies.
+/// The Jacobian on the optical axis, where the lens is a pinhole with a magnification.
 pub(super) fn jacobian_on_axis(point: &Vector3<f64>, magnification: f64) -> Matrix2x3<f64> {
     let scale = magnification / point.z;
     Matrix2x3::new(scale, 0.0, 0.0, 0.0, scale, 0.0)

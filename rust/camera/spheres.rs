@@ -1,17 +1,19 @@
-//! Lenses that put the point on a unit sphere first.
+//! Lenses that first project the point to a unit sphere.
 //!
 //! Equirectangular: columns are azimuths about the camera's y axis, rows are elevations.
 //!
 //! `u = fx azimuth + cx` with `azimuth = atan2(x, z)`, positive to the right, and `v = fy elevation + cy` with
-//! `elevation = atan2(y, hypot(x, z))`, positive downwards. So the focal lengths are pixels a radian, `width / (2 pi)` for
-//! an image that goes all round, and the principal point is where z points. A turn begins at the image's left border.
+//! `elevation = atan2(y, hypot(x, z))`, positive downwards. So the focal lengths are pixels per radian, `width / (2
+//! pi)` for a full turn, and the principal point is in the direction of z. A turn begins at the left border of the
+//! image.
 //!
-//! Omnidirectional: Mei and Rives, *Single view point omnidirectional camera calibration from planar grids*, as OpenCV's
-//! omnidir and KITTI-360's `image_02.yaml` have it: the sphere is projected from `(0, 0, -xi)`, and distorted by k1 k2 p1 p2.
-//! Focal lengths are those of the generalised camera (gamma1, gamma2). With xi = 0 it is a plumb_bob.
+//! Omnidirectional: Mei and Rives, *Single view point omnidirectional camera calibration from planar grids*, as in
+//! OpenCV's omnidir and KITTI-360's `image_02.yaml`: the sphere is projected from `(0, 0, -xi)` and distorted by k1
+//! k2 p1 p2. Focal lengths are those of the generalised camera (gamma1, gamma2). With xi = 0 it is a plumb_bob.
 //!
-//! Double sphere: Usenko, Demmel, Cremers, *The double sphere camera model*, 2018. From one unit sphere the point is put on
-//! another that lies xi ahead of it, and projected from `alpha / (1 - alpha)` behind that. With xi = alpha = 0 it is a pinhole.
+//! Double sphere: Usenko, Demmel, Cremers, *The double sphere camera model*, 2018. The point is projected from one
+//! unit sphere to another that is xi ahead of it, and then from `alpha / (1 - alpha)` behind that. With xi = alpha
+//! = 0 it is a pinhole.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -21,8 +23,8 @@ use super::distortion::{Distortion, MAX_RADIUS, monotone_limit, undistort, unfol
 use super::lens::Model;
 use crate::error::{Error, Result};
 
-/// Straight up and down have every azimuth: what is nearer to them than this, radians, is outside. A hundredth of the
-/// pixel of an image of 60,000 columns.
+/// Straight up and down have every azimuth: directions nearer to them than this, radians, are outside. This is a
+/// hundredth of a pixel in an image of 60,000 columns.
 const POLE: f64 = 1e-6;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -87,7 +89,7 @@ impl Omnidirectional {
             )));
         }
         let distortion = Distortion([k1, k2, p1, p2, 0.0, 0.0, 0.0, 0.0]);
-        // Seen from outside the sphere, what lies beyond the outline is hidden behind it.
+        // Seen from outside the sphere, points beyond the outline are hidden behind it.
         let outline = if xi > 1.0 { 1.0 / (xi * xi - 1.0).sqrt() } else { f64::INFINITY };
         let max_radius = unfolded_radius(|xy| distortion.jacobian(xy), outline.min(MAX_RADIUS));
         let cos_limit =
@@ -123,8 +125,8 @@ impl Model for Omnidirectional {
     }
 }
 
-/// How far from the projection centre, along a ray through a place of the plane, the unit sphere is met; `r2` is the
-/// place's squared radius.
+/// Distance from the projection centre to the unit sphere, along the ray through a point of the plane with squared
+/// radius `r2`.
 fn lift(xi: f64, r2: f64) -> f64 {
     (xi + (1.0 + (1.0 - xi * xi) * r2).max(0.0).sqrt()) / (1.0 + r2)
 }
@@ -154,8 +156,8 @@ impl DoubleSphere {
             )));
         }
         let mut model = Self { xi, alpha, cos_limit: -1.0 };
-        // Equations (43) to (45); where pixels would run to infinity, the lens ends like a pinhole; and where the second
-        // sphere lies far behind, pixels turn back before.
+        // Equations (43) to (45). Where pixels would run to infinity, the lens ends like a pinhole; where the
+        // second sphere is far behind, pixels turn back before.
         let w1 = if alpha <= 0.5 { alpha / (1.0 - alpha) } else { (1.0 - alpha) / alpha };
         let w2 = (w1 + xi) / (2.0 * w1 * xi + xi * xi + 1.0).sqrt();
         let farthest = model.unproject(&Vector2::new(MAX_RADIUS, 0.0)).map_or(-1.0, |ray| ray.z);
@@ -170,7 +172,7 @@ impl DoubleSphere {
         Ok(model)
     }
 
-    /// Depth on the second sphere, distance from its centre, and what the plane coordinates are divided by.
+    /// Depth on the second sphere, distance from its centre, and divisor of the plane coordinates.
     fn depths(&self, point: &Vector3<f64>, range: f64) -> (f64, f64, f64) {
         let shifted = self.xi * range + point.z;
         let second = (point.xy().norm_squared() + shifted * shifted).sqrt();

@@ -69,7 +69,7 @@ fn jacobians_are_those_of_finite_differences() {
 #[test]
 fn limits_are_those_of_the_closed_forms() {
     let limit = |camera: Camera| camera.limit();
-    // r (1 - 0.3 r^2) grows up to r = 1 / sqrt(0.9); the limit is looked for in steps of 0.005.
+    // r (1 - 0.3 r^2) grows up to r = 1 / sqrt(0.9); the limit is searched in steps of 0.005.
     let plumb_bob = limit(camera("plumb_bob", &[-0.3, 0.0, 0.0, 0.0]));
     assert!((plumb_bob.tan() - 0.9f64.sqrt().recip()).abs() < 0.005);
     // y + 3 p1 y^2 grows down to y = -1 / (6 p1), and across it y = -1 / (2 p1) is farther.
@@ -180,7 +180,7 @@ fn what_no_model_has_is_refused() {
 }
 
 proptest! {
-    /// Whatever the coefficients, what projects comes back from its pixel: no two directions share one.
+    /// Whatever the coefficients, a point that projects is recovered from its pixel: no two directions share one.
     #[test]
     fn no_coefficients_make_two_directions_share_a_pixel(
         which in 0usize..6, c in prop::array::uniform12(-0.5..0.5f64), angle in 0.0..3.1f64, turn in 0.0..TAU,
@@ -195,7 +195,7 @@ proptest! {
         };
         prop_assert!(camera.limit() > 0.0 && camera.limit() < PI);
         let ray = at(angle, turn);
-        // Close to the limit pixels stand still, and the inverse loses its digits.
+        // Close to the limit pixels hardly move, and the inverse loses precision.
         if angle > 0.95 * camera.limit() {
             return Ok(());
         }
