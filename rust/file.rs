@@ -1,4 +1,4 @@
-//! Files: what opens them refuses what is no file, such as a pipe that nobody writes to, and what is too large.
+//! Opening of files, which refuses special files, such as a pipe without a writer, and files that are too large.
 
 use std::cell::Cell;
 use std::fs::{File, OpenOptions};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// A regular file that is open for reading.
+/// A regular file, open for reading.
 #[derive(Debug)]
 pub struct Opened {
     path: PathBuf,
@@ -16,8 +16,8 @@ pub struct Opened {
 }
 
 impl Opened {
-    /// Opens a regular file. Its kind is tested before it is opened, since opening a device may have effects, and again
-    /// afterwards, since something else may then have its name.
+    /// Opens a regular file. Its kind is checked before it is opened, since opening a device may have side effects,
+    /// and again afterwards, since its name may refer to another file by then.
     pub fn open(path: &Path) -> Result<Self> {
         let check = |metadata: io::Result<std::fs::Metadata>| {
             let metadata = metadata.map_err(|e| complaint(path, e))?;
@@ -38,13 +38,13 @@ impl Opened {
         self.size
     }
 
-    /// Refuses a file of more bytes than `limit`; `needed_for` says what the limit applies to.
+    /// Refuses a file of more than `limit` bytes; `needed_for` says what the limit applies to.
     pub fn at_most(self, limit: u64, needed_for: &str) -> Result<Self> {
         check_bytes(self.size, limit, needed_for).map_err(|reason| Error::file(&self.path, reason))?;
         Ok(self)
     }
 
-    /// The content, of which nothing is read beyond the size that the file had when it was opened.
+    /// The content, up to the size that the file had when it was opened.
     pub fn bytes(self) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         let no_memory = |_| complaint(&self.path, ErrorKind::OutOfMemory.into());
@@ -56,7 +56,7 @@ impl Opened {
     /// Parses the content as a stream.
     ///
     /// # Errors
-    /// Those of `parse`; but if the system failed to read the file, that is the error, whatever `parse` made of it.
+    /// Those of `parse`, unless the system failed to read the file: then that error, whatever `parse` made of it.
     pub fn parse<T>(self, parse: impl FnOnce(Stream<'_>) -> Result<T>) -> Result<T> {
         const BUFFER_BYTES: usize = 1 << 16;
         let failure = Cell::new(None);
@@ -72,7 +72,7 @@ impl Opened {
 /// The content of a file as a stream.
 pub type Stream<'a> = BufReader<Watched<'a>>;
 
-/// A file that keeps the number of the system's last failure to read it: parsers turn it into words of their own.
+/// A file that keeps the system's last read error, since parsers replace it by messages of their own.
 #[derive(Debug)]
 pub struct Watched<'a> {
     file: File,
@@ -96,7 +96,7 @@ impl Seek for Watched<'_> {
     }
 }
 
-/// Refuses more bytes than a limit: in words.
+/// Refuses more bytes than a limit, with a message.
 pub fn check_bytes(found: u64, limit: u64, needed_for: &str) -> std::result::Result<(), String> {
     if found <= limit {
         return Ok(());
@@ -104,7 +104,7 @@ pub fn check_bytes(found: u64, limit: u64, needed_for: &str) -> std::result::Res
     Err(format!("found {} bytes, needed at most {}{needed_for}", grouped(found), grouped(limit)))
 }
 
-/// A number with a comma between thousands.
+/// A number with commas between thousands.
 #[must_use]
 pub fn grouped(number: u64) -> String {
     match number {
@@ -119,7 +119,7 @@ pub fn extension(path: &Path) -> String {
     extension.to_string_lossy().to_lowercase()
 }
 
-/// Options with which the opening of a pipe does not wait for a writer.
+/// Open options that do not wait for the writer of a pipe.
 fn without_waiting() -> OpenOptions {
     let mut options = OpenOptions::new();
     #[cfg(unix)]

@@ -1,4 +1,4 @@
-//! NumPy `.npy` arrays of plain numbers, and archives of them as `numpy.savez` writes them.
+//! NumPy `.npy` arrays of plain numbers, and archives of them as written by `numpy.savez`.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -10,15 +10,15 @@ use zip::result::{ZipError, ZipResult};
 use crate::error::{Error, Result};
 use crate::file::{Opened, check_bytes};
 
-/// NumPy's own limit of bytes.
+/// NumPy's own limit, bytes.
 pub const LONGEST_HEADER: usize = 10_000;
-/// The deepest that headers of arrays of plain numbers and of records of them go.
+/// Deepest nesting in the headers of arrays of plain numbers and of records of them.
 const DEEPEST_HEADER: usize = 6;
 
-/// An array's header and its data, which has the length that the header promises.
+/// Splits an array into its header and its data, which has the length that the header promises.
 ///
 /// # Errors
-/// It is no `.npy`, or promises another number of bytes: in words.
+/// A message: the bytes are not a `.npy` array, or the header promises another number of bytes.
 pub fn split_header(bytes: &[u8]) -> std::result::Result<(NpyHeader, &[u8]), String> {
     let mut data = bytes;
     let header = read_header(&mut data)?;
@@ -37,16 +37,17 @@ fn check_data(header: &NpyHeader, found: u64) -> std::result::Result<(), String>
     Err(format!("holds {found} bytes of data, its header needs shape {:?} of {item}", header.shape()))
 }
 
-/// Bytes of data that a header promises; `None` where no memory has room for them.
+/// Bytes of data that a header promises; `None` if they exceed any memory.
 fn data_bytes(header: &NpyHeader) -> Option<u64> {
     let item_bytes = header.dtype().num_bytes().map(|n| n as u64)?;
     header.shape().iter().try_fold(item_bytes, |product, &n| product.checked_mul(n))
 }
 
-/// The bytes of an array, header and data, of a stream that is no longer than the header promises.
+/// Reads an array, header and data, from a stream that is no longer than the header promises.
 ///
 /// # Errors
-/// It is no `.npy`, promises more bytes than `limit`, or has others than it promises: in words.
+/// A message: the stream is not a `.npy` array, promises more than `limit` bytes, or has another number than it
+/// promises.
 pub fn read_array(file: &mut impl Read, limit: u64) -> std::result::Result<Vec<u8>, String> {
     let mut bytes = read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?;
     let (header, start) = (parse_header(&bytes)?, bytes.len());
@@ -59,13 +60,13 @@ pub fn read_array(file: &mut impl Read, limit: u64) -> std::result::Result<Vec<u
     Ok(bytes)
 }
 
-/// An array's header; what follows in the file is its data.
+/// Reads the header of an array; its data follow in the file.
 pub fn read_header(file: &mut impl Read) -> std::result::Result<NpyHeader, String> {
     parse_header(&read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?)
 }
 
 fn parse_header(header: &[u8]) -> std::result::Result<NpyHeader, String> {
-    // Its complaint may go on with an image of the place.
+    // The error may go on with a drawing of the place.
     let first_line = |e: std::io::Error| {
         let reason = e.to_string();
         let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();
@@ -74,8 +75,8 @@ fn parse_header(header: &[u8]) -> std::result::Result<NpyHeader, String> {
     NpyHeader::from_reader(header).map_err(first_line)
 }
 
-/// The bytes of a header, without what its parser takes on trust: that the length is true, and that brackets are few. It
-/// tries each pair of them twice, again and again inside.
+/// Reads the bytes of a header and checks what its parser takes on trust: that the length is true, and that
+/// brackets are few, since it tries each pair of them twice, recursively.
 fn read_checked(file: &mut impl Read) -> std::result::Result<Vec<u8>, &'static str> {
     let mut bytes = vec![0; 10];
     let mut read = |bytes: &mut [u8], complaint| file.read_exact(bytes).map_err(|_| complaint);
@@ -114,8 +115,8 @@ fn read_checked(file: &mut impl Read) -> std::result::Result<Vec<u8>, &'static s
 /// Reads an H x W array of class ids: numbers of any integer or float type that are integers from 0 to 65,535.
 ///
 /// # Errors
-/// The file cannot be read, is no `.npy`, holds no plain numbers, is Fortran-ordered, its header promises another number
-/// of bytes than it has or a shape that `check_shape` refuses, or a number is no class id.
+/// The file cannot be read, is not a `.npy` array, does not hold plain numbers, is Fortran-ordered, its header
+/// promises another number of bytes or a shape that `check_shape` refuses, or a number is not a class id.
 pub fn read_ids(
     path: &Path,
     file: Opened,
@@ -173,20 +174,20 @@ fn class_id(path: &Path, value: f64) -> Result<u16> {
     Err(Error::file(path, format!("holds {value}, a class id is an integer from 0 to 65535")))
 }
 
-/// The start of the last record of an archive, and its length without its comment.
+/// Start of the last record of an archive, and its length without its comment.
 const LAST_RECORD: &[u8] = b"PK\x05\x06";
 const LAST_RECORD_BYTES: usize = 22;
-/// Bytes of the longest comment, after which an archive ends.
+/// Bytes of the longest comment, which ends an archive.
 const LONGEST_COMMENT: usize = 65_535;
 
-/// Opens an archive, if it has fewer files than ZIP64 is for: the table of contents, which is read as a whole, takes up
-/// to six times its size.
+/// Opens an archive, unless it has so many files that it needs ZIP64: the table of contents is read as a whole and
+/// takes up to six times its size.
 pub fn open_archive<R: Read + Seek>(mut file: R) -> ZipResult<ZipArchive<R>> {
     let size = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(size.saturating_sub((LONGEST_COMMENT + LAST_RECORD_BYTES) as u64)))?;
     let mut end = Vec::new();
     file.by_ref().take((LONGEST_COMMENT + LAST_RECORD_BYTES) as u64).read_to_end(&mut end)?;
-    // The number of files, where it is one of ZIP64.
+    // The number of files that marks ZIP64.
     let is_large = |record: &[u8]| record.starts_with(LAST_RECORD) && record[10..12] == [0xff; 2];
     if end.windows(LAST_RECORD_BYTES).any(is_large) {
         return Err(ZipError::UnsupportedArchive("too many files"));

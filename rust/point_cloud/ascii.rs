@@ -1,4 +1,4 @@
-//! Clouds as text: one point a line, values between blanks.
+//! Clouds as text: one point per line, values separated by blanks.
 
 use super::column::{Column, Scalar};
 use super::fields::Fields;
@@ -38,7 +38,7 @@ fn count_taken(tokens: &[Token]) -> usize {
     tokens.iter().filter(|&&token| token == Token::Taken).count()
 }
 
-/// Packs the taken values of `num_records` lines as little-endian f64, line by line; blank lines do not count.
+/// Packs the selected values of `num_records` lines as little-endian f64, line by line; blank lines do not count.
 fn pack(text: &[u8], num_records: usize, tokens: &[Token]) -> Parsed<Vec<u8>> {
     // Each value is at least a digit and a blank: a header that promises too much gets no memory.
     if num_records > text.len() / (2 * count_taken(tokens)).max(1) + 1 {
@@ -73,7 +73,7 @@ fn pack_line(line: &mut Line<'_>, tokens: &[Token], packed: &mut Vec<u8>) -> Par
     line.end()
 }
 
-/// The rest of a text, from a place in a line.
+/// The rest of a text, from some place in a line.
 pub(super) struct Line<'a>(pub &'a [u8]);
 
 impl Line<'_> {
@@ -82,7 +82,7 @@ impl Line<'_> {
         self.0 = self.0.trim_ascii_start();
     }
 
-    /// Goes beyond the end of a line; whether there was one.
+    /// Skips the end of a line; returns whether there was one.
     pub(super) fn skip_line(&mut self) -> bool {
         self.skip_blank_lines();
         let is_line = !self.0.is_empty();
@@ -133,7 +133,7 @@ impl Line<'_> {
     }
 }
 
-/// What C libraries write for NaN besides `nan`: `-nan(ind)`, `nan(0x1)`.
+/// NaN as C libraries write it besides `nan`: `-nan(ind)`, `nan(0x1)`.
 fn odd_nan(value: &[u8]) -> Option<f64> {
     let unsigned = value.strip_prefix(b"-").unwrap_or(value);
     (unsigned.starts_with(b"nan(") && unsigned.ends_with(b")")).then_some(f64::NAN)

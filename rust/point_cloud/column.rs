@@ -1,4 +1,4 @@
-//! Columns of numbers that lie at equal distances in a file's bytes.
+//! Columns of numbers at a constant stride in a file's bytes.
 
 use super::limit::Parsed;
 
@@ -113,7 +113,7 @@ impl Column {
         }
     }
 
-    /// The bytes of each of the first `count` values, which `check` has found within `bytes`.
+    /// The bytes of each of the first `count` values, which `check` has found to be within `bytes`.
     pub(super) fn values<'a, const N: usize>(
         &self,
         bytes: &'a [u8],
@@ -144,7 +144,7 @@ mod tests {
                 let numbers = [<$number>::MIN, 3 as $number];
                 for is_big_endian in [false, true] {
                     let to_bytes = if is_big_endian { <$number>::to_be_bytes } else { <$number>::to_le_bytes };
-                    // A byte before each value: stride and offset differ from the size.
+                    // One byte before each value: stride and offset differ from the size.
                     let bytes: Vec<u8> = numbers.iter().flat_map(|&x| [&[9], &to_bytes(x)[..]].concat()).collect();
                     let column = Column {
                         offset: 1, stride: 1 + size_of::<$number>(), scalar: Scalar::$scalar, is_big_endian,

@@ -1,9 +1,9 @@
-//! The meaning of a cloud's named fields, for all formats with names.
+//! The meaning of a cloud's named fields, for all formats that name them.
 
 use super::column::Scalar;
 use super::limit::{Parsed, shown};
 
-/// One thing, such as a column, for each field that is used.
+/// One item, such as a column, for each field in use.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fields<T> {
     /// x, y, z.
@@ -14,8 +14,9 @@ pub(super) struct Fields<T> {
     pub label: Option<T>,
 }
 
-/// The names of a field, the best first, in lower case. Sources: Ouster's and Velodyne's ROS drivers (`t`, `time`), Livox'
-/// (`line`, `offset_time`), CARLA (`I`, `ObjTag`), KITTI-360 (`semantic`), CloudCompare (`Classification`, `GpsTime`).
+/// Field names in lower case, the preferred first. Sources: Ouster's and Velodyne's ROS drivers (`t`, `time`),
+/// Livox' (`line`, `offset_time`), CARLA (`I`, `ObjTag`), KITTI-360 (`semantic`), CloudCompare (`Classification`,
+/// `GpsTime`).
 const INTENSITY: &[&str] = &["intensity", "i", "reflectance", "reflectivity", "remission"];
 const RING: &[&str] = &["ring", "channel", "laser_id", "line", "beam"];
 const TIME: &[&str] = &["t", "time", "timestamp", "offset_time", "time_offset", "gps_time", "gpstime"];
@@ -41,7 +42,7 @@ impl<T> Fields<T> {
     }
 }
 
-/// Finds the fields by their names, whatever their case and order; CloudCompare's prefix `scalar_` does not count.
+/// Finds the fields by name, in any case and order; CloudCompare's prefix `scalar_` is ignored.
 pub(super) fn find(names: &[&str]) -> Parsed<Fields<usize>> {
     let plain: Vec<String> = names.iter().map(|name| plain(name)).collect();
     let position = |wanted: &[&str]| wanted.iter().find_map(|w| plain.iter().position(|name| name == w));
@@ -55,7 +56,7 @@ pub(super) fn find(names: &[&str]) -> Parsed<Fields<usize>> {
     })
 }
 
-/// What a value of a time field is worth: whole numbers are nanoseconds (Ouster's `t`, Livox' `offset_time`), others seconds.
+/// The unit of a time field: integers are nanoseconds (Ouster's `t`, Livox' `offset_time`), others seconds.
 pub(super) fn seconds_per_tick(scalar: Scalar) -> f64 {
     if scalar.is_float() { 1.0 } else { 1e-9 }
 }

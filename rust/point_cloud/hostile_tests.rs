@@ -49,7 +49,7 @@ fn seeds() -> Vec<(Format, Vec<u8>)> {
     ]
 }
 
-/// One line, and no longer than a terminal bears.
+/// Checks that a message is one line, and short enough for a terminal.
 fn check(result: Parsed<PointCloud>) {
     if let Err(complaint) = result {
         assert!(!complaint.contains(char::is_control) && complaint.len() < 1000, "{complaint:?}");
@@ -100,7 +100,7 @@ fn check_unpacked(bytes: &[u8]) {
     }
 }
 
-/// A header that promises 10^12 points gets no memory, and says so.
+/// A header that promises 10^12 points gets no memory, but an error.
 #[test]
 fn promises_of_a_million_million_points() {
     const MANY: &str = "1000000000000";
@@ -131,7 +131,7 @@ fn promises_of_a_million_million_points() {
     }
 }
 
-/// Each found by looking, or by fuzzing.
+/// Cases found by inspection or by fuzzing.
 #[test]
 fn headers_that_are_none() {
     let pcd = |from: &str, to: &str| {

@@ -1,13 +1,14 @@
-//! How large a sweep may be. What a file or its header promises is judged before memory is taken for it.
+//! Size limits of a sweep. What a file or its header promises is checked before memory is allocated for it.
 
 use std::ops::Range;
 
 use crate::file::{check_bytes, grouped};
 
-/// The result of a parser; its error says what was found and what is needed, and leaves the file's name to its caller.
+/// The result of a parser; its error says what was found and what is needed, and leaves the file's name to its
+/// caller.
 pub(super) type Parsed<T> = std::result::Result<T, String>;
 
-/// A quotation of a file for an error message: on one line, and short.
+/// A quotation from a file for an error message: on one line, and short.
 pub(super) fn shown(bytes: &[u8]) -> String {
     const LONGEST: usize = 40;
     let text = String::from_utf8_lossy(bytes.get(..LONGEST).unwrap_or(bytes));
@@ -15,11 +16,11 @@ pub(super) fn shown(bytes: &[u8]) -> String {
     format!("{}{more}", text.escape_debug())
 }
 
-/// Points of the largest sweep that is read where nothing else is asked for.
+/// Largest number of points of a sweep, unless another limit is given.
 pub const MAX_POINTS: usize = 10_000_000;
 /// Bytes that a point may take in a file, or unpacked from it: 16 numbers of four bytes.
 const BYTES_A_POINT: u64 = 64;
-/// Bytes that any file may have: those of headers count little beside those of many points.
+/// Bytes allowed for any file: headers are small compared with many points.
 const LEAST_BYTES: u64 = 1 << 20;
 /// Bytes of the files that are read at a time.
 const GROUP_BYTES: u64 = 1 << 29;
@@ -58,7 +59,7 @@ impl Limit {
     }
 }
 
-/// Groups of neighbours that take some hundred megabytes together, or are one.
+/// Groups of consecutive files that take some hundred megabytes together, or are single.
 pub(super) fn groups(sizes: &[u64]) -> Vec<Range<usize>> {
     let mut groups: Vec<Range<usize>> = Vec::new();
     let mut sum = 0u64;

@@ -1,12 +1,12 @@
-//! LZF, as PCD's `binary_compressed` has it. Source: Marc Lehmann's liblzf, `lzf_d.c`.
+//! LZF, as used by PCD's `binary_compressed`. Source: Marc Lehmann's liblzf, `lzf_d.c`.
 
-/// What a stream of `n` bytes can grow to at most: three bytes make 264.
+/// Largest growth of a stream: three bytes make 264.
 pub const LARGEST_RATIO: usize = 88;
 
 /// Unpacks a stream that is known to hold `size` bytes.
 ///
 /// # Errors
-/// It does not, or refers to bytes before its start: in words.
+/// A message: it holds another number of bytes, or refers to bytes before its start.
 pub fn decompress(stream: &[u8], size: usize) -> Result<Vec<u8>, String> {
     if size > stream.len().saturating_mul(LARGEST_RATIO) {
         return Err(format!("{} compressed bytes cannot hold {size}", stream.len()));
@@ -18,7 +18,7 @@ pub fn decompress(stream: &[u8], size: usize) -> Result<Vec<u8>, String> {
     }
 }
 
-/// How many bytes were written, or `None` where they do not fit or refer to what is not there.
+/// Number of bytes written, or `None` if they do not fit or refer to missing bytes.
 fn unpack(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
     let mut end = 0;
     while let Some((&control, rest)) = stream.split_first() {
@@ -27,7 +27,7 @@ fn unpack(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
             let (literal, after) = rest.split_at_checked(control + 1)?;
             let room = out.get_mut(end..)?;
             match (rest.first_chunk::<32>(), room.first_chunk_mut::<32>()) {
-                // A copy of fixed size is quick, and what it writes beyond the literal is written over.
+                // A copy of fixed size is fast, and the excess beyond the literal is overwritten later.
                 (Some(from), Some(to)) => *to = *from,
                 _ => room.get_mut(..literal.len())?.copy_from_slice(literal),
             }
@@ -46,7 +46,7 @@ fn unpack(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
     Some(end)
 }
 
-/// Writes at `end` what lies `distance` before it; the two may overlap.
+/// Repeats at `end` the bytes `distance` before it; the two may overlap.
 fn repeat(out: &mut [u8], end: usize, length: usize, distance: usize) -> Option<()> {
     const STEP: usize = 16;
     let start = end.checked_sub(distance)?;
@@ -67,7 +67,7 @@ fn repeat(out: &mut [u8], end: usize, length: usize, distance: usize) -> Option<
 mod tests {
     use super::*;
 
-    /// Repeats at every distance and length, near the end of the room and far from it, as a loop over bytes would do them.
+    /// Repeats at every distance and length, near the end of the buffer and far from it, like a loop over bytes.
     #[test]
     fn repeats_of_every_kind() {
         for (distance, length, after) in every(1..40, 3..60, [0, 1, 15, 16, 40]) {

@@ -1,6 +1,6 @@
-//! Point clouds and their labels, as they lie on disk.
+//! Point clouds and their labels, as stored on disk.
 //!
-//! Each format's parser finds out where in the file's bytes which column lies; [`table`] goes on from there.
+//! Each format's parser finds the columns in the file's bytes; [`table`] decodes them.
 
 mod ascii;
 mod column;
@@ -27,7 +27,7 @@ use table::Table;
 
 pub use limit::{Limit, MAX_POINTS};
 
-/// A point as read, for geometry.
+/// Converts a point as read to double precision.
 pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
     Vector3::new(f64::from(point[0]), f64::from(point[1]), f64::from(point[2]))
 }
@@ -37,23 +37,23 @@ pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
 pub struct PointCloud {
     /// `x y z` in metres, LiDAR frame.
     pub points: Vec<[f32; 3]>,
-    /// As recorded, where the format has it.
+    /// Intensity as recorded, if the format has it.
     pub intensity: Option<Vec<f32>>,
-    /// The beam, where the cloud has a field of whole numbers for it.
+    /// Ring (beam), if the cloud has an integer field for it.
     pub ring: Option<Vec<u16>>,
-    /// Seconds, from whatever moment the recorder counts.
+    /// Time in seconds, from an epoch that the recorder chose.
     pub time: Option<Vec<f64>>,
-    /// Raw class ids, of the label file or else of the cloud's own label field.
+    /// Raw class ids, from the label file or else from the cloud's own label field.
     pub labels: Option<Vec<u16>>,
-    /// Probabilities of raw class ids instead, where a network gave them.
+    /// Probabilities of raw class ids instead, if a network gave them.
     pub label_shares: Option<ClassShares>,
-    /// Entries that were not finite or all zero, and were left out.
+    /// Number of entries that were not finite or all zero, which are left out.
     pub num_no_returns: usize,
     /// Which of the file's entries are points.
     pub is_return: Vec<bool>,
 }
 
-/// How a point cloud lies in a file.
+/// File format of a point cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Format {
     /// KITTI's `.bin`: x y z intensity, float32.
@@ -71,8 +71,8 @@ pub enum Format {
 }
 
 impl Format {
-    /// By the file's suffix. A `.bin` does not say how many columns it has, so only the name can: `.pcd.bin` has
-    /// nuScenes' five, any other KITTI's four.
+    /// The format by the file's suffix. A `.bin` does not say how many columns it has, so the name decides:
+    /// `.pcd.bin` has nuScenes' five, any other KITTI's four.
     ///
     /// # Errors
     /// The suffix is not known.
@@ -104,8 +104,8 @@ impl Format {
     }
 }
 
-/// Reads many sweeps with their labels, in parallel; the first failing frame's error wins. The sizes of all files are
-/// judged before the first is read, and large ones are not read all at once.
+/// Reads many sweeps with their labels in parallel; the error of the first failing frame wins. The sizes of all
+/// files are checked before the first is read, and large ones are not read all at once.
 ///
 /// # Errors
 /// As [`read`].
@@ -122,7 +122,7 @@ pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)], limit: Limit) -> Result<Ve
     Ok(clouds)
 }
 
-/// Judges the size of a sweep's files, and tells how many bytes its content takes. Files that are not there are left to
+/// Checks the size of a sweep's files, and returns how many bytes its content takes. Missing files are left to
 /// those who read them.
 fn judge((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) -> Result<u64> {
     let mut sum = 0;
@@ -139,12 +139,12 @@ fn judge((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) -> Result<
     Ok(sum.saturating_add(unpacked.unwrap_or_default()))
 }
 
-/// Reads one sweep and one label for each of its entries: from `labels`, or else from the cloud's own label field if it
-/// has one.
+/// Reads one sweep and one label for each of its entries, from `labels` or else from the cloud's own label field,
+/// if any.
 ///
 /// # Errors
-/// A file cannot be read or is too large, its size or content is not its format's, the counts of points and labels
-/// differ, a label is no class id, or there is no return in it.
+/// A file cannot be read or is too large, its size or content does not match its format, the counts of points and
+/// labels differ, a label is not a class id, or there is no return.
 pub fn read(points: &Path, labels: Option<&Path>, limit: Limit) -> Result<PointCloud> {
     let file = Opened::open(points)?;
     limit.check_bytes(file.size()).map_err(|reason| Error::file(points, reason))?;
@@ -152,7 +152,7 @@ pub fn read(points: &Path, labels: Option<&Path>, limit: Limit) -> Result<PointC
     read_as(Format::of(points)?, points, &bytes, labels, limit)
 }
 
-/// The same from the bytes of a sweep; `points` is the name that complaints give it.
+/// The same from the bytes of a sweep; `points` is its name in error messages.
 ///
 /// # Errors
 /// As [`read`].
@@ -187,7 +187,8 @@ pub fn read_as(
 /// Decodes a file's bytes; labels are those of the cloud's own label field.
 ///
 /// # Errors
-/// The size or content is not the format's, a label is no class id, or there is no return: in words, without a name.
+/// A message without the file's name: the size or content does not match the format, a label is not a class id, or
+/// there is no return.
 pub fn decode(format: Format, bytes: &[u8]) -> std::result::Result<PointCloud, String> {
     decode_table(&format.parse(bytes, Limit::default())?)
 }

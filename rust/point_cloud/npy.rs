@@ -1,5 +1,5 @@
-//! Point clouds in `.npy`: records with the fields x y z, or N x C with x y z (intensity) in front; and N ids. In `.npz`: one
-//! array as in `.npy`; or several, of which one is named as below and others are its fields.
+//! Point clouds in `.npy`: records with the fields x y z, or N x C with x y z (intensity) in front; and N ids. In
+//! `.npz`: one array as in `.npy`; or several, one of which has a name listed below, and the others are its fields.
 
 use std::io::{Cursor, Read, Seek};
 use std::path::Path;
@@ -14,7 +14,7 @@ use super::table::{Table, Values};
 use crate::file::{Opened, Stream};
 use crate::npy::{open_archive, read_array, split_header};
 
-/// An array with more columns is no table of points but an image.
+/// An array with more columns is an image rather than a table of points.
 const MAX_COLUMNS: u64 = 16;
 
 pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
@@ -28,7 +28,7 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
     Ok(table)
 }
 
-/// Of any shape: an organised cloud's rows follow one another.
+/// Records of any shape: the rows of an organised cloud follow one another.
 fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8]) -> Parsed<Table<'a>> {
     let names: Vec<&str> = fields.iter().map(|field| field.name.as_str()).collect();
     let found = find(&names)?;
@@ -90,18 +90,18 @@ fn column(dtype: &TypeStr, offset: usize, stride: usize) -> Parsed<Column> {
     Ok(Column { offset, stride, scalar, is_big_endian: dtype.endianness() == Endianness::Big })
 }
 
-/// Names of the array that holds x y z, where there are several; the last is `numpy.savez`'s own.
+/// Names of the array that holds x y z, if there are several; the last is the default of `numpy.savez`.
 const POINTS: &[&str] = &["points", "xyz", "cloud", "point_cloud", "pointcloud", "arr_0"];
 
-/// Largest ratio of the unpacked size of an archive to its own size, once it unpacks to more than the smallest limit.
+/// Largest ratio of unpacked to packed size, for archives that unpack to more than the smallest limit.
 const LARGEST_RATIO: u64 = 100;
 const SMALLEST_LIMIT: u64 = 1 << 24;
 
-/// An archive, of which only what is needed is unpacked.
+/// An archive that unpacks only what is needed.
 struct Arrays<R> {
     archive: ZipArchive<R>,
     names: Vec<String>,
-    /// Bytes that may still be unpacked.
+    /// Number of bytes that may still be unpacked.
     left: u64,
 }
 
@@ -112,11 +112,11 @@ pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>
     let unpacked = arrays.unpack(points)?;
     let mut table = arrays.explain(points, parse(&unpacked, limit))?.into_owned();
     drop(unpacked);
-    // The points' own array stands for x, y and z.
+    // The points' own array provides x, y and z.
     let names: Vec<&str> =
         ["x", "y", "z"].into_iter().chain(arrays.names.iter().map(String::as_str)).collect();
     let found = find(&names)?;
-    // Others stand in front of what the table has.
+    // Separate arrays take precedence over the fields of the table.
     let mut join = |index: Option<usize>, field: fn(&mut Fields<Column>) -> &mut Option<Column>| {
         let Some(member) = index.and_then(|index| index.checked_sub(3)) else { return Ok(()) };
         let unpacked = arrays.unpack(member)?;
@@ -132,7 +132,7 @@ pub(super) fn parse_archive(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>
     Ok(table)
 }
 
-/// What the arrays of a file unpack to, as its table of contents says.
+/// Unpacked size of the arrays of a file, according to its table of contents.
 pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
     let sum_of = |stream: Stream<'_>| {
         let mut archive = open_archive(stream).ok()?;

@@ -14,7 +14,7 @@ use super::lzf;
 use super::table::Table;
 use crate::file::Opened;
 
-/// Bytes in which a header of usual length ends.
+/// Bytes within which a header of usual length ends.
 const HEADER_BYTES: u64 = 4096;
 
 struct Header {
@@ -61,7 +61,7 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
     }
 }
 
-/// What the data of a file unpacks to, where it is compressed and the file starts with a header of usual length.
+/// Unpacked size of the data, if they are compressed and the file starts with a header of usual length.
 pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
     let mut start = Vec::new();
     Opened::open(path)
@@ -91,7 +91,7 @@ impl Field {
 }
 
 impl Header {
-    /// Bytes of the first `num_fields` fields of a point.
+    /// Number of bytes of the first `num_fields` fields of a point.
     fn record_bytes(&self, num_fields: usize) -> Parsed<usize> {
         let bytes = self.fields.iter().take(num_fields).try_fold(0usize, |sum, field| {
             field.size.checked_mul(field.count).and_then(|x| sum.checked_add(x))
@@ -117,7 +117,7 @@ impl Header {
         Ok(Column::little_endian(offset, scalar.size(), scalar))
     }
 
-    /// The data, if it is that of all points and at most a few bytes more, or padding.
+    /// The data, if they are those of all points with at most a few bytes more, or padding.
     fn exactly<'a>(&self, data: &'a [u8]) -> Parsed<&'a [u8]> {
         let (needed, record_bytes) = (self.data_bytes()?, self.record_bytes(self.fields.len())?);
         let is_padded = |rest: &[u8]| rest.len() < record_bytes || rest.iter().all(|&byte| byte == 0);
@@ -143,7 +143,7 @@ impl Header {
     }
 }
 
-/// The header's lines as they are found; what is absent may be implied by others.
+/// The header's lines as they are found; missing ones may be implied by others.
 #[derive(Default)]
 struct Lines {
     fields: Vec<String>,
@@ -155,7 +155,7 @@ struct Lines {
     points: Option<usize>,
 }
 
-/// The header, and what follows it.
+/// The header, and the bytes that follow it.
 fn parse_header(bytes: &[u8]) -> Parsed<(Header, &[u8])> {
     let mut lines = Lines::default();
     let mut rest = bytes;
@@ -171,7 +171,7 @@ fn parse_header(bytes: &[u8]) -> Parsed<(Header, &[u8])> {
 }
 
 impl Lines {
-    /// Takes a line in; the last one tells how the data is encoded.
+    /// Parses one line; the last one gives the encoding of the data.
     fn take(&mut self, line: &[u8]) -> Parsed<Option<Encoding>> {
         let unknown = || format!("header line '{}' is not known", shown(line));
         let text = std::str::from_utf8(line).map_err(|_| unknown())?;

@@ -29,7 +29,7 @@ struct Property {
 #[derive(Clone, Copy)]
 enum Layout {
     One(Scalar),
-    /// The types of its length and of its items.
+    /// The types of the list's length and of its items.
     List(Scalar, Scalar),
 }
 
@@ -47,7 +47,7 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
 
 impl Element {
     fn vertices<'a>(&self, encoding: Encoding, data: &'a [u8]) -> Parsed<Table<'a>> {
-        // A list has no name that could be looked for.
+        // A list has no name to look up.
         let names: Vec<&str> =
             self.properties.iter().map(|p| if p.scalar().is_some() { &*p.name } else { "" }).collect();
         let found = find(&names)?;
@@ -70,7 +70,7 @@ impl Element {
         Table::new(data, self.count, columns, tick)
     }
 
-    /// What follows this element.
+    /// Skips this element, and returns the data that follow it.
     fn skip<'a>(&self, encoding: Encoding, mut data: &'a [u8]) -> Parsed<&'a [u8]> {
         if encoding == Encoding::Ascii {
             let mut lines = Line(data);
@@ -99,7 +99,7 @@ impl Element {
         Ok(packed)
     }
 
-    /// Goes past one record, with the bytes of each of its numbers; `None` where the data ends before.
+    /// Walks over one record, with the bytes of each of its numbers; `None` if the data end before.
     fn walk<'a>(&self, encoding: Encoding, mut data: &'a [u8], mut f: impl FnMut(&[u8])) -> Option<&'a [u8]> {
         for property in &self.properties {
             match property.layout {
@@ -134,7 +134,7 @@ impl Element {
         self.properties.iter().any(|property| property.scalar().is_none())
     }
 
-    /// Of the first properties, without lists.
+    /// Number of bytes of the first properties, without lists.
     fn scalar_bytes(&self, num_properties: usize) -> usize {
         let first = self.properties.iter().take(num_properties);
         first.filter_map(Property::scalar).map(Scalar::size).sum()
@@ -154,7 +154,7 @@ impl Property {
     }
 }
 
-/// `None` where it is no whole number from 0 on.
+/// `None` if it is not a non-negative integer.
 fn list_length(encoding: Encoding, scalar: Scalar, value: &[u8]) -> Option<usize> {
     let is_big_endian = encoding == Encoding::BigEndian;
     let column = Column { offset: 0, stride: scalar.size(), scalar, is_big_endian };
@@ -163,7 +163,7 @@ fn list_length(encoding: Encoding, scalar: Scalar, value: &[u8]) -> Option<usize
     length
 }
 
-/// How the data is encoded, its elements in their order, and the data.
+/// The encoding of the data, the elements in their order, and the data.
 fn parse_header(bytes: &[u8]) -> Parsed<(Encoding, Vec<Element>, &[u8])> {
     let mut rest = bytes;
     let (mut encoding, mut elements) = (None, Vec::new());

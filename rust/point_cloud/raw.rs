@@ -1,8 +1,8 @@
-//! Files without a header: KITTI's `.bin` (x y z intensity, float32) and nuScenes' `.pcd.bin` (x y z intensity ring,
-//! float32), and files of one class id for each entry of a cloud.
+//! Files without a header: KITTI's `.bin` (x y z intensity, float32) and nuScenes' `.pcd.bin` (x y z intensity
+//! ring, float32), and files with one class id for each entry of a cloud.
 //!
-//! `.label`: SemanticKITTI's uint32, the low 16 bits are the class and the high ones an instance. `.bin`: nuScenes' lidarseg,
-//! uint8. `.npy`: any integers. Sources: the development kits of KITTI's object benchmark and of nuScenes
+//! `.label`: SemanticKITTI's uint32, the low 16 bits are the class and the high ones an instance. `.bin`: nuScenes'
+//! lidarseg, uint8. `.npy`: any integers. Sources: the development kits of KITTI's object benchmark and of nuScenes
 //! (`LidarPointCloud.from_file`).
 
 use std::path::Path;
@@ -31,7 +31,7 @@ pub(super) fn parse(bytes: &[u8], num_columns: usize, limit: Limit) -> Parsed<Ta
     Table::new(bytes, num_records, columns, 1.0)
 }
 
-/// How many records of a size there are: a whole number of them.
+/// Number of records of a given size, which must be an integer.
 pub(super) fn count_records(bytes: &[u8], record_bytes: usize) -> Parsed<usize> {
     if bytes.len().is_multiple_of(record_bytes) {
         Ok(bytes.len() / record_bytes)
@@ -43,7 +43,7 @@ pub(super) fn count_records(bytes: &[u8], record_bytes: usize) -> Parsed<usize> 
 /// Bytes of the widest number in a `.npy`.
 const MAX_ITEM_BYTES: usize = 8;
 
-/// Refuses a file whose size says that it has more labels than there are points.
+/// Refuses a file whose size implies more labels than points.
 pub(super) fn check_size(path: &Path, size: u64, num_points: usize, points: &Path) -> Result<()> {
     let item_bytes = match extension(path).as_str() {
         "label" => 4,
@@ -60,7 +60,7 @@ pub(super) fn check_size(path: &Path, size: u64, num_points: usize, points: &Pat
     }
 }
 
-/// Refuses another number of labels than of points.
+/// Refuses a number of labels that differs from that of the points.
 pub(super) fn check_count(path: &Path, found: usize, needed: usize, points: &Path) -> Result<()> {
     if found == needed {
         return Ok(());

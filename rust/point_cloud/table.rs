@@ -1,4 +1,4 @@
-//! The columns that a parser finds in a file, and their conversion to a point cloud, which drops no-returns.
+//! The columns that a parser finds in a file, and their conversion to a point cloud without no-returns.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use super::column::{Column, Scalar};
 use super::fields::Fields;
 use super::limit::Parsed;
 
-/// Columns of a cloud, over the bytes of its file or over bytes unpacked from it.
+/// Columns of a cloud, over the bytes of its file or bytes unpacked from it.
 #[derive(Debug)]
 pub(super) struct Table<'a> {
     bytes: Cow<'a, [u8]>,
@@ -16,7 +16,7 @@ pub(super) struct Table<'a> {
     pub seconds_per_tick: f64,
 }
 
-/// A number for each entry of a cloud, no-returns included, such as its class id.
+/// One number for each entry of a cloud, no-returns included, such as its class id.
 #[derive(Debug)]
 pub(super) struct Values<'a> {
     bytes: Cow<'a, [u8]>,
@@ -30,7 +30,8 @@ pub(super) struct Returns {
     count: usize,
 }
 
-/// A time beyond it is in nanoseconds, as Livox' driver writes them to a float64: as seconds it is 30 million years.
+/// Times beyond this are nanoseconds, as Livox' driver writes them to a float64: in seconds it would be 30 million
+/// years.
 const LARGEST_TIME_S: f64 = 1e15;
 
 impl<'a> Table<'a> {
@@ -49,7 +50,7 @@ impl<'a> Table<'a> {
         Table { bytes: Cow::Owned(self.bytes.into_owned()), ..self }
     }
 
-    /// Takes in the bytes of another column, and tells where it then lies.
+    /// Appends the bytes of another column, and returns its new place.
     pub(super) fn join(&mut self, values: &Values<'_>) -> Parsed<Column> {
         if values.num_records != self.num_records {
             return Err(format!("has {} values for {} points", values.num_records, self.num_records));
@@ -63,13 +64,13 @@ impl<'a> Table<'a> {
         self.num_records
     }
 
-    /// The class ids that the cloud itself holds.
+    /// The class ids stored in the cloud itself.
     pub(super) fn labels(&self) -> Option<Values<'_>> {
         let (bytes, num_records) = (Cow::Borrowed(&*self.bytes), self.num_records);
         self.columns.label.map(|column| Values { bytes, num_records, column })
     }
 
-    /// Everything but labels, without entries that are not finite or all zero.
+    /// Decodes everything but labels, without entries that are not finite or all zero.
     pub(super) fn decode(&self) -> (PointCloud, Returns) {
         let (points, returns) = self.returns();
         let cloud = PointCloud {
@@ -169,8 +170,8 @@ fn is_return([x, y, z]: [f32; 3]) -> bool {
     (x.is_finite() & y.is_finite() & z.is_finite()) & ((x != 0.0) | (y != 0.0) | (z != 0.0))
 }
 
-/// The values that are kept, of which there are at most `capacity`. Each is written and some are written over, because
-/// nobody could predict which.
+/// The kept values, at most `capacity`. Every value is written, and unwanted ones are overwritten, because a branch
+/// would be unpredictable.
 fn compact<T: Copy + Default>(pairs: impl Iterator<Item = (T, bool)>, capacity: usize) -> Vec<T> {
     let (mut kept, mut count) = (vec![T::default(); capacity], 0);
     for (value, is_kept) in pairs {
@@ -190,7 +191,7 @@ fn floats(column: &Column, bytes: &[u8], returns: &Returns) -> Vec<f32> {
     }
 }
 
-/// The values of the returns, or the first that is not a whole number from 0 to 65535.
+/// The values of the returns, or the first that is not an integer from 0 to 65535.
 fn whole_numbers(column: &Column, bytes: &[u8], returns: &Returns) -> Result<Vec<u16>, f64> {
     match (column.scalar, column.is_big_endian) {
         (Scalar::U8, _) => return Ok(returns.take(column, bytes, |[byte]| u16::from(byte))),
