@@ -1,4 +1,4 @@
-//! What networks give, carried to the pixels of images and to the points of sweeps.
+//! Network outputs, transferred to the pixels of images and to the points of sweeps.
 
 mod range_view;
 mod scores;

@@ -1,4 +1,4 @@
-//! Range images as networks for sweeps want them, and the way back from their pixels to points.
+//! Range images in the form that networks for sweeps need, and the transfer of their pixels back to points.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ use crate::spherical::{azimuth, elevation, nearest};
 pub use crate::spherical::EMPTY;
 
 const MAX_PIXELS: usize = 1 << 24;
-/// Largest side of the window in which neighbours are looked for.
+/// Largest side of the window in which neighbours are searched.
 const MAX_SEARCH: usize = 31;
 
 /// A range image: rows from top to bottom, columns from left to right. Angles in radians.
@@ -23,10 +23,11 @@ pub struct RangeView {
     pub columns: usize,
     pub up: f64,
     pub down: f64,
-    /// Azimuth of the left border; that of the right one is smaller.
+    /// Azimuth of the left border, which is larger than that of the right one.
     pub left: f64,
     pub right: f64,
-    /// Whether points above and below take the outermost rows, as in RangeNet++; otherwise they are left out.
+    /// Whether points above and below are clamped to the outermost rows, as in RangeNet++; otherwise they are left
+    /// out.
     pub clamps: bool,
 }
 
@@ -39,8 +40,8 @@ pub struct Projection {
     pub pixels: Vec<u32>,
 }
 
-/// How a point takes its class from the pixels around its own: Milioto et al., RangeNet++, 2019, algorithm 1.
-/// Its fields are those of `NeighborsConfig` in Python, which says what they mean.
+/// Nearest-neighbour voting for the class of a point: Milioto et al., RangeNet++, 2019, algorithm 1. The fields are
+/// those of `NeighborsConfig` in Python, which documents them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbors {
     pub count: usize,
@@ -66,13 +67,13 @@ impl RangeView {
         Ok(())
     }
 
-    /// Whether the right border is the left one, after a turn.
+    /// Whether the right border coincides with the left one after a full turn.
     fn is_round(&self) -> bool {
         self.left - self.right > TAU - 1e-6
     }
 
-    /// The points of a sweep; of several in one pixel the nearest stays, and of several equally near the first.
-    /// With `rings`, a point's row is its ring, row 0 the first.
+    /// Projects the points of a sweep. Each pixel keeps its nearest point, the first in a tie. With `rings`, a
+    /// point's row is its ring, and row 0 is the first.
     pub fn project(&self, points: &[[f32; 3]], rings: Option<&[u16]>) -> Projection {
         let pixel = |index: usize| {
             let ring = rings.map(|rings| usize::from(rings[index]));
@@ -93,7 +94,7 @@ impl RangeView {
             Some(ring) => ring as f64 / self.rows as f64,
             None => (self.up - elevation(&direction)) / (self.up - self.down),
         };
-        // The azimuth that is at most a turn to the right of the left border.
+        // Angle to the right of the left border, less than a turn.
         let aside = (self.left - azimuth(&direction)).rem_euclid(TAU);
         let across = aside / (self.left - self.right);
         if ring.is_none() && !self.clamps && !(0.0..1.0).contains(&down)
@@ -109,8 +110,9 @@ impl RangeView {
         Some((row * self.columns + column) as u32)
     }
 
-    /// Carries the classes of pixels back to points: each point's is that which most of its nearest neighbours have, by
-    /// range, among the pixels around its own; the lowest of several. Pixels of `NO_ID` do not vote.
+    /// Transfers the classes of pixels back to points. Each point gets the majority class of its nearest
+    /// neighbours, by range, among the pixels around its own; the lowest class in a tie. Pixels of `NO_ID` do not
+    /// vote.
     pub fn carry_back(
         &self,
         projection: &Projection,
@@ -137,7 +139,7 @@ impl RangeView {
                 if point == EMPTY || classes[other] == NO_ID {
                     return;
                 }
-                // The point stands in its own pixel, whatever nearer point hides it there.
+                // A point counts in its own pixel, even if a nearer point occludes it there.
                 let is_own = other == pixel as usize;
                 let difference = if is_own { 0.0 } else { (ranges[point as usize] - ranges[index]).abs() };
                 near.push((difference * farther[place], classes[other]));
@@ -147,7 +149,7 @@ impl RangeView {
         Ok((0..points.len()).into_par_iter().map_init(Vec::new, |near, index| class(index, near)).collect())
     }
 
-    /// Visits the pixels of a window around a pixel, with their places in it; columns go on beyond a round border.
+    /// Visits the pixels of a window around a pixel, with their places in it. Columns wrap around a full turn.
     fn around(&self, pixel: usize, search: usize, mut visit: impl FnMut(usize, usize)) {
         let (row, column, half) = (pixel / self.columns, pixel % self.columns, search / 2);
         for place in 0..search * search {
@@ -164,7 +166,7 @@ impl RangeView {
     }
 }
 
-/// How much farther away the pixels of a window count than they are: one less a Gaussian of sum one.
+/// Factors on the distance of the pixels of a window: one minus a Gaussian with sum one.
 fn farther(search: usize, sigma_px: f64) -> Vec<f64> {
     let middle = (search / 2) as f64;
     let height = |place: usize| {
@@ -176,7 +178,7 @@ fn farther(search: usize, sigma_px: f64) -> Vec<f64> {
     heights.into_iter().map(|height| 1.0 - height / sum).collect()
 }
 
-/// The class that most of the nearest have, the lowest of several.
+/// The majority class of the nearest, the lowest in a tie.
 fn vote(near: &mut [(f64, u16)], count: usize, max_difference_m: f64) -> u16 {
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let is_near = |(difference, _): &&(f64, u16)| *difference <= max_difference_m;
@@ -225,7 +227,7 @@ mod tests {
     #[test]
     fn a_hidden_point_takes_the_class_of_what_is_as_far_away() {
         let view = RangeView { rows: 4, columns: 64, ..round() };
-        // A near post hides a wall behind it; the wall's pixels are to the left and to the right.
+        // A near post occludes a wall; the wall's pixels are to the left and to the right.
         let wall = |azimuth: f64| at(azimuth, 0.05, 20.0);
         let points = [at(0.05, 0.05, 4.0), wall(0.05), wall(0.15), wall(0.25), wall(-0.05), wall(-0.15)];
         let projection = view.project(&points, None);

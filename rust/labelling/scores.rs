@@ -1,4 +1,4 @@
-//! Scores of classes on a coarse grid, as networks give them, sampled where the pixels of an image lie.
+//! Class scores of networks on a coarse grid, sampled at the pixels of an image.
 
 use std::borrow::Cow;
 
@@ -7,10 +7,10 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::label_image::NO_ID;
 
-/// The view of a pixel that no view shows.
+/// The view of a pixel that is in no view.
 pub const NO_VIEW: u8 = u8::MAX;
 
-/// Pixels of a chunk of work.
+/// Number of pixels in a chunk of work.
 const CHUNK: usize = 4096;
 
 /// Scores of all classes on a grid, classes last.
@@ -22,12 +22,12 @@ pub struct Scores<'a> {
     num_classes: usize,
 }
 
-/// Where the pixels of an image lie in views of it, each view with scores of its own.
+/// Places of an image's pixels in views of it, each view with its own scores.
 #[derive(Clone, Copy, Debug)]
 pub struct Places<'a> {
     /// The view of each pixel, or [`NO_VIEW`].
     pub views: &'a [u8],
-    /// Column and row of each pixel on the grid of its view's scores; an integer is the centre of a cell.
+    /// Column and row of each pixel on the grid of its view's scores; integers are cell centres.
     pub places: &'a [[f32; 2]],
 }
 
@@ -81,7 +81,7 @@ impl<'a> Scores<'a> {
         self.values.par_chunks_exact(self.num_classes).with_min_len(CHUNK).map(highest).collect()
     }
 
-    /// The class that is the highest in all four cells around a place, and so between them, if there is one.
+    /// The class that scores highest in all four cells around a place, and so between them, if there is one.
     fn agreed(&self, cells: &[u16], [x, y]: [f32; 2]) -> Option<u16> {
         let ((left, right, _), (above, below, _)) = (between(x, self.columns), between(y, self.rows));
         let at = |column: usize, row: usize| cells[row * self.columns + column];
@@ -90,7 +90,7 @@ impl<'a> Scores<'a> {
         others.iter().all(|other| *other == class).then_some(class)
     }
 
-    /// Writes the scores at a place, bilinear between the centres of cells; beyond the outermost centres they stay.
+    /// Samples the scores at a place, bilinear between cell centres and constant beyond the outermost ones.
     fn sample(&self, [x, y]: [f32; 2], scores: &mut [f32]) {
         let ((left, right, across), (above, below, down)) = (between(x, self.columns), between(y, self.rows));
         let (a, b) = (self.at(left, above), self.at(right, above));
@@ -104,7 +104,7 @@ impl<'a> Scores<'a> {
     }
 }
 
-/// The two cells on a line of `count` beside a place, and its distance from the first.
+/// The two cells next to a place on a line of `count` cells, and its distance from the first.
 fn between(place: f32, count: usize) -> (usize, usize, f32) {
     let inside = place.clamp(0.0, (count - 1) as f32);
     let first = inside.floor();
@@ -112,7 +112,7 @@ fn between(place: f32, count: usize) -> (usize, usize, f32) {
 }
 
 impl Places<'_> {
-    /// The class of the highest score of each pixel, the lowest of several; [`NO_ID`] where no view shows it.
+    /// The class with the highest score of each pixel, the lowest in a tie; [`NO_ID`] if the pixel is in no view.
     pub fn classes(&self, scores: &[Scores<'_>]) -> Result<Vec<u16>> {
         let num_classes = self.check(scores)?;
         let cells: Vec<Vec<u16>> = scores.iter().map(Scores::highest).collect();
@@ -130,9 +130,9 @@ impl Places<'_> {
         Ok(classes)
     }
 
-    /// The share of each class of each pixel, in 1/255, pixel by pixel; nothing where no view shows it.
+    /// The share of each class of each pixel, in 1/255, pixel by pixel; zero if the pixel is in no view.
     ///
-    /// Scores are logits, of which the softmax is taken, or already in proportion to probabilities.
+    /// Scores are logits, to which the softmax is applied, or already proportional to probabilities.
     pub fn shares(&self, scores: &[Scores<'_>], are_logits: bool) -> Result<Vec<u8>> {
         let num_classes = self.check(scores)?;
         let mut shares = vec![0; self.views.len() * num_classes];

@@ -1,12 +1,12 @@
-//! Averages over blocks of a label image, and the little that pixels along the borders of classes count.
+//! Averages over blocks of a label image, and the low weight of pixels along class borders.
 
 use crate::classes::{ClassShares, NO_CLASS, Share};
 use crate::label_image::LabelImage;
 
-/// Weight, of 255, of pixels in the band along the borders of classes.
+/// Weight, out of 255, of pixels in the band along class borders.
 pub(super) const FAINT_AMOUNT: u8 = 26;
 
-/// The shares of a pixel of each class: with full weight, or with the small weight of the band.
+/// The shares of a pixel of each class: with full weight, or with the low weight of the band.
 pub(super) static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
 pub(super) static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
 
@@ -20,11 +20,11 @@ const fn pixels_of(amount: u8) -> [Share; NO_CLASS as usize] {
     shares
 }
 
-/// The classes in whole blocks, row by row.
+/// Classes of whole blocks, row by row.
 pub(super) struct Averaged {
-    /// Shares of the classes in blocks of several; none in others.
+    /// Class shares of blocks with several classes; none for others.
     pub shares: ClassShares,
-    /// The class of blocks that are all of one, else [`NO_CLASS`].
+    /// The class of blocks with a single class, else [`NO_CLASS`].
     pub only: Vec<u8>,
 }
 
@@ -38,7 +38,7 @@ impl Averaged {
         self.shares.push_with(|_| {});
     }
 
-    /// Adds a block of which the pixels were counted.
+    /// Adds a block from the tally of its pixels.
     fn push_tally(&mut self, tally: &mut Tally, num_pixels: usize) {
         self.shares.push_with(|entries| tally.drain_into(entries, num_pixels));
         let only = match self.shares.at(self.only.len()) {
@@ -49,14 +49,15 @@ impl Averaged {
     }
 }
 
-/// Averages over blocks. Pixels that count in full have their class in `only`, others, which count little, [`NO_CLASS`].
+/// Averages over blocks. `only` holds the class of pixels with full weight, and [`NO_CLASS`] for those with low
+/// weight.
 pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usize) -> Averaged {
     let (ids, width) = (&image.ids, image.width);
     let mut differs = vec![0; width / factor * factor];
     let (mut blocks, mut tally) = (Averaged::of(image.height / factor * (width / factor)), Tally::default());
     for top in (0..image.height / factor).map(|row| row * factor * width) {
         let lines = (top..).step_by(width).take(factor);
-        // Line by line, so that many columns are compared at once: most blocks are all of one class.
+        // Line by line, so that many columns are compared at once: most blocks have a single class.
         let first = &only[top..][..differs.len()];
         differs.fill(0);
         for from in lines.clone() {
@@ -83,7 +84,7 @@ pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usiz
     blocks
 }
 
-/// The same where a network gave the shares of each pixel.
+/// The same for class shares of each pixel from a network.
 pub(super) fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Averaged {
     let (columns, rows) = (image.width / factor, image.height / factor);
     let (mut blocks, mut tally) = (Averaged::of(rows * columns), Tally::default());
@@ -99,7 +100,7 @@ pub(super) fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, fact
     blocks
 }
 
-/// Sums up the shares of the pixels of a block.
+/// Sums the shares of the pixels of a block.
 struct Tally {
     sums: [u64; NO_CLASS as usize],
     seen: Vec<u8>,
@@ -121,7 +122,7 @@ impl Tally {
         }
     }
 
-    /// Appends the shares of `whole`, lowest class first, and starts anew.
+    /// Appends the shares of `whole`, lowest class first, and resets the tally.
     fn drain_into(&mut self, entries: &mut Vec<Share>, whole: usize) {
         self.seen.sort_unstable();
         self.seen.dedup();
@@ -135,8 +136,8 @@ impl Tally {
     }
 }
 
-/// How much each pixel counts, in 1/255: little if it lies less than `width` pixels from one of another class, along rows
-/// and columns.
+/// Weight of each pixel, in 1/255: low if it is less than `width` pixels from one of another class, along rows and
+/// columns.
 pub(super) fn amounts(image: &LabelImage<u8>, width: usize) -> Vec<u8> {
     let (columns, rows) = (image.width, image.height);
     let mut amounts = vec![u8::MAX; image.ids.len()];
@@ -149,7 +150,7 @@ pub(super) fn amounts(image: &LabelImage<u8>, width: usize) -> Vec<u8> {
     };
     let line = |row: usize| &image.ids[row * columns..][..columns];
     let mut limits = vec![u8::MAX; columns];
-    // Between two neighbours of different classes runs a border, with `width` pixels to either side.
+    // A border is between two neighbours of different classes, with `width` pixels to either side.
     for row in 0..rows {
         let (left, right) = (&line(row)[..columns - 1], &line(row)[1..]);
         limits.iter_mut().zip(left.iter().zip(right)).for_each(|(limit, (&a, &b))| *limit = most(a, b));

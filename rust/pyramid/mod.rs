@@ -1,4 +1,4 @@
-//! The label pyramid: class shares of label images in blocks of pixels, and what they are under a pixel.
+//! The label pyramid: class shares of label images in blocks of pixels, and their values under a pixel.
 
 mod averaging;
 mod sampled;
@@ -13,12 +13,12 @@ use crate::label_image::LabelImage;
 pub use sampled::Sampled;
 pub use share_map::ShareMap;
 
-/// A label image, and its levels, which the stages of a calibration look at again and again.
+/// A label image and its levels, which the stages of a calibration use repeatedly.
 #[derive(Debug)]
 pub struct LabelPyramid {
     pub classes: Arc<LabelImage<u8>>,
-    /// Shares of classes of each pixel, where a network gave them; the classes are then the largest. A pixel without a
-    /// class carries no information, whatever its shares are.
+    /// Class shares of each pixel, if a network gave them; `classes` then holds the largest. A pixel without a
+    /// class carries no information, whatever its shares.
     pub shares: Option<Arc<ClassShares>>,
     levels: Mutex<Levels>,
 }
@@ -26,11 +26,11 @@ pub struct LabelPyramid {
 /// Levels by the side of a block and the width of the band along borders.
 type Levels = HashMap<(usize, usize), Arc<Mutex<Level>>>;
 
-/// A level of the pyramid, or the place of one.
+/// A level of the pyramid, or a place for one.
 #[derive(Debug, Default)]
 struct Level {
     map: Weak<ShareMap>,
-    /// Keeps the finest level, which most stages end with. Others take memory only while they are used.
+    /// Keeps the finest level, with which most stages end. Others take memory only while they are in use.
     _kept: Option<Arc<ShareMap>>,
 }
 
@@ -39,8 +39,8 @@ impl LabelPyramid {
         Self { classes, shares, levels: Mutex::default() }
     }
 
-    /// The level of blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap`]. It is the
-    /// same one as long as somebody uses it.
+    /// The level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap`]. It
+    /// is shared for as long as it is in use.
     pub fn level(&self, factor: usize, edge_band_px: usize) -> Arc<ShareMap> {
         let level = Arc::clone(locked(&self.levels).entry((factor, edge_band_px)).or_default());
         let mut level = locked(&level);

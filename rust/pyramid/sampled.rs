@@ -1,13 +1,13 @@
-//! The class shares around a pixel, and how they change as the pixel moves.
+//! The class shares around a pixel, and their derivatives as the pixel moves.
 
 use nalgebra::Vector2;
 
 use crate::classes::{NO_CLASS, Share};
 
-/// The surroundings of a pixel.
+/// The neighbourhood of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub enum Sampled<'a> {
-    /// One class, as nearly everywhere: nothing changes when the pixel moves.
+    /// One class, as almost everywhere: nothing changes as the pixel moves.
     Uniform(u8),
     /// Several classes, or pixels without one.
     Mixed(Shares<'a>),
@@ -77,12 +77,11 @@ impl Shares<'_> {
         }
     }
 
-    /// Calls `with` with the shares of each of the four blocks, and with what they are to be multiplied with: for the
-    /// shares of the classes under the pixel, and for their slopes, per pixel, to the right and down. Some share has to
-    /// be labelled.
+    /// Calls `with` with the shares of each of the four blocks and their factors: for the shares of the classes
+    /// under the pixel, and for their slopes, per pixel, to the right and down. Some share has to be labelled.
     ///
-    /// With weights `w` and labelled shares `a` of the blocks, `share_y = sum w a_y / T` and
-    /// `d share_y = sum (dw - w dT / T) a_y / T`, where `T = sum w a`.
+    /// With weights `w` and labelled shares `a` of the blocks, `share_y = sum w a_y / T` and `d share_y = sum (dw -
+    /// w dT / T) a_y / T`, where `T = sum w a`.
     pub fn for_blocks(&self, mut with: impl FnMut(&[Share], [f64; 3])) {
         let (r, d) = (self.right, self.down);
         let total = 1.0 / (255.0 * self.total);

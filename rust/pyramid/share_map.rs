@@ -1,4 +1,4 @@
-//! Class shares of label images: what one-hot label maps become when they are averaged over blocks.
+//! Class shares of label images: one-hot label maps averaged over blocks.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub struct ShareMap {
 enum Blocks {
     /// Blocks of one pixel.
     Pixels(Arc<LabelImage<u8>>),
-    /// Blocks of one pixel, and the class of those that count in full, else [`NO_CLASS`].
+    /// Blocks of one pixel, and the class of those with full weight, else [`NO_CLASS`].
     Banded { image: Arc<LabelImage<u8>>, only: Vec<u8> },
     /// Blocks of several pixels, or pixels of several classes: see [`Averaged`].
     Shares { shares: ClassShares, only: Vec<u8> },
@@ -60,7 +60,7 @@ impl Blocks {
         }
     }
 
-    /// The class of each block that is all of it and counts in full; [`NO_CLASS`] where that is not so.
+    /// The class of each block that has only this class and full weight; otherwise [`NO_CLASS`].
     fn only(&self) -> &[u8] {
         match self {
             Self::Pixels(image) => &image.ids,
@@ -68,7 +68,7 @@ impl Blocks {
         }
     }
 
-    /// The class of four blocks that are all of it; [`NO_CLASS`] where that is not so.
+    /// The only class of four blocks with full weight; otherwise [`NO_CLASS`].
     fn only_class(&self, around: [usize; 4]) -> u8 {
         let only = self.only();
         let [a, b, c, d] = around.map(|index| only[index]);
@@ -77,7 +77,7 @@ impl Blocks {
 }
 
 impl ShareMap {
-    /// The classes of pixels. Those less than `edge_band_px` pixels from one of another class count little.
+    /// The classes of pixels. Those less than `edge_band_px` pixels from another class have low weight.
     pub fn of_pixels(image: &Arc<LabelImage<u8>>, edge_band_px: usize) -> Self {
         if edge_band_px == 0 {
             return Self::new(image, 1, Blocks::Pixels(Arc::clone(image)));
@@ -89,16 +89,17 @@ impl ShareMap {
         Self::new(image, 1, Blocks::Banded { image: Arc::clone(image), only })
     }
 
-    /// The mean classes of blocks of `factor x factor` pixels, which count as in the `finest` map.
+    /// The mean classes of blocks of `factor x factor` pixels, weighted as in the `finest` map.
     ///
-    /// Only whole blocks count, so that block `(i, j)` is centred on pixel `factor * (i + 1/2) - 1/2` exactly; pixels
-    /// without a class take their share but give it to none.
+    /// Only whole blocks count, so that block `(i, j)` is centred exactly on pixel `factor * (i + 1/2) - 1/2`.
+    /// Pixels without a class reduce the labelled share of their block.
     pub fn of_blocks(image: &LabelImage<u8>, finest: &Self, factor: usize) -> Self {
         Self::averaged(image, factor, averaged_classes(image, finest.blocks.only(), factor))
     }
 
-    /// The same where a network gave the shares of classes of each pixel. There is no band, since these say themselves how
-    /// sure a border is (with a band, labels blurred by 5 pixels ended at 0.06 instead of 0.03 degrees).
+    /// The same for class shares of each pixel from a network. There is no band, since the shares themselves
+    /// express the uncertainty of a border (with a band, labels blurred by 5 pixels ended at 0.06 instead of 0.03
+    /// degrees).
     pub fn of_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Self {
         Self::averaged(image, factor, averaged_shares(image, shares, factor))
     }
@@ -112,8 +113,8 @@ impl ShareMap {
         Self { blocks_per_pixel: 1.0 / factor as f64, columns, rows, blocks }
     }
 
-    /// The shares at a pixel of the full-resolution image, bilinear between the centres of blocks, and continued
-    /// beyond the outermost ones.
+    /// The shares at a pixel of the full-resolution image, bilinear between block centres, and constant beyond the
+    /// outermost ones.
     pub fn at(&self, pixel: &Point2<f64>) -> Sampled<'_> {
         let (column, right) = self.between(pixel.x, self.columns);
         let (row, down) = self.between(pixel.y, self.rows);
@@ -144,7 +145,7 @@ impl ShareMap {
         }
     }
 
-    /// Whether a pixel lies amid blocks of one class that reach at least `radius` blocks to each side of it.
+    /// Whether a pixel is among blocks of one class that extend at least `radius` blocks to each side of it.
     pub fn is_amid_one_class(&self, pixel: &Point2<f64>, radius: usize) -> bool {
         let span = |pixel: f64, count: usize| {
             let first = self.between(pixel, count).0;
@@ -158,10 +159,11 @@ impl ShareMap {
         class != NO_CLASS && lines.all(|line| are_all(only, line, class))
     }
 
-    /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
+    /// The block before a pixel along one axis, and the fraction of the way to the next; `None` beyond the
+    /// outermost.
     fn between(&self, pixel: f64, count: usize) -> (usize, Option<f64>) {
         let place = (pixel + 0.5) * self.blocks_per_pixel - 0.5;
-        // Conversions of 32 bits are faster than those of 64, and no image is as wide.
+        // Conversions of 32 bits are faster than those of 64, and no image is that wide.
         let last = count as i32 - 1;
         if place > 0.0 && place < f64::from(last) {
             let before = place as i32;
@@ -175,7 +177,7 @@ impl ShareMap {
 /// Whether neighbouring bytes all have a value.
 fn are_all(bytes: &[u8], line: Range<usize>, value: u8) -> bool {
     match bytes[line.start..].first_chunk() {
-        // A few at once, without a branch: the first of a word is its lowest byte.
+        // Eight at most, without a branch: the first of a word is its lowest byte.
         Some(word) if (1..=8).contains(&line.len()) => {
             let differs = u64::from_le_bytes(*word) ^ u64::from_le_bytes([value; 8]);
             differs << (u64::BITS as usize - 8 * line.len()) == 0
@@ -231,7 +233,7 @@ mod tests {
         let map = ShareMap::of_pixels(&image, 2);
         let total = |u: f64| map.at(&Point2::new(u, 0.0)).total();
         assert_eq!((total(0.0), total(3.0)), (1.0, f64::from(FAINT_AMOUNT) / 255.0));
-        // Little weight, and the same shares.
+        // Low weight, and the same shares.
         let mut classes = [0.0; 2];
         map.at(&Point2::new(3.5, 0.0)).add_to(&mut classes, 1.0);
         assert_eq!(classes, [0.5, 0.5]);
@@ -239,7 +241,7 @@ mod tests {
 
     #[test]
     fn pixels_along_borders_count_little_in_blocks_too() {
-        // Beside the unlabelled pixel no border is known.
+        // No border is known next to the unlabelled pixel.
         let ids = vec![0, 0, 0, 1, 1, NO_CLASS, 0, 0, 0, 1, 1, 1];
         let image = Arc::new(LabelImage { width: 6, height: 2, ids });
         let map = ShareMap::of_blocks(&image, &ShareMap::of_pixels(&image, 1), 2);

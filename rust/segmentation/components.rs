@@ -1,10 +1,10 @@
 //! Connected components of returns.
 //!
-//! The returns of an angular cell that follow one another in range without a gap are one patch of a surface. Patches of
-//! neighbouring cells are connected where the distance between them is less than a gap that grows with the distance of
-//! neighbouring rays (its part is that of the angle in Bogoslavskyi and Stachniss, 2016).
+//! The returns of an angular cell that follow one another in range without a gap form one patch of a surface.
+//! Patches of neighbouring cells are connected if the distance between them is less than a gap that grows with the
+//! distance of neighbouring rays (it plays the part of the angle in Bogoslavskyi and Stachniss, 2016).
 //!
-//! Angular cells are rings where a sweep has any, else rows of a width that suits its density.
+//! Angular cells are rings if the sweep has any, and otherwise rows of a width that suits its density.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -14,10 +14,10 @@ use super::SegmentationConfig;
 use crate::spherical::rings::{BIN, Filled, MIN_RETURNS, Ring, rings};
 use crate::spherical::{azimuth, elevation};
 
-/// Cells across which patches are connected: up, and to either side.
+/// Number of cells across which patches are connected: upwards, and to either side.
 const REACH: (usize, isize) = (2, 3);
 
-/// The components of some of the points, by their first point.
+/// Components of some of the points, identified by their first point.
 pub(super) fn find(
     points: &[Vector3<f64>],
     members: &[usize],
@@ -48,7 +48,7 @@ pub(super) fn find(
     components
 }
 
-/// Ranges, metres, that returns of one cell fill without a gap.
+/// An interval of range, metres, that returns of one cell fill without a gap.
 #[derive(Clone, Copy, Debug)]
 struct Patch {
     nearest: f64,
@@ -58,17 +58,17 @@ struct Patch {
 struct Patches {
     scan: Scan,
     patches: Vec<Patch>,
-    /// The first patch of each cell.
+    /// Index of the first patch of each cell.
     starts: Vec<usize>,
     of_member: Vec<usize>,
 }
 
 impl Patches {
-    /// Those of members with these directions and ranges.
+    /// The patches of members with these directions and ranges.
     fn of(scan: Scan, places: Vec<(Direction, f64)>, config: &SegmentationConfig) -> Self {
         let place = |(number, (direction, range)): (usize, (Direction, f64))| {
             let (row, column) = scan.place(&direction);
-            // Positive numbers sort as their bits do.
+            // Positive floats sort as their bits do.
             ((scan.rows[row].first + column) as u32, (range as f32).to_bits(), number as u32, row as u32)
         };
         let mut placed: Vec<(u32, u32, u32, u32)> = places.into_iter().enumerate().map(place).collect();
@@ -100,7 +100,7 @@ impl Patches {
         self.starts[row.first + column]..self.starts[row.first + column + 1]
     }
 
-    /// Connects a cell's patches with those of cells to the right and above.
+    /// Connects a cell's patches to those of cells to the right and above.
     fn connect(&self, (row, column): (usize, usize), config: &SegmentationConfig, sets: &mut Sets) {
         let rows = &self.scan.rows;
         let here = self.at(&rows[row], column);
@@ -109,7 +109,7 @@ impl Patches {
         }
         let below = rows[row.saturating_sub(1)].elevation;
         for other in row..=(row + REACH.0).min(rows.len() - 1) {
-            // The sparser side of unevenly spaced rings tells what is near.
+            // The sparser side of unevenly spaced rings decides what is near.
             let height = rows[other].elevation - rows[row].elevation;
             let rays = if other == row {
                 rows[row].spacing
@@ -149,7 +149,7 @@ impl Patches {
     }
 }
 
-/// A column less than a turn outside of the first or the last one.
+/// Wraps a column that is less than a turn outside the grid.
 fn wrapped(column: isize, columns: usize) -> usize {
     let columns = columns as isize;
     let inside = if column < 0 { column + columns } else { column };
@@ -172,23 +172,23 @@ impl Sets {
         number
     }
 
-    /// The smaller root stays, so that no order of joining matters.
+    /// The smaller root stays, so that the result does not depend on the order of joining.
     fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
         self.0[a.max(b)] = a.min(b);
     }
 }
 
-/// Bins of elevation over the half-turn.
+/// Number of elevation bins over the half-turn.
 const NUM_BINS: usize = (PI / BIN) as usize + 1;
-/// Rings are parted by at least this many empty bins.
+/// Smallest number of empty bins between rings.
 const MIN_GAP_BINS: usize = 3;
-/// Number of returns of each cell where there are no rings.
+/// Number of returns per cell if there are no rings.
 const RETURNS_PER_CELL: f64 = 2.0;
 /// Limits of a cell, radians.
 const MIN_CELL: f64 = 1e-3;
 const MAX_CELL: f64 = 0.06;
-/// Size of the cells that tell which part of the sphere a sweep fills, radians.
+/// Size of the cells that measure which part of the sphere a sweep fills, radians.
 const COARSE: f64 = PI / 90.0;
 
 /// Angles of a point about the LiDAR's z axis, radians.
@@ -207,25 +207,25 @@ impl Direction {
 /// A row of cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
-    /// Radians.
+    /// Elevation, radians.
     pub(super) elevation: f64,
     pub(super) columns: usize,
     /// Angle between neighbouring columns, radians of arc.
     pub(super) spacing: f64,
-    /// Number of the row's first cell.
+    /// Index of the row's first cell.
     pub(super) first: usize,
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Scan {
-    /// From the lowest to the highest.
+    /// Rows from the lowest to the highest.
     pub(super) rows: Vec<Row>,
     /// The row of each bin of elevation.
     row_of_bin: Vec<u16>,
 }
 
 impl Scan {
-    /// The cells that suit a sweep of these directions.
+    /// Chooses cells that suit a sweep of these directions.
     pub(super) fn of(directions: &[Direction]) -> Self {
         let mut counts = vec![0u32; NUM_BINS];
         directions.iter().for_each(|direction| counts[bin(direction.elevation)] += 1);
@@ -240,11 +240,11 @@ impl Scan {
         }
     }
 
-    /// Rows that part half-way between rings.
+    /// Rows with borders half-way between rings.
     fn of_rings(rings: &[Ring], share_of_turn: f64) -> Self {
         let mut returns: Vec<u32> = rings.iter().map(|ring| ring.returns).collect();
         returns.sort_unstable();
-        // Rings into the sky return little; the fullest ones show the firings of a turn.
+        // Rings into the sky have few returns; the fullest ones show the number of firings per turn.
         let firings = f64::from(returns[returns.len() * 9 / 10]) / share_of_turn;
         let columns = firings.clamp(TAU / MAX_CELL, TAU / MIN_CELL) as usize;
         let mut row_of_bin = vec![0; NUM_BINS];

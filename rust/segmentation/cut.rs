@@ -1,17 +1,17 @@
-//! Cutting of what is large into pieces.
+//! Splitting of large segments into pieces.
 //!
-//! A set of points is halved across its longest direction, at its thinnest place near the middle, until no piece is too
-//! long. The cuts turn with the points, since they know no axes but the points' own.
+//! A set of points is halved across its longest direction, at its thinnest place near the middle, until no piece is
+//! too long. The cuts rotate with the points, since they depend on no other axes.
 
 use nalgebra::{Matrix3, Vector3};
 
 /// Slices of a set along its longest direction.
 const NUM_SLICES: usize = 16;
-/// Slices from the middle within which the thinnest place counts.
+/// Distance from the middle, in slices, within which the thinnest place is searched.
 const NEAR_MIDDLE: usize = 3;
 
-/// Pieces of at least `min_points` points, no longer than `size`, metres, wherever that many points are so near to one
-/// another. A set of fewer has no piece, and points far from all others are in none.
+/// Pieces no longer than `size`, metres, with at least `min_points` points, wherever enough points are that close
+/// together. A smaller set has no piece, and isolated points are in none.
 pub(super) fn into_pieces(
     points: &[Vector3<f64>],
     members: Vec<usize>,
@@ -31,7 +31,8 @@ pub(super) fn into_pieces(
     pieces
 }
 
-/// The two sides of a cut, at least one of which has `min_points`; none where the set is short enough, or too sparse.
+/// The two sides of a cut, at least one of which has `min_points`; `None` if the set is short enough, or too
+/// sparse.
 fn halved(
     points: &[Vector3<f64>],
     members: &[usize],
@@ -63,7 +64,7 @@ fn best_cut(counts: &[usize; NUM_SLICES], min_points: usize) -> Option<usize> {
         let fewer = left.min(total - left);
         let off_middle = cut.abs_diff(NUM_SLICES / 2);
         let is_near = off_middle <= NEAR_MIDDLE;
-        // Sides that are both large enough; then a place near the middle; there the thinnest one.
+        // Prefer two sides that are both large enough, then a place near the middle, then the thinnest one.
         (fewer < min_points, if is_near { 0 } else { off_middle }, thickness(cut), off_middle)
     };
     let cut = (1..NUM_SLICES).min_by_key(|&cut| quality(cut))?;

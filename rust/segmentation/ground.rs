@@ -1,8 +1,8 @@
-//! The ground of a sweep, sloped and stepped as it may be.
+//! The ground of a sweep, with slopes and steps.
 //!
-//! Cells of a polar grid, whose rings widen with range, are visited outward from the sensor. The low points of a cell are
-//! ground if they lie near the plane through the ground of the cells around it nearer to the sensor. Every point near
-//! the plane through the ground of all cells around its own is ground.
+//! Cells of a polar grid, whose rings widen with range, are visited outward from the sensor. The low points of a
+//! cell are ground if they are near the plane through the ground of the cells around it that are nearer to the
+//! sensor. Every point near the plane through the ground of all cells around its own is ground.
 
 use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
@@ -11,29 +11,30 @@ use nalgebra::{Matrix3, Vector3};
 
 const NUM_SECTORS: usize = 120;
 const NUM_RINGS: usize = 64;
-/// Outer radius of the innermost ring, metres, and that of each ring over that of the one inside it.
+/// Outer radius of the innermost ring, metres, and ratio of the outer radii of consecutive rings.
 const FIRST_RADIUS_M: f64 = 2.0;
 const RING_GROWTH: f64 = 1.08;
-/// Rings inward of a cell and sectors beside it that tell its height beforehand; those around that tell its plane.
+/// Rings inward of a cell, and sectors to its sides, that predict its height; and those around it that define its
+/// plane.
 const INWARD: isize = 8;
 const BESIDE: isize = 3;
 const AROUND: isize = 2;
-/// How far the ground may rise from what the cells around tell, metres, and metres a metre from the nearest of them.
+/// Largest rise of the ground above the prediction, metres, and metres per metre from the nearest known cell.
 const STEP_M: f64 = 0.15;
 const BEND: f64 = 0.12;
 /// Thickness of the low points of a cell, metres.
 const LOW_M: f64 = 0.15;
-/// Share of a cell's points that may be stray returns from below the ground.
+/// Fraction of a cell's points that may be stray returns from below the ground.
 const STRAY_SHARE: f64 = 0.05;
-/// Range within which the height of the sensor is found, metres, and the height of its bins.
+/// Range within which the height of the sensor is estimated, metres, and the height of its bins.
 const NEAR_M: f64 = 30.0;
 const HEIGHT_BIN_M: f64 = 0.2;
-/// Farther above the ground than this no sensor of a drive is, metres.
+/// Largest height of a sensor above the ground, metres.
 const MAX_HEIGHT_M: f64 = 20.0;
-/// A lower level counts if it has this share of the cells of the commonest one.
+/// A lower level counts if it has at least this fraction of the cells of the most common one.
 const LOWER_LEVEL_SHARE: f64 = 0.5;
 
-/// Tells which points, in a frame whose z is up, are ground.
+/// Flags the points that are ground, in a frame whose z points up.
 pub(super) fn find(points: &[Vector3<f64>], tolerance_m: f64) -> Vec<bool> {
     let cells = Cells::of(points);
     let Some(level) = level_below(&cells) else { return vec![false; points.len()] };
@@ -92,7 +93,7 @@ fn middle(cell: usize) -> [f64; 2] {
     [radius * angle.cos(), radius * angle.sin()]
 }
 
-/// The height of the ground below the sensor: the lowest one that the low points of many cells tell, each with the
+/// Height of the ground below the sensor: the lowest one supported by the low points of many cells, each with the
 /// uncertainty of a slope.
 fn level_below(cells: &Cells) -> Option<f64> {
     let num_bins = (MAX_HEIGHT_M / HEIGHT_BIN_M) as usize + 1;
@@ -117,12 +118,12 @@ fn level_below(cells: &Cells) -> Option<f64> {
     Some(-(bin as f64 + 0.5) * HEIGHT_BIN_M)
 }
 
-/// The lowest of sorted points but for stray returns.
+/// The lowest of sorted points, except for stray returns.
 fn low_point(points: &[Vector3<f64>]) -> Option<&Vector3<f64>> {
     points.get((points.len() as f64 * STRAY_SHARE) as usize)
 }
 
-/// The middle of each cell's ground where it has any, and the plane on which it was looked for.
+/// The middle of each cell's ground, if any, and the plane near which it was searched.
 fn grow(cells: &Cells, level: f64) -> (Vec<Option<Vector3<f64>>>, Vec<Plane>) {
     let mut known: Vec<Option<Vector3<f64>>> = vec![None; NUM_RINGS * NUM_SECTORS];
     let mut foretold = vec![Plane::level(level); NUM_RINGS * NUM_SECTORS];
@@ -173,10 +174,10 @@ fn plane_through(
     (fit.solve(), nearest)
 }
 
-/// Weight of a level plane beside one point 1 m away: slopes of what is known at one spot only are none.
+/// Weight of a level plane relative to one point 1 m away: points at a single spot determine no slope.
 const LEVEL_WEIGHT: f64 = 1.0;
 
-/// A height above places (x, y).
+/// A height as a plane over (x, y).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Plane {
     height: f64,
@@ -194,7 +195,7 @@ impl Plane {
     }
 }
 
-/// Least squares over weighted points, with a pull towards a given slope.
+/// Weighted least squares with a pull towards a given slope.
 pub(super) struct PlaneFit {
     at: [f64; 2],
     prior: [f64; 2],
@@ -203,7 +204,7 @@ pub(super) struct PlaneFit {
 }
 
 impl PlaneFit {
-    /// A plane near a place, with the slope of `prior` where points do not tell.
+    /// A plane near a place, with the slope of `prior` where points do not determine it.
     pub(super) fn near(at: [f64; 2], prior: &Plane) -> Self {
         let matrix = Matrix3::from_diagonal(&Vector3::new(0.0, LEVEL_WEIGHT, LEVEL_WEIGHT));
         Self { at, prior: prior.slope, matrix, vector: Vector3::zeros() }
@@ -216,7 +217,7 @@ impl PlaneFit {
         self.vector += weight * (point.z - self.prior[0] * dx - self.prior[1] * dy) * row;
     }
 
-    /// The plane; none without points.
+    /// The plane; `None` without points.
     pub(super) fn solve(&self) -> Option<Plane> {
         let solution = self.matrix.cholesky()?.solve(&self.vector);
         let slope = [solution[1] + self.prior[0], solution[2] + self.prior[1]];

@@ -1,10 +1,11 @@
-//! Segments of a sweep by geometry alone: cells of the ground, and objects that stand on it.
+//! Segments of a sweep from geometry alone: cells of the ground, and objects on it.
 //!
-//! The ground is grown outward from the sensor over a polar grid, as in Patchwork (Lim, Oh and Myung, RA-L 2021), but with
-//! planes through the low points of neighbouring cells instead of one plane a cell, since a cell of a sparse sweep holds
-//! part of one ring. What is left falls into components of neighbouring returns, as in Bogoslavskyi and Stachniss, *Fast
-//! Range Image-Based Segmentation of Sparse 3D Laser Scans for Online Operation* (IROS 2016), but in cells that keep all
-//! returns, so that a pattern need be no range image. What is large is cut into pieces.
+//! The ground is grown outward from the sensor over a polar grid, as in Patchwork (Lim, Oh and Myung, RA-L 2021),
+//! but with planes through the low points of neighbouring cells instead of one plane per cell, since a cell of a
+//! sparse sweep holds part of one ring. The remaining points form components of neighbouring returns, as in
+//! Bogoslavskyi and Stachniss, *Fast Range Image-Based Segmentation of Sparse 3D Laser Scans for Online Operation*
+//! (IROS 2016), but in cells that keep all returns, so that any scan pattern works. Large segments are split into
+//! pieces.
 
 mod components;
 mod cut;
@@ -22,18 +23,19 @@ pub use up::estimate_up;
 
 use crate::point_cloud::to_f64;
 
-/// The segment of a point that has none.
+/// The segment id of a point in no segment.
 pub const NO_SEGMENT: u32 = u32::MAX;
-/// Points nearer to the sensor than this are no returns, metres.
+/// Points nearer to the sensor than this are not returns, metres.
 const MIN_RANGE_M: f64 = 0.05;
-/// Points beyond this are no returns, metres: no LiDAR reaches so far.
+/// Points beyond this are not returns, metres: no LiDAR reaches that far.
 const MAX_RANGE_M: f64 = 1000.0;
-/// Returns of a sweep in which a segment needs `min_points`; in a sparser sweep it needs fewer in proportion.
+/// Number of returns of a sweep from which on a segment needs `min_points`; in a sparser sweep it needs
+/// proportionally fewer.
 const DENSE_SWEEP: f64 = 50_000.0;
-/// A segment needs this many points in any sweep.
+/// Smallest number of points of a segment in any sweep.
 const FEWEST_POINTS: usize = 6;
 
-/// Its fields are those of `SegmentationConfig` in Python, which says what they mean.
+/// Settings: the fields of `SegmentationConfig` in Python, which documents them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SegmentationConfig {
     pub ground_tolerance_m: f64,
@@ -45,7 +47,7 @@ pub struct SegmentationConfig {
 }
 
 impl SegmentationConfig {
-    /// The largest gap within an object, metres, where neighbouring rays are `rays` radians apart.
+    /// The largest gap within an object, metres, if neighbouring rays are `rays` radians apart.
     pub(super) fn gap(&self, range: f64, rays: f64) -> f64 {
         self.object_gap_m + self.object_gap_rays * range * rays
     }
@@ -62,14 +64,14 @@ pub enum Kind {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentedSweep {
-    /// Segment of each point, or [`NO_SEGMENT`]. Those of the ground come first.
+    /// Segment of each point, or [`NO_SEGMENT`]. Segments of the ground come first.
     pub ids: Vec<u32>,
     pub kinds: Vec<Kind>,
-    /// Away from the ground, LiDAR frame; none where no ground was found, and everything is an object.
+    /// Direction away from the ground, LiDAR frame; `None` if no ground was found, and everything is an object.
     pub up: Option<UnitVector3<f64>>,
 }
 
-/// The segments of each of a drive's sweeps. Without `up`, the direction is estimated from all of them together.
+/// Segments each of a drive's sweeps. Without `up`, the direction is estimated from all of them together.
 pub fn segment_sweeps(
     sweeps: &[&[[f32; 3]]],
     up: Option<UnitVector3<f64>>,
@@ -79,7 +81,7 @@ pub fn segment_sweeps(
     sweeps.par_iter().map(|sweep| segment_with(sweep, up, config)).collect()
 }
 
-/// The segments of one sweep. Without `up`, the direction is estimated from it.
+/// Segments one sweep. Without `up`, the direction is estimated from it.
 pub fn segment_sweep(
     points: &[[f32; 3]],
     up: Option<UnitVector3<f64>>,
@@ -109,9 +111,9 @@ fn segment_with(
     SegmentedSweep { ids: segments.ids, kinds: segments.kinds, up }
 }
 
-/// Whether a point, metres, LiDAR frame, is a return of a LiDAR's beam.
+/// Whether a point, metres, LiDAR frame, is a return of a LiDAR beam.
 pub fn is_return(point: &Vector3<f64>) -> bool {
-    // A range that is not a number is in no interval.
+    // NaN is in no interval.
     (MIN_RANGE_M..MAX_RANGE_M).contains(&point.norm())
 }
 
@@ -134,7 +136,7 @@ struct Segments {
 }
 
 impl Segments {
-    /// Gives each piece the next number; `index` leads from returns to points.
+    /// Gives each piece the next number; `index` maps returns to points.
     fn extend(&mut self, kind: Kind, pieces: Vec<Vec<usize>>, index: &[usize]) {
         for piece in pieces {
             for member in piece {
@@ -145,13 +147,13 @@ impl Segments {
     }
 }
 
-/// Least number of points of a segment in a sweep of `num_returns`.
+/// Smallest number of points of a segment in a sweep of `num_returns`.
 fn least_points(num_returns: usize, min_points: usize) -> usize {
     let share = (num_returns as f64 / DENSE_SWEEP).min(1.0);
     ((share * min_points as f64).round() as usize).max(FEWEST_POINTS.min(min_points)).max(1)
 }
 
-/// The points, turned so that `up` is z.
+/// The points, rotated so that `up` is z.
 fn upright(points: &[Vector3<f64>], up: &UnitVector3<f64>) -> Vec<Vector3<f64>> {
     let to_z = UnitQuaternion::rotation_between(up, &Vector3::z());
     let turn =

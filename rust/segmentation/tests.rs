@@ -1,4 +1,4 @@
-//! Sweeps of simple scenes, and what holds of any sweep.
+//! Sweeps of simple scenes, and properties of any sweep.
 
 use nalgebra::{Rotation3, Unit, UnitVector3, Vector3};
 use proptest::prelude::*;
@@ -16,10 +16,11 @@ const CONFIG: SegmentationConfig = SegmentationConfig {
     min_points: 20,
 };
 
-/// A box that stands across the axes: its lowest and its highest corner.
+/// A box at an angle to the axes: its lowest and its highest corner.
 type Box3 = ([f64; 3], [f64; 3]);
 
-/// What a ray from the sensor hits first: a box or the ground `z = ground(x, y) - HEIGHT`; whether it is a box.
+/// The first hit of a ray from the sensor, on a box or on the ground `z = ground(x, y) - HEIGHT`, and whether it is
+/// a box.
 fn hit(ray: &Vector3<f64>, ground: fn(f64, f64) -> f64, boxes: &[Box3]) -> Option<(Vector3<f64>, bool)> {
     let enters = |(low, high): &Box3| {
         let sides = (0..3).map(|i| (low[i] / ray[i], high[i] / ray[i]));
@@ -34,7 +35,7 @@ fn hit(ray: &Vector3<f64>, ground: fn(f64, f64) -> f64, boxes: &[Box3]) -> Optio
     range.is_finite().then(|| (ray * range, to_box <= range))
 }
 
-/// A sweep of 64 or 16 rings, and which points are on a box.
+/// A sweep of 64 or 16 rings, with a flag for points on a box.
 fn sweep(rings: usize, ground: fn(f64, f64) -> f64, boxes: &[Box3]) -> (Vec<[f32; 3]>, Vec<bool>) {
     let ray = |number: usize| {
         let elevation = (2.0 - 32.0 * ((number % rings) as f64 + 0.5) / rings as f64).to_radians();
@@ -45,7 +46,7 @@ fn sweep(rings: usize, ground: fn(f64, f64) -> f64, boxes: &[Box3]) -> (Vec<[f32
     hits.map(|(point, is_box)| (<[f32; 3]>::from(point.map(|x| x as f32)), is_box)).unzip()
 }
 
-/// Share of the points of ground, or of boxes, whose segment is of a kind.
+/// Share of the points of ground, or of boxes, whose segment has the given kind.
 fn share(sweep: &SegmentedSweep, on_box: &[bool], of_boxes: bool, kind: Kind) -> f64 {
     let of_these: Vec<u32> =
         sweep.ids.iter().zip(on_box).filter(|(_, on_box)| **on_box == of_boxes).map(|(&id, _)| id).collect();
@@ -126,7 +127,7 @@ fn turned(points: &[[f32; 3]], turn: &Rotation3<f64>) -> Vec<[f32; 3]> {
     points.iter().map(|point| (turn * to_f64(point)).map(|x| x as f32).into()).collect()
 }
 
-/// Points of any kind: on a coarse grid, so that they share cells, or wild.
+/// Arbitrary points: on a coarse grid, so that they share cells, or wild.
 fn any_points() -> impl Strategy<Value = Vec<[f32; 3]>> {
     let near = (-40i16..40, -40i16..40, -9i16..9).prop_map(|(x, y, z)| [x, y, z].map(|x| f32::from(x) / 3.0));
     let wild = [any::<f32>(), any::<f32>(), any::<f32>()];
@@ -180,7 +181,8 @@ fn turned_segments_lie_where_the_turn_takes_them() {
     for (point, position) in points.iter().enumerate() {
         if segmented.ids[point] != NO_SEGMENT {
             assert_eq!(row(point, 0), segmented.ids[point] as usize);
-            // A quarter of a turn takes what lies ahead to where there is only ground, and the left to the back.
+            // A quarter turn moves the objects ahead to where there is only ground, and those on the left to the
+            // back.
             if position[0] > 3.0 && segmented.kinds[row(point, 0)] == Kind::Object && position[1].abs() < 2.5
             {
                 num_seen += 1;

@@ -1,4 +1,4 @@
-//! Null partitions: the segments of a sweep in another place, as if it had been turned about its axis.
+//! Null partitions: the segments of a sweep in another place, as if it had been rotated about its axis.
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,18 +11,18 @@ use crate::observation::Partitions;
 use crate::point_cloud::to_f64;
 use crate::spherical::{azimuth, elevation};
 
-/// Height of a row of directions, radians: about that between the rings of a dense sweep.
+/// Height of a row of directions, radians, about the ring spacing of a dense sweep.
 const ROW: f64 = 0.4 * PI / 180.0;
 const NUM_ROWS: usize = (PI / ROW) as usize + 1;
-/// Width of the bins that tell which azimuths the sweeps cover, radians.
+/// Width of the bins that measure which azimuths the sweeps cover, radians.
 const BIN: f64 = PI / 180.0;
 const NUM_BINS: usize = 360;
-/// A gap between the azimuths narrower than this is none, bins.
+/// Smallest gap in azimuth that counts, bins.
 const LEAST_GAP: usize = 30;
 
-/// The segments of each sweep, and of each as if it had been turned by `1, 2, ... num_turns` of `num_turns + 1` equal
-/// parts of the azimuths that the sweeps cover; what leaves on one side enters on the other. A point has the segment of the
-/// return that is nearest to it in the turned sweep, at about its elevation.
+/// The segments of each sweep, and of each as if it had been rotated by `1, 2, ... num_turns` of `num_turns + 1`
+/// equal parts of the azimuths that the sweeps cover, with wrap-around. A point gets the segment of the return
+/// nearest to it in the rotated sweep, at about its elevation.
 pub fn turned(
     sweeps: &[&[[f32; 3]]],
     segmented: &[&SegmentedSweep],
@@ -50,7 +50,7 @@ pub fn turned(
 struct Direction {
     point: usize,
     id: u32,
-    /// About the direction away from the ground, radians.
+    /// Azimuth about the direction away from the ground, radians.
     azimuth: f64,
     row: usize,
 }
@@ -78,7 +78,7 @@ impl Covered {
         for direction in directions {
             filled[(((direction.azimuth + PI) / BIN) as usize).min(NUM_BINS - 1)] = true;
         }
-        // The longest run of empty bins, around the turn.
+        // The longest run of empty bins around the turn.
         let run = |first: usize| (first..first + NUM_BINS).take_while(|bin| !filled[bin % NUM_BINS]).count();
         let (first, gap) =
             (0..NUM_BINS).map(|first| (first, run(first))).max_by_key(|&(_, gap)| gap).unwrap_or((0, 0));
@@ -88,7 +88,7 @@ impl Covered {
         Self { start: (first + gap) as f64 * BIN - PI, width: (NUM_BINS - gap) as f64 * BIN }
     }
 
-    /// An azimuth shifted by a share of the width, in -pi to pi.
+    /// An azimuth shifted by a fraction of the width, in -pi to pi.
     fn shifted(&self, azimuth: f64, share: f64) -> f64 {
         let from_start = (azimuth - self.start).rem_euclid(TAU);
         let shifted = self.start + (from_start + share * self.width) % self.width;
@@ -99,7 +99,7 @@ impl Covered {
 /// The segments of returns by elevation, and by azimuth within a row.
 struct Rows {
     rows: Vec<Vec<(f64, u32)>>,
-    /// For each row the nearest one with returns.
+    /// The nearest row with returns, for each row.
     filled: Vec<usize>,
 }
 
@@ -115,7 +115,7 @@ impl Rows {
         Self { rows, filled }
     }
 
-    /// The segment of the return nearest in azimuth, around the turn.
+    /// The segment of the return nearest in azimuth, with wrap-around.
     fn nearest(&self, azimuth: f64, row: usize) -> u32 {
         let row = &self.rows[self.filled[row]];
         let after = row.partition_point(|each| each.0 < azimuth);

@@ -1,7 +1,7 @@
-//! The direction away from the ground, of a LiDAR that is mounted in any way.
+//! The direction away from the ground, for a LiDAR mounted in any orientation.
 //!
-//! The ground is the plane that holds most of what is near, and below which there is nearly nothing. It is found by
-//! RANSAC over the returns of all frames together, since the LiDAR keeps its place above the ground.
+//! The ground is the plane that contains most nearby returns and has almost none below it. It is found by RANSAC
+//! over the returns of all frames together, since the LiDAR keeps its pose relative to the ground.
 
 use nalgebra::{Matrix3, UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -11,42 +11,42 @@ use rayon::prelude::*;
 use crate::point_cloud::to_f64;
 use crate::thinning::{stride, thinned};
 
-/// Sweeps and returns of each that are looked at, before those that share a voxel are thinned.
+/// Number of sweeps used, and of returns used from each before voxels are thinned.
 const MAX_SWEEPS: usize = 20;
 const MAX_RETURNS: usize = 20_000;
-/// Side of a voxel, metres: each holds one return, so that planes count by their area.
+/// Side of a voxel, metres: each keeps one return, so that planes count by their area.
 const VOXEL_M: f64 = 0.5;
-/// Ranges of the returns, metres: what is nearer may be the vehicle.
+/// Range of the returns used, metres: nearer ones may be the vehicle.
 const RANGE_M: std::ops::Range<f64> = 1.5..30.0;
-/// Returns of all sweeps that a plane is scored by, and planes that are tried.
+/// Number of returns of all sweeps that score a plane, and number of planes tried.
 const MAX_POOL: usize = 8000;
 const NUM_PLANES: u64 = 1500;
-/// Thickness of the ground's plane, metres, and the distance below it at which a return speaks against it.
+/// Thickness of the ground plane, metres, and distance below it at which a return contradicts it.
 const ON_PLANE_M: f64 = 0.2;
 const BELOW_M: f64 = 0.5;
-/// Distances of the sensor from the ground, metres.
+/// Possible heights of the sensor above the ground, metres.
 const HEIGHT_M: std::ops::Range<f64> = 0.1..15.0;
-/// A plane is the ground if it holds this share, and no more than that share is below it.
+/// Smallest share of the returns on the plane of the ground, and largest share below it.
 const MIN_SHARE_ON_PLANE: f64 = 0.1;
 const MAX_SHARE_BELOW: f64 = 0.1;
-/// What a return below a plane costs, in returns on it.
+/// Penalty of a return below a plane, in returns on it.
 const COST_BELOW: f64 = 3.0;
 const NUM_REFINEMENTS: usize = 5;
 
-/// The direction away from the ground, and how plain the ground is. Shares are of the area seen within 30 m.
+/// The direction away from the ground, and how distinct the ground is. Shares are of the area seen within 30 m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Up {
-    /// Away from the ground, LiDAR frame.
+    /// Direction away from the ground, LiDAR frame.
     pub direction: UnitVector3<f64>,
-    /// The sensor above the ground, metres.
+    /// Height of the sensor above the ground, metres.
     pub height_m: f64,
-    /// Share of what is seen that is on the ground's plane.
+    /// Share of the area that is on the ground plane.
     pub share_on_plane: f64,
-    /// Share of what is seen that lies clearly below it.
+    /// Share of the area that is clearly below it.
     pub share_below: f64,
 }
 
-/// The direction away from the ground of a drive's sweeps; none where no plane has nearly all returns on one side.
+/// The direction away from the ground of a drive's sweeps; `None` if no plane has nearly all returns on one side.
 pub fn estimate_up(sweeps: &[&[[f32; 3]]]) -> Option<Up> {
     let step = stride(sweeps.len(), MAX_SWEEPS);
     let chosen: Vec<&[[f32; 3]]> = sweeps.iter().copied().step_by(step).collect();
@@ -61,7 +61,7 @@ pub fn estimate_up(sweeps: &[&[[f32; 3]]]) -> Option<Up> {
         let plane = random_plane(&of_sweeps[number as usize % of_sweeps.len()], number)?;
         Some((plane.score(&pool), number, plane))
     });
-    // Of equal ones the first, whatever the number of threads.
+    // The first in a tie, whatever the number of threads.
     let best = tried.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
     let refined = (0..NUM_REFINEMENTS).fold(best.2, |plane, _| plane.refined(&pool).unwrap_or(plane));
     refined.assessed(&pool)
@@ -86,7 +86,7 @@ struct GroundPlane {
     height: f64,
 }
 
-/// The plane through three of the points; none if no sensor could stand above it.
+/// The plane through three of the points; `None` if no sensor could be above it.
 fn random_plane(points: &[Vector3<f64>], seed: u64) -> Option<GroundPlane> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let [a, b, c] = std::array::from_fn(|_| points[random.random_range(0..points.len())]);
@@ -94,7 +94,7 @@ fn random_plane(points: &[Vector3<f64>], seed: u64) -> Option<GroundPlane> {
 }
 
 impl GroundPlane {
-    /// The plane across `normal` through a point. The sensor is above it.
+    /// The plane through a point with a given normal. The sensor is above it.
     fn new(normal: Vector3<f64>, point: &Vector3<f64>) -> Option<Self> {
         let normal = UnitVector3::try_new(normal, 1e-6)?;
         let up = if normal.dot(point) > 0.0 { -normal } else { normal };
@@ -118,7 +118,7 @@ impl GroundPlane {
         on as f64 - COST_BELOW * below as f64
     }
 
-    /// The plane through the points on it by least squares.
+    /// The least-squares plane through the points on it.
     fn refined(&self, points: &[Vector3<f64>]) -> Option<Self> {
         let on: Vec<&Vector3<f64>> = points.iter().filter(|p| self.above(p).abs() <= ON_PLANE_M).collect();
         let mean = on.iter().copied().sum::<Vector3<f64>>() / on.len() as f64;
