@@ -103,16 +103,16 @@ __all__ = [
 ]
 
 NO_SEGMENT: int
-"""The segment of a point that has none."""
+"""The id of a point in no segment."""
 GROUND: int
 OBJECT: int
 """Kinds of segments."""
 NO_ID: int
-"""The id of a pixel or a point that a network does not see."""
+"""The id of a pixel or a point that the network does not see."""
 NO_PIXEL: int
 """Index of a pixel without a point, or of a point without a pixel."""
 NO_VIEW: int
-"""The view of a pixel that no view shows."""
+"""The view of a pixel that is in no view."""
 
 @final
 class Camera:
@@ -128,34 +128,34 @@ class Camera:
         parameters: Mapping[str, float] = ...,
     ) -> Camera: ...
     limit: float
-    """The largest incidence angle, radians, at which the model holds."""
+    """The largest incidence angle, radians, at which the model is valid."""
     pixels_per_radian: float
-    """Columns a radian on the optical axis; with a mirror or a sphere in the lens not the focal length."""
+    """Columns per radian on the optical axis; not the focal length for a lens with a mirror or a sphere."""
     def project(self, points_camera: _Float64) -> _Float64:
-        """Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold."""
+        """Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model is not valid."""
     def unproject(self, pixels: _Float64) -> _Float64:
         """Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach."""
 
 @final
 class ClassShares:
-    """Shares of classes of many pixels or points, in 1/255, as networks give them."""
+    """Class shares of many pixels or points from a network, in 1/255."""
 
     @staticmethod
     def certain(classes: NDArray[np.uint8]) -> ClassShares:
-        """Those of items (N,) that are each all of one class, or of none."""
+        """Return the shares of items (N,) that are each entirely of one class, or of none."""
 
     def __len__(self) -> int: ...
     ids: NDArray[np.uint16]
-    """The classes that any of them has a share of, ascending."""
+    """All classes with a share in any item, ascending."""
     classes: NDArray[np.uint8]
-    """(N,) the class of the largest share of each; 255 where less than half is labelled."""
+    """(N,) class with the largest share of each item; 255 where less than half is labelled."""
 
     def renamed(self, table: NDArray[np.uint8]) -> ClassShares:
-        """The same with other classes: `table` (256,) gives the new one of each, 255 takes its share away."""
+        """Map the classes by `table` (256,), in which 255 drops the share of a class."""
 
 @final
 class LabelledCloud:
-    """Points (N, 3) and their classes (N,), copied once; shared by all observations that are made with it."""
+    """Points (N, 3) and their classes (N,), copied once and shared by all observations made with them."""
 
     def __new__(
         cls,
@@ -167,13 +167,13 @@ class LabelledCloud:
 
 @final
 class LabelledImage:
-    """A label image (H, W), likewise."""
+    """A label image (H, W), copied once and shared by all observations made with it."""
 
     def __new__(cls, classes: NDArray[np.uint8], shares: ClassShares | None) -> LabelledImage: ...
 
 @final
 class Observations:
-    """All frames, as the core keeps them; raises `InputError` where counts, sizes or classes disagree."""
+    """All frames as the core stores them; raises `InputError` if counts, sizes or classes disagree."""
 
     def __new__(
         cls,
@@ -186,7 +186,7 @@ class Observations:
 
 @final
 class AnchoredPoints:
-    """The labelled points of a level of the pyramid that land on labelled pixels at an anchor pose."""
+    """The labelled points of a pyramid level that project to labelled pixels at an anchor pose."""
 
     def __new__(
         cls,
@@ -199,83 +199,83 @@ class AnchoredPoints:
         max_points: int = ...,
         constant_radius: int = 0,
     ) -> AnchoredPoints:
-        """Choose the points, of at most `max_points`.
+        """Choose at most `max_points` points.
 
-        Points that lie at least `constant_radius` blocks inside one class are summed up once, not drawn from; none are
-        if it is zero.
+        Points at least `constant_radius` blocks inside one class are summed up once and never drawn. Zero turns this
+        off.
         """
     classes: NDArray[np.uint8]
-    """(N,) of each point that is drawn from."""
+    """(N,) class of each point that may be drawn."""
     preconditioner: _Float64
-    """(6, 6): columns are twists that each move the points by one block, independently of one another."""
+    """(6, 6) columns are twists that each move the points by one block, independently of one another."""
     def sample(self, indices: NDArray[np.int64], t_camera_lidar: _Float64) -> MiniBatch:
-        """Sample the label images under points (n,) at a pose, which needs not be rigid."""
+        """Sample the label images under points (n,) at a pose, which need not be rigid."""
 
 @final
 class MiniBatch:
     """Points of a level at a pose, and the class shares of the blocks under them.
 
-    Points on blocks of one class share a row, and a row follows for each point on blocks of several.
+    Points on blocks of one class share a row. A row follows for each point on blocks of several classes.
     """
 
     weights: _Float64
-    """Weights of each class of points (R, num_point_classes), those of the anchor."""
+    """(R, num_point_classes) weights of the point classes, as at the anchor."""
     shares: _Float64
-    """Shares of each class of pixels (R, num_image_classes); rows add up to one."""
+    """(R, num_image_classes) shares of the pixel classes; rows sum to one."""
     def pull_back(self, gradient: _Float64) -> _Float64:
-        """The gradient (3, 4) with respect to the pose of what has `gradient` with respect to `shares`."""
+        """Return the gradient (3, 4) with respect to the pose, given `gradient` with respect to `shares`."""
 
 @final
 class SemanticDistance:
-    """How far points land from the pixels of their own class: the cost of SOIC, in pixels."""
+    """Distance of projected points from the pixels of their own class: the cost of SOIC, in pixels."""
 
     def __new__(
         cls, camera: Camera, parts: Sequence[tuple[int, _Float32, _Float32]], *, block: int
     ) -> SemanticDistance:
-        """Take parts: number of a class, its points (N, 3) in a frame, and the distances to its pixels there.
+        """Take parts: a class number, its points (N, 3) in one frame, and the distances to its pixels there.
 
-        Distances are those of blocks of `block` x `block` pixels, (rows, columns) of them.
+        Distances (rows, columns) are those of blocks of `block` x `block` pixels.
         """
     def at(self, t_camera_lidar: _Float64) -> float:
-        """The mean distance of points that land in the image, averaged over classes; infinite if none does."""
+        """Return the mean distance of points inside the image, averaged over classes; infinite without any."""
     def minimize(self, t_camera_lidar: _Float64, config: SoicConfig) -> DistanceMinimum:
-        """Minimise it by Powell's method from a pose; raises `CalibrationError` if no point lands in the image."""
+        """Minimise the cost by Powell's method; raises `CalibrationError` if no point is inside the image."""
 
 @final
 class DistanceMinimum:
-    """Where the cost of SOIC is least."""
+    """The minimum of the cost of SOIC."""
 
     T_camera_lidar: _Float64
     """(4, 4)."""
     cost_px: float
-    """The cost there."""
+    """Cost at the minimum."""
     num_evaluations: int
-    """How many costs were computed."""
+    """Number of evaluations of the cost."""
     converged: bool
-    """Whether the last restarts gained nothing."""
+    """Whether the last restarts brought no gain."""
 
 @final
 class Grid:
-    """The angular grid of a spherical image. Row 0 is the highest; columns go all round."""
+    """The angular grid of a spherical image. Row 0 is the highest; columns cover a full turn."""
 
     rows: int
-    """Cells from top to bottom."""
+    """Number of rows, from top to bottom."""
     columns: int
-    """Cells around."""
+    """Number of columns in a full turn."""
     top: float
     """Elevation of the upper border, radians."""
     cell_height: float
-    """Radians."""
+    """Height of a cell, radians."""
 
 @final
 class SphericalImages:
-    """The spherical images of all frames on a grid: the labelled returns that are the nearest of a pixel."""
+    """Spherical images of all frames on a grid: the labelled return nearest to the sensor in each pixel."""
 
     def __new__(cls, observations: Observations, grid: Grid) -> SphericalImages: ...
     grid: Grid
     """Grid of the images."""
     def classes(self, frame: int) -> NDArray[np.uint8]:
-        """Label image (rows, columns) of a frame on the grid; 255 where no labelled return is."""
+        """Return the label image (rows, columns) of a frame; 255 where there is no labelled return."""
 
 @final
 class Hypothesis:
@@ -284,15 +284,15 @@ class Hypothesis:
     mutual_information: float
     """Mutual information of the pairs, nats, less its bias."""
     num_pairs: int
-    """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
+    """Number of labelled returns used that project to a labelled pixel, over all frames."""
     def zoomed(
         self, observations: Observations, images: SphericalImages, zoom: str, frame: int
     ) -> NDArray[np.uint8]:
-        """Label image of a frame's image on the grid (rows, columns), placed so; 255 around it."""
+        """Return a frame's label image, placed on the grid (rows, columns); 255 outside it."""
 
 @final
 class Correspondences:
-    """Points and the pixels that a hypothesis puts them on."""
+    """Points and the pixels to which a hypothesis maps them."""
 
     points: _Float64
     """(N, 3) metres, LiDAR frame."""
@@ -306,143 +306,145 @@ class PointCloud:
     points: _Float32
     """(N, 3) metres, LiDAR frame."""
     intensity: _Float32 | None
-    """(N,) as recorded, where the format has it."""
+    """(N,) as recorded; None if the format has none."""
     ring: NDArray[np.uint16] | None
-    """(N,) the beam of each, where the cloud has a field of whole numbers for it."""
+    """(N,) beam of each point; None if the cloud has no integer field for it."""
     time: _Float64 | None
-    """(N,) seconds, from whatever moment the recorder counts."""
+    """(N,) seconds, from an epoch that the recorder chose."""
     labels: NDArray[np.uint16] | None
-    """(N,) raw class ids, of the label file or else of the cloud's own label field."""
+    """(N,) raw class ids from the label file or else from the cloud's own label field."""
     label_shares: ClassShares | None
-    """Probabilities of raw class ids instead, where the label file holds them."""
+    """Probabilities of raw class ids instead, if the label file holds them."""
     num_no_returns: int
-    """How many entries were left out."""
+    """Number of entries left out."""
     is_return: NDArray[np.bool_]
     """Which of the file's entries are points."""
 
 @final
 class Trajectory:
-    """How a LiDAR moves in a fixed frame."""
+    """Motion of a LiDAR in a fixed frame."""
 
     @staticmethod
     def constant(twist_per_s: Sequence[float], stamp: float) -> Trajectory:
-        """One twist at all times, metres and radians a second in the LiDAR frame; `stamp` is a time nearby."""
+        """Create a constant twist, metres and radians per second in the LiDAR frame, near the time `stamp`."""
     @staticmethod
     def through(stamps: Sequence[float], poses: Sequence[_Float64]) -> Trajectory:
-        """Through two or more poses (4, 4) of the LiDAR in a fixed frame.
+        """Create a trajectory through two or more poses (4, 4) of the LiDAR in a fixed frame.
 
         Raises `InputError` unless each has a time and times ascend.
         """
     def twist_at(self, stamp: float) -> list[float]:
-        """Metres and radians a second in the LiDAR frame, (6,), at a time; `ValueError` where none is known."""
-    def compensate(self, points: _Float32, times: _Float64, moment: float) -> _Float32:
-        """Points (N, 3), each measured at its time (N,), as they lie in the LiDAR frame of one moment, seconds.
+        """Return the twist (6,) at a time, metres and radians per second in the LiDAR frame.
 
-        Raises `ValueError` where the trajectory does not reach.
+        Raises `ValueError` if it is unknown.
+        """
+    def compensate(self, points: _Float32, times: _Float64, moment: float) -> _Float32:
+        """Move points (N, 3), each measured at its time (N,), to the LiDAR frame of one moment, seconds.
+
+        Raises `ValueError` if the trajectory does not cover a time.
         """
 
 @final
 class Agreement:
-    """How well points and label images agree at a pose, over all frames."""
+    """Agreement of points and label images at a pose, over all frames."""
 
     mutual_information: float
     """Mutual information of visible points and the pixels around them, nats, plug-in estimate."""
     bias: float
-    """Miller and Madow's estimate of how far the plug-in estimate is too high, nats."""
+    """Miller and Madow's estimate of the upward bias of the plug-in estimate, nats."""
     sigma: float
-    """Standard error of the estimate over parts of the images, nats; infinite if there is one part only."""
+    """Standard error of the estimate over parts of the images, nats; infinite with a single part."""
     label_agreement: float
     """Share of the visible pairs with positive pointwise mutual information."""
     overlap: float
     """Share of the image's area that visible labelled points cover."""
     num_inside: int
-    """Labelled points inside the image."""
+    """Number of labelled points inside the image."""
     num_hidden: int
-    """Those of them that nearer returns hide from the camera."""
+    """Number of these points that nearer returns occlude from the camera."""
     joint: _Float64
     """(num_point_classes, num_image_classes) weights of the visible pairs."""
     frame_joints: _Float64
-    """(frames, num_point_classes, num_image_classes) share of each frame in `joint`."""
+    """(frames, num_point_classes, num_image_classes) contribution of each frame to `joint`."""
 
 @final
 class HeldOutGain:
-    """How much better held-out data agree at one pose than at another."""
+    """Gain in agreement of held-out data from one pose to another."""
 
     @staticmethod
     def of_parts(gains: Sequence[float]) -> HeldOutGain:
-        """The sum of the gains of independent parts, with its standard error: infinite with fewer than two."""
+        """Sum the gains of independent parts; the standard error is infinite with fewer than two."""
     gain: float
-    """Nats of classes; of segments, a share of their adjusted mutual information."""
+    """Gain in nats for classes, in adjusted mutual information (a share) for segments."""
     sigma: float
-    """Its standard error over parts of the images; infinite if there are fewer than two."""
+    """Standard error of the gain over parts of the images; infinite with fewer than two."""
 
 @final
 class Ascended:
-    """Where an ascent ended."""
+    """The end of an ascent."""
 
     T_camera_lidar: _Float64
     """(4, 4)."""
     num_points: int
-    """Labelled points on labelled blocks at its start, which it drew from."""
+    """Number of labelled points on labelled blocks at the start, from which batches were drawn."""
     drift: float
-    """Blocks between the means of the way over the last two quarters: how far it was from settled.
+    """Distance in blocks between the mean positions in the last two quarters; small after convergence.
 
-    Steps count in full, also where the longest baseline keeps the pose from taking them.
+    Steps count in full even where the maximum baseline prevents them.
     """
 
 @final
 class Aligned:
-    """Where one of several ascents ended that are compared."""
+    """The end of one of several ascents to compare."""
 
     T_camera_lidar: _Float64
     """(4, 4)."""
     mutual_information: float
-    """Mutual information of points and blocks there, less its bias, nats; of segments, adjusted, a share."""
+    """Mutual information at the end, less its bias, nats; for segments adjusted, a share."""
     num_points: int
-    """Labelled points on labelled blocks there."""
+    """Number of labelled points on labelled blocks at the end."""
     drift: float
-    """Blocks between the means of the way over the last two quarters: how far it was from settled.
+    """Distance in blocks between the mean positions in the last two quarters; small after convergence.
 
-    Steps count in full, also where the longest baseline keeps the pose from taking them.
+    Steps count in full even where the maximum baseline prevents them.
     """
 
 @final
 class Polished:
-    """Where a polish ended."""
+    """The end of a polish."""
 
     T_camera_lidar: _Float64
     """(4, 4)."""
     moved_px: float
-    """How far the last round moved the points, or still wanted to move them, root mean square."""
+    """Root-mean-square distance by which the last round moved the points, or still tried to move them."""
     inverse_curvature: _Float64 | None
-    """(6, 6) inverse of minus the second derivative, with which a polish near by may begin.
+    """(6, 6) inverse of the negative Hessian, from which a nearby polish may start.
 
-    None where nothing changes the information.
+    None where the information is constant.
     """
 
 @final
 class Sensitivity:
-    """How the mutual information depends on n variables around a pose.
+    """Dependence of the mutual information on n variables around a pose.
 
-    The first six are a twist on the left of the pose (metres, radians); intrinsics and the offset of the clock may
-    follow.
+    The first six are a twist on the left of the pose (metres, radians); intrinsics and the time offset may follow.
     """
 
     curvature: _Float64
-    """(n, n) minus the second derivative, nats."""
+    """(n, n) negative Hessian, nats."""
     scores: _Float64
-    """(parts, n) share of the gradient of the points of each class in each square of each image, nats."""
+    """(parts, n) contribution to the gradient of each class's points in each square of each image, nats."""
     motions: _Float64
-    """(n, n) mean products of the pixels by which the variables move the points."""
+    """(n, n) mean outer products of the points' displacements by the variables, pixels."""
     parts: NDArray[np.uint32]
-    """(parts, 4) frame, row and column of the square of each part, and the class of its points.
+    """(parts, 4) frame, row and column of the square, and point class of each part.
 
-    That of segments is the class of the image under them, numbered after those of points.
+    For segments, the class is that of the image under them, numbered after those of points.
     """
     frame_curvatures: _Float64
-    """(frames, n, n) share of each frame in `curvature`, nats."""
+    """(frames, n, n) contribution of each frame to `curvature`, nats."""
     class_curvatures: _Float64
-    """(classes, n, n) share of each class, as in `parts`, in `curvature`, nats."""
+    """(classes, n, n) contribution of each class, numbered as in `parts`, to `curvature`, nats."""
 
 @final
 class Projected:
@@ -453,7 +455,7 @@ class Projected:
     ranges: _Float64
     """(N,) metres from the camera; NaN outside the image."""
     is_hidden: NDArray[np.bool_]
-    """(N,) whether a nearer return hides the point from the camera."""
+    """(N,) whether a nearer return occludes the point from the camera."""
 
 @final
 class Renderer:
@@ -462,42 +464,42 @@ class Renderer:
     def __new__(cls, camera: Camera, t_camera_lidar: _Float64, config: SynthConfig) -> Renderer:
         """Prepare a rig; raises `InputError` if the LiDAR has no rays or the camera is too far from it."""
     def frame(self, seed: int, number: int, twist_per_s: Sequence[float] | None = None) -> RenderedFrame:
-        """Render the frame of a number in the world of a seed.
+        """Render one frame, by the seed of the world and the frame's number.
 
-        With a twist (6,), metres and radians a second in the LiDAR frame, the rig moves while the frame is measured.
+        With a twist (6,), metres and radians per second in the LiDAR frame, the rig moves during the frame.
         """
 
 @final
 class RenderedFrame:
-    """What a rig measures in one sweep and one image."""
+    """One sweep and one image of a rig."""
 
     points: _Float32
-    """(N, 4) metres, LiDAR frame of the time of each point, and intensity."""
+    """(N, 4) x, y, z in metres, in the LiDAR frame at the time of each point, and intensity."""
     point_times: _Float32
     """(N,) seconds from the start of the sweep."""
     point_labels: NDArray[np.uint32]
     """(N,) `instance << 16 | class`."""
     point_visibility: NDArray[np.uint8]
-    """(N,) 0 outside the image, 1 hidden, 2 visible."""
+    """(N,) 0 outside the image, 1 occluded, 2 visible."""
     image_labels: NDArray[np.uint8]
     """(H, W) classes."""
     image_rgb: NDArray[np.uint8]
     """(H, W, 3)."""
     num_objects: int
-    """Distinct objects in the image or among the returns."""
+    """Number of distinct objects in the image or among the returns."""
 
 @final
 class JointMaximum:
-    """Where the mutual information is largest in the pose, intrinsics and the offset of the clock together."""
+    """Maximum of the mutual information over the pose, intrinsics and the time offset."""
 
     T_camera_lidar: _Float64
     """(4, 4)."""
     changes: list[float]
     """Changes of the intrinsics."""
     offset_s: float
-    """Seconds by which images are later than they were taken to be."""
+    """Time offset of the images, seconds; positive if they were taken later than stamped."""
     moved_px: float
-    """How far the last round moved the points, or still wanted to move them, root mean square."""
+    """Root-mean-square distance by which the last round moved the points, or still tried to move them."""
 
 def maximise(
     observations: Observations,
@@ -506,10 +508,10 @@ def maximise(
     intrinsics: Sequence[str] = ...,
     twists_per_s: Sequence[Sequence[float]] | None = None,
 ) -> JointMaximum:
-    """Bring a pose and other variables to the top of the mutual information: see `rust/alignment/joint.rs`.
+    """Maximise the mutual information over the pose and other variables: see `rust/alignment/joint.rs`.
 
-    Intrinsics are fx, fy, cx, cy, or the index of a number of the lens. With a twist (6,) of the LiDAR in each frame
-    the offset of the clock is a variable, too. Raises `ValueError` where the camera has not one of the variables.
+    Intrinsics are fx, fy, cx, cy, or the index of a number of the lens. If a twist (6,) of the LiDAR is given for each
+    frame, the time offset is a variable, too. Raises `ValueError` if the camera lacks one of the variables.
     """
 
 def sensitivity(
@@ -519,20 +521,20 @@ def sensitivity(
     intrinsics: Sequence[str] = ...,
     twists_per_s: Sequence[Sequence[float]] | None = None,
 ) -> Sensitivity | None:
-    """How the mutual information depends on pose, intrinsics and clock: see `rust/alignment/sensitivity.rs`.
+    """Compute the sensitivity to pose, intrinsics and time offset: see `rust/alignment/sensitivity.rs`.
 
-    Variables are those of `maximise`; `radial` is a small radial distortion on top of the lens. None where no point
-    lands on a label, or nothing changes the information.
+    Variables are those of `maximise`; `radial` is a small radial distortion on top of the lens. Returns None if no
+    point projects to a label, or the information is constant.
     """
 
 def fisher_limit(alpha: float, numerator: float, denominator: float) -> float:
-    """The value that Fisher's F exceeds with probability `alpha`: see `rust/distributions.rs`.
+    """Return the value that Fisher's F exceeds with probability `alpha`: see `rust/distributions.rs`.
 
     Raises `ValueError` unless `alpha` is above 0 and at most 0.1, and degrees of freedom are at least 1 and above 0.
     """
 
 def student_quantile(probability: float, degrees_of_freedom: float) -> float:
-    """The quantile of Student's t.
+    """Return a quantile of Student's t.
 
     Raises `ValueError` unless the probability is from 1e-9 to 1 - 1e-9 and the degrees of freedom are finite and at
     least 0.3.
@@ -542,16 +544,16 @@ def set_num_threads(num_threads: int) -> None:
     """Set the number of threads of the core; results do not depend on it. Raises `ValueError` for more than 4096."""
 
 def config_attributes() -> list[tuple[str, list[str]]]:
-    """The attributes that each of the core's settings is read from, by the name of the setting in the core."""
+    """Return the attributes from which each setting of the core is read, by the setting's name in the core."""
 
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],
     max_points: int = ...,
 ) -> list[PointCloud]:
-    """Read sweeps, each with its file of labels or, without one, with the labels of its own label field, if any.
+    """Read sweeps, each with the labels of its label file or else of the cloud's own label field, if any.
 
     Raises:
-        InputError: a file cannot be read, is too large or is not what its format promises, a sweep has more than
+        InputError: a file cannot be read, is too large or does not match its format, a sweep has more than
             `max_points` points, or counts differ.
     """
 
@@ -561,7 +563,7 @@ def parse_point_cloud(
     labels: str | PathLike[str] | None,
     max_points: int = ...,
 ) -> PointCloud:
-    """Read the sweep at `path` from records (N,) of named fields that it was turned into, an array of NumPy's format.
+    """Read the sweep of `path`, which was converted to an `.npy` array of records (N,) with named fields.
 
     Raises:
         InputError: as `read_point_clouds`.
@@ -575,21 +577,21 @@ def read_label_images(
 ) -> list[NDArray[np.uint16]]:
     """Read label images (H, W) of raw ids.
 
-    With a palette (red, green, blue of each class) they are colour-coded: ids are places in it, 65535 where it has no
-    such colour.
+    With a palette (red, green, blue of each class), images are colour-coded: ids are indices into the palette, or 65535
+    for other colours.
 
     Raises:
         InputError: a file cannot be read, has several channels or is not of the palette's kind, or has another size.
     """
 
 def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> Grid:
-    """The grid of a spinning LiDAR, one row a channel."""
+    """Return the grid of a spinning LiDAR, one row per channel."""
 
 def estimate_grid(points: Sequence[_Float32]) -> Grid:
-    """The grid of a sensor that is not described, from its sweeps (N, 3).
+    """Estimate the grid of a sensor without a description from its sweeps (N, 3).
 
-    Channels are found in the histogram of elevations; a pattern without channels gets square cells that its points
-    fill.
+    Channels are found in the histogram of elevations; a pattern without channels gets square cells, which its
+    points fill.
 
     Raises:
         CalibrationError: there are no points, or they span no elevations.
@@ -603,38 +605,38 @@ def read_label_thumbnails(
     rows: int,
     palette: Sequence[tuple[int, int, int]] | None = None,
 ) -> NDArray[np.uint16]:
-    """Ids (N, rows, columns) of evenly spread pixels of label images, read in parallel; raises `InputError`."""
+    """Read evenly spread pixels (N, rows, columns) of label images in parallel; raises `InputError`."""
 
 def read_class_shares(paths: Sequence[PathLike[str]], shape: tuple[int, ...]) -> list[ClassShares]:
-    """Read `.npz` files of class probabilities: of pixels, shape (H, W), or of points, shape (N,).
+    """Read `.npz` files of class probabilities of pixels, shape (H, W), or of points, shape (N,).
 
     Raises:
         InputError: a file cannot be read or holds something else.
     """
 
 def seen_ids(ids: Sequence[NDArray[np.uint16]]) -> NDArray[np.bool_]:
-    """Tell of each of all 65536 ids whether one of the contiguous arrays has it."""
+    """Flag which of the 65536 ids occur in any of the contiguous arrays."""
 
 def look_up_classes(ids: NDArray[np.uint16], table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Look up the classes of a contiguous array of ids in a table (65536,), in the shape of the ids."""
 
 def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[np.uint8], int]]:
-    """Give isolated pixels of label images (H, W) the class around them, and count them."""
+    """Replace the class of isolated pixels of label images (H, W) by the one around them, and count them."""
 
 def steps_at_label_borders(
     picture: NDArray[np.uint8], image: LabelledImage, *, reach: int, tiles: tuple[int, int]
 ) -> _Float32:
-    """Sum the steps of colour at the borders of a label image, displaced by up to `reach` pixels.
+    """Sum the colour steps at the borders of a label image, displaced by up to `reach` pixels.
 
-    Of an image (H, W, 3) and rows and columns of tiles; returns (tiles, 2 reach + 1, 2 reach + 1): at [t, reach + y,
-    reach + x] that of the steps which lie x pixels right of the borders in tile t, and y below.
+    Takes an image (H, W, 3) and the numbers of rows and columns of tiles. Returns (tiles, 2 reach + 1, 2 reach + 1):
+    entry [t, reach + y, reach + x] sums the steps x pixels right of the borders in tile t, and y below.
     """
 
 def steps_at_label_changes(clouds: Sequence[LabelledCloud], *, reach: int, num_blocks: int) -> list[_Float32]:
-    """Sum the steps of range where labels change from one entry of a sweep to the next, displaced by entries.
+    """Sum the range steps where labels change from one entry of a sweep to the next, displaced by entries.
 
-    Returns for each cloud (num_blocks, 2 reach + 1): at [b, reach + s] that of the steps which lie s entries after the
-    changes in block b of consecutive entries.
+    Returns (num_blocks, 2 reach + 1) for each cloud: entry [b, reach + s] sums the steps s entries after the changes in
+    block b of consecutive entries.
     """
 
 def register(
@@ -645,7 +647,7 @@ def register(
 ) -> list[Hypothesis]:
     """Find the best well-separated placements of the images on the sphere, best first.
 
-    `around` narrows the search to rotations within an angle, radians, of that of a `T_camera_lidar`.
+    `around` narrows the search to rotations within an angle, radians, of a `T_camera_lidar`.
 
     Raises:
         CalibrationError: no placement overlaps labelled points with labelled pixels.
@@ -661,9 +663,7 @@ def sample_correspondences(
     count: int,
     seed: int,
 ) -> list[Correspondences]:
-    """Sample, for each hypothesis, points and their pixels.
-
-    They are spread over the image and over range.
+    """Sample points and their pixels for each hypothesis, spread over the image and over range.
 
     Raises:
         InputError: the lens does not reach the middle of the image.
@@ -678,7 +678,7 @@ def ascend(
     visible_only: bool,
     seed: int,
 ) -> Ascended:
-    """Let a pose ascend the mutual information of points and blocks of `factor x factor` pixels, over SE(3)."""
+    """Ascend the mutual information of points and blocks of `factor x factor` pixels over SE(3)."""
 
 def align(
     observations: Observations,
@@ -689,7 +689,7 @@ def align(
     visible_only: bool,
     seed: int,
 ) -> list[Aligned]:
-    """Let poses ascend as `ascend` does, and tell how good each end is, so that they can be compared."""
+    """Ascend from each pose as `ascend` does, and evaluate each end for comparison."""
 
 def polish(
     observations: Observations,
@@ -697,7 +697,7 @@ def polish(
     config: PolishConfig,
     inverse_curvature: _Float64 | None = None,
 ) -> Polished:
-    """Bring a pose to the top of the mutual information of all visible points, deterministically."""
+    """Maximise the mutual information of all visible points over the pose, deterministically."""
 
 def held_out_gain(
     observations: Observations,
@@ -706,10 +706,10 @@ def held_out_gain(
     after: _Float64,
     seen_after: tuple[Observations, Observations] | None = None,
 ) -> HeldOutGain:
-    """How much better held-out data agree at one pose than at another.
+    """Compute the gain in agreement of held-out data from one pose to another.
 
-    Tables of pointwise mutual information are those of `observations` at each pose. `seen_after` are both observations
-    as another camera sees them, to which the second pose belongs.
+    Tables of pointwise mutual information come from `observations` at each pose. `seen_after` holds both observations
+    as seen by another camera, to which the second pose belongs.
     """
 
 def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:
@@ -718,16 +718,16 @@ def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement
 def information_along(
     observations: Observations, anchor: _Float64, ways: Sequence[tuple[Sequence[float], Sequence[float]]]
 ) -> list[list[float]]:
-    """Mutual information along ways from a pose, nats, of the points that are visible there.
+    """Compute the mutual information along lines through a pose, nats, over the points visible there.
 
     Args:
         observations: Labelled points and label images.
         anchor: (4, 4), T_camera_lidar.
-        ways: Twist (6,) on the left of the anchor, and the factors of it at the samples.
+        ways: Twist (6,) on the left of the anchor, and its factors at the samples.
     """
 
 def project_points(camera: Camera, points: _Float32, t_camera_lidar: _Float64) -> Projected:
-    """Project points (N, 3), metres, LiDAR frame, and tell which of them nearer ones hide."""
+    """Project points (N, 3), metres, LiDAR frame, and flag those that nearer ones occlude."""
 
 def unroll(
     camera: Camera,
@@ -740,74 +740,75 @@ def unroll(
     """Move points (N, 3), metres, LiDAR frame, each from its moment (N,) to that at which its line is exposed.
 
     `readout` is the time from the first line to the last, in seconds, and the direction; the twist (6,) is the LiDAR's,
-    metres and radians a second in its own frame. Moments are seconds after the exposure of the middle line.
+    metres and radians per second in its own frame. Moments are seconds after the exposure of the middle line.
     """
 
 def quaternion(t: _Float64) -> list[float]:
-    """The rotation of a rigid transform (4, 4) as a unit quaternion x, y, z, w with w >= 0."""
+    """Return the rotation of a rigid transform (4, 4) as a unit quaternion x, y, z, w with w >= 0."""
 
 def synthetic_classes() -> list[tuple[int, str]]:
-    """Ids and names of the classes of synthetic streets, which are CARLA's."""
+    """Return ids and names of the classes of synthetic streets, which are CARLA's."""
 
 @final
 class Up:
-    """The direction away from the ground, and how plain the ground is. Shares are of the area seen within 30 m."""
+    """The direction away from the ground, and how distinct the ground is. Shares are of the area seen within 30 m."""
 
     direction: _Float64
     """(3,) unit vector, LiDAR frame."""
     height_m: float
-    """The sensor above the ground."""
+    """Height of the sensor above the ground, metres."""
     share_on_plane: float
-    """Share of what is seen that is on the ground's plane."""
+    """Share of the area that is on the ground plane."""
     share_below: float
-    """Share of what is seen that lies clearly below it."""
+    """Share of the area that is clearly below it."""
 
 @final
 class SegmentedSweep:
-    """The segments of a sweep: cells of the ground, and objects that stand on it."""
+    """The segments of a sweep: cells of the ground, and objects on it."""
 
     ids: NDArray[np.uint32]
     """(N,) segment of each point, or `NO_SEGMENT`."""
     num_segments: int
     kinds: NDArray[np.uint8]
-    """(num_segments,) `GROUND` or `OBJECT`; those of the ground come first."""
+    """(num_segments,) `GROUND` or `OBJECT`; segments of the ground come first."""
     up: _Float64 | None
-    """(3,) away from the ground, LiDAR frame; None where no ground was found, and everything is an object."""
+    """(3,) direction away from the ground, LiDAR frame; None if no ground was found and all is objects."""
 
 @final
 class Partitions:
-    """The segments of a sweep's points, and null partitions, in which they lie elsewhere."""
+    """The segments of a sweep's points, and null partitions, in which the segments are elsewhere."""
 
 def turned_partitions(
     points: Sequence[_Float32], segmented: Sequence[SegmentedSweep], num_turns: int
 ) -> list[Partitions]:
-    """The segments of a drive's sweeps (N, 3), each with `num_turns` null partitions.
+    """Return the segments of a drive's sweeps (N, 3), each with `num_turns` null partitions.
 
-    In each the segments lie as if the sweep had been turned about the direction away from the ground, by equal parts
-    of the azimuths that the sweeps cover.
+    In a null partition the segments are as if the sweep had been rotated about the direction away from the ground, by a
+    fraction of the azimuths that the sweeps cover.
     """
 
 def information(
     observations: Observations, t_camera_lidar: _Float64, edge_band_px: int
 ) -> list[tuple[list[int], float, float]]:
-    """What points tell of the pixels at a pose (4, 4): segments less what null partitions tell.
+    """Compute the information of points about pixels at a pose (4, 4), less that of null partitions.
 
-    For each square of the images, by frame, row and column: the sum over its visible points, and their weight. All
-    sums over all weights are the adjusted mutual information of segments, a share, or that of classes, nats.
+    Returns the sum over the visible points of each square of the images, by frame, row and column, and their weight.
+    The total sum over the total weight is the adjusted mutual information of segments, a share, or the mutual
+    information of classes, nats.
     """
 
 def information_gains(
     observations: Observations, before: _Float64, after: Sequence[_Float64], edge_band_px: int
 ) -> list[HeldOutGain]:
-    """The gains of that information, its mean over all points, from one pose (4, 4) to each of others.
+    """Compute the gains in mean `information` from one pose (4, 4) to each of the others.
 
-    Points are those that are visible at the first pose. Classes tell their mutual information, in nats.
+    Points are those visible at the first pose. Gains are in nats for classes.
     """
 
 def estimate_up(points: Sequence[_Float32]) -> Up | None:
-    """The direction away from the ground of a drive's sweeps (N, 3), whichever way the LiDAR is mounted.
+    """Estimate the direction away from the ground from a drive's sweeps (N, 3), for any mounting of the LiDAR.
 
-    None where no plane has nearly all returns on one side.
+    Returns None if no plane has nearly all returns on one side.
     """
 
 def segment_sweep(
@@ -822,49 +823,49 @@ def segment_sweeps(
 
 @final
 class Steps:
-    """What changes along the scan from each point of a sweep to its neighbours."""
+    """Changes along the scan from each point of a sweep to its neighbours."""
 
     range_m: NDArray[np.float32]
-    """(N,) by how much the farther one of the two neighbours is farther than the point, metres.
+    """(N,) range of the farther one of the two neighbours minus that of the point, metres.
 
-    It is infinite where no return is beside the point, and NaN where the point is no return itself.
+    It is infinite if there is no return next to the point, and NaN if the point itself is not a return.
     """
     to_range_step_m: _Float32
-    """(N, 3) from each point to half-way towards that neighbour's ray, metres: the surface ends in between."""
+    """(N, 3) vector from each point half-way to that neighbour's ray, metres: the surface ends in between."""
     to_intensity_step_m: _Float32
-    """(N, 3) from each point to half-way towards the neighbour whose intensity differs more, metres."""
+    """(N, 3) vector from each point half-way to the neighbour whose intensity differs more, metres."""
     spacing: float
-    """Median angle between neighbouring rays, radians; 0 without any."""
+    """Median angle between neighbouring rays, radians; 0 if there are none."""
     intensity: NDArray[np.float32] | None
-    """(N,) the larger difference of intensity to a neighbour on the same surface; NaN without such a neighbour."""
+    """(N,) larger intensity difference to a neighbour on the same surface; NaN if there is none."""
 
 def edge_steps(
     points: Sequence[_Float32], intensities: Sequence[NDArray[np.float32] | None], same_surface_m: float
 ) -> list[Steps]:
-    """Find the steps of range and intensity along the scans of sweeps, in parallel.
+    """Find the steps in range and intensity along the scans of sweeps, in parallel.
 
     Args:
         points: (N, 3) each, metres, LiDAR frame, as scanned, in any order.
         intensities: (N,) each, or None.
-        same_surface_m: Points on one surface differ by less than this in range.
+        same_surface_m: Largest range difference of points on one surface.
 
     Raises:
-        InputError: there are not as many intensities as points.
+        InputError: the numbers of intensities and points differ.
     """
 
 def classes_of_scores(
     scores: Sequence[_Float32], views: NDArray[np.uint8], places: _Float32, classes_first: bool
 ) -> NDArray[np.uint16]:
-    """Sample scores of classes where pixels lie, bilinear, and take the class of the highest, the lowest of several.
+    """Sample class scores at pixels, bilinear, and take the class with the highest, the lowest in a tie.
 
     Args:
         scores: Scores of each view: (C, h, w) with `classes_first`, otherwise (h, w, C).
-        views: (N,) the view of each pixel, or `NO_VIEW`.
+        views: (N,) view of each pixel, or `NO_VIEW`.
         places: (N, 2) column and row of each pixel on the grid of its view's scores.
         classes_first: Whether classes are the first axis.
 
     Returns:
-        (N,) classes; `NO_ID` where no view shows a pixel.
+        (N,) classes; `NO_ID` for pixels in no view.
 
     Raises:
         InputError: a score is not finite.
@@ -877,9 +878,9 @@ def shares_of_scores(
     classes_first: bool,
     are_logits: bool,
 ) -> NDArray[np.uint8]:
-    """Sample scores as `classes_of_scores`, and give the share of each class in 1/255: (N * C,), pixel by pixel.
+    """Sample scores as `classes_of_scores`, and return the class shares (N * C,) in 1/255, pixel by pixel.
 
-    Of logits, the softmax is taken; other scores are in proportion to probabilities.
+    The softmax is applied to logits; other scores are proportional to probabilities.
 
     Raises:
         InputError: a score is not finite.
@@ -890,9 +891,9 @@ class RangeProjection:
     """The points of a sweep in a range image."""
 
     points: NDArray[np.uint32]
-    """(rows * columns,) the nearest point of each pixel, or `NO_PIXEL`."""
+    """(rows * columns,) nearest point of each pixel, or `NO_PIXEL`."""
     pixels: NDArray[np.uint32]
-    """(N,) the pixel of each point, or `NO_PIXEL`."""
+    """(N,) pixel of each point, or `NO_PIXEL`."""
 
 @final
 class RangeView:
@@ -906,7 +907,7 @@ class RangeView:
         azimuths: tuple[float, float],
         clamps: bool,
     ) -> RangeView:
-        """Angles in radians: elevations of the lower and the upper border, azimuths of the left and the right one."""
+        """Take elevations of the lower and upper border, and azimuths of the left and right one, in radians."""
 
     def project(self, points: _Float32, rings: NDArray[np.uint16] | None = None) -> RangeProjection:
         """Project points (N, 3); with `rings` (N,), a point's row is its ring."""
@@ -918,4 +919,4 @@ class RangeView:
         classes: NDArray[np.uint16],
         neighbors: NeighborsConfig,
     ) -> NDArray[np.uint16]:
-        """Carry the classes of pixels back to points (N,) by their nearest neighbours; `NO_ID` does not vote."""
+        """Transfer the classes of pixels back to points (N,) by their nearest neighbours; `NO_ID` does not vote."""
