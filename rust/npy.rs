@@ -49,7 +49,7 @@ fn data_bytes(header: &NpyHeader) -> Option<u64> {
 /// A message: the stream is not a `.npy` array, promises more than `limit` bytes, or has another number than it
 /// promises.
 pub fn read_array(file: &mut impl Read, limit: u64) -> std::result::Result<Vec<u8>, String> {
-    let mut bytes = read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?;
+    let mut bytes = read_checked(file).map_err(|reason| format!("is not a .npy array: {reason}"))?;
     let (header, start) = (parse_header(&bytes)?, bytes.len());
     let promised = data_bytes(&header).unwrap_or(u64::MAX);
     check_bytes(promised.saturating_add(start as u64), limit, "")?;
@@ -62,7 +62,7 @@ pub fn read_array(file: &mut impl Read, limit: u64) -> std::result::Result<Vec<u
 
 /// Reads the header of an array; its data follow in the file.
 pub fn read_header(file: &mut impl Read) -> std::result::Result<NpyHeader, String> {
-    parse_header(&read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?)
+    parse_header(&read_checked(file).map_err(|reason| format!("is not a .npy array: {reason}"))?)
 }
 
 fn parse_header(header: &[u8]) -> std::result::Result<NpyHeader, String> {
@@ -70,7 +70,7 @@ fn parse_header(header: &[u8]) -> std::result::Result<NpyHeader, String> {
     let first_line = |e: std::io::Error| {
         let reason = e.to_string();
         let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();
-        format!("is no .npy array: {line}")
+        format!("is not a .npy array: {line}")
     };
     NpyHeader::from_reader(header).map_err(first_line)
 }
@@ -134,7 +134,7 @@ fn read_ids_of(
 ) -> Result<Vec<u16>> {
     let complain = |reason: String| Error::file(path, reason);
     let bytes =
-        read_checked(&mut stream).map_err(|reason| complain(format!("is no .npy array: {reason}")))?;
+        read_checked(&mut stream).map_err(|reason| complain(format!("is not a .npy array: {reason}")))?;
     let header = parse_header(&bytes).map_err(complain)?;
     check_data(&header, size.saturating_sub(bytes.len() as u64)).map_err(complain)?;
     let DType::Plain(dtype) = header.dtype() else {

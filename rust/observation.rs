@@ -95,11 +95,16 @@ impl Observations {
             } else if !in_range(&image.ids, num_image_classes) {
                 format!("a pixel's class is not below {num_image_classes}")
             } else if !fits(frame.point_shares.as_deref(), points, num_point_classes) {
-                format!("{points} points need as many shares of classes below {num_point_classes}")
+                format!(
+                    "{points} points need the same number of shares, of classes below {num_point_classes}"
+                )
             } else if !fits(frame.image.shares.as_deref(), image.ids.len(), num_image_classes) {
-                format!("{} pixels need as many shares of classes below {num_image_classes}", image.ids.len())
+                format!(
+                    "{} pixels need the same number of shares, of classes below {num_image_classes}",
+                    image.ids.len()
+                )
             } else if frame.partitions.as_ref().is_some_and(|found| found.num_points() != points) {
-                format!("{points} points need as many segments")
+                format!("{points} points need the same number of segments")
             } else {
                 continue;
             };

@@ -1,7 +1,7 @@
 //! Distance of projected points from the pixels of their own class: the cost of SOIC, and its minimum.
 //!
-//! Source: Wang, Nobuhara, Nakamura and Sakurada, *SOIC: Semantic Online Initialization and Calibration for LiDAR and
-//! Camera*, arXiv 2003.04260.
+//! Source: Wang, Nobuhara, Nakamura and Sakurada, *SOIC: Semantic Online Initialization and Calibration for LiDAR
+//! and Camera*, arXiv 2003.04260.
 
 use std::sync::Arc;
 
@@ -14,21 +14,21 @@ use crate::point_cloud::to_f64;
 use crate::powell::{Minimum, PowellConfig, minimize};
 use crate::thinning::{stride, thinned};
 
-/// Margin around the image, in its sides: points that project farther outside at the start are left out.
+/// Margin around the image, relative to its sides: points that project farther outside at the start are left out.
 const MARGIN: f64 = 0.5;
 /// Factor on the reach of the line searches in every other restart.
 const SHORTER: f64 = 0.2;
 
-/// The points of one class in one frame, and the distance of each block of the image from a pixel of that class.
+/// The points of one class in one frame, and the distance of each image block from the nearest pixel of that class.
 #[derive(Clone, Debug)]
 pub struct ClassInFrame {
     pub class: usize,
     pub points: Vec<[f32; 3]>,
-    /// Rows of blocks, in pixels.
+    /// Distances by rows of blocks, in pixels.
     pub distances: Arc<Vec<Vec<f32>>>,
 }
 
-/// Its fields are those of `SoicConfig` in Python, which says what they mean.
+/// Settings: the fields of `SoicConfig` in Python, which documents them.
 #[derive(Clone, Copy, Debug)]
 pub struct DescentConfig {
     pub step_rad: f64,
@@ -62,8 +62,8 @@ impl SemanticDistance {
         Self { camera, parts, num_classes, block }
     }
 
-    /// Distance in pixels of a class's projected points from the nearest pixel of that class: the mean over the points in
-    /// the image, and then over the classes. Infinite where no point projects into the image.
+    /// Distance in pixels of a class's projected points from the nearest pixel of that class, averaged over the
+    /// points in the image, then over the classes. Infinite if no point projects into the image.
     pub fn at(&self, pose: &Isometry3<f64>) -> f64 {
         let (rotation, translation) = (pose.rotation.to_rotation_matrix(), pose.translation.vector);
         let sum = |part: &ClassInFrame| self.sum(part, &rotation, &translation);
@@ -78,13 +78,15 @@ impl SemanticDistance {
         if num_seen == 0 { f64::INFINITY } else { total / f64::from(num_seen) }
     }
 
-    /// Minimum of the cost, by Powell's method over a rotation vector and a motion of the camera's centre, both along the
-    /// axes of the camera at the start.
+    /// Minimises the cost by Powell's method over a rotation vector and a shift of the camera centre, both along
+    /// the axes of the camera at the start.
     pub fn minimize(&self, start: &Isometry3<f64>, config: &DescentConfig) -> Result<DistanceMinimum> {
         let near = self.near(start, config.max_points);
         let cost = near.at(start);
         if !cost.is_finite() {
-            return Err(Error::Calibration("no overlap: no point of any class lands in the image".into()));
+            return Err(Error::Calibration(
+                "no overlap: no point of any class projects into the image".into(),
+            ));
         }
         let mut found = DistanceMinimum { pose: *start, cost_px: cost, num_evaluations: 1, converged: false };
         let mut num_idle = 0;
@@ -100,7 +102,7 @@ impl SemanticDistance {
             if minimum.value < found.cost_px {
                 (found.pose, found.cost_px) = (pose, minimum.value);
             }
-            // Neither far nor near is there anything better.
+            // No improvement, neither far nor near.
             if num_idle == 2 {
                 found.converged = true;
                 break;
@@ -130,7 +132,7 @@ impl SemanticDistance {
         (pose(&minimum.x), minimum)
     }
 
-    /// The cost of the points that project into or near the image, at most about `max_points` of them.
+    /// The cost over the points that project into or near the image, at most about `max_points` of them.
     fn near(&self, pose: &Isometry3<f64>, max_points: usize) -> Self {
         let (width, height) = (self.camera.width as f64, self.camera.height as f64);
         let is_near = |point: &&[f32; 3]| {
@@ -149,7 +151,7 @@ impl SemanticDistance {
         Self { parts: self.parts.iter().zip(near).map(thin).collect(), ..self.clone() }
     }
 
-    /// The sum of the distances of the points that project into the image, and their number.
+    /// Sum of the distances of the points that project into the image, and their number.
     fn sum(
         &self,
         part: &ClassInFrame,
@@ -167,7 +169,7 @@ impl SemanticDistance {
         found
     }
 
-    /// Distance, bilinear between the centres of blocks; beyond the outermost centres, that of the nearest one.
+    /// Distance, bilinear between block centres; beyond the outermost centres, that of the nearest one.
     fn distance(&self, distances: &[Vec<f32>], pixel: &Point2<f64>) -> f64 {
         let between = |x: f64, count: usize| {
             let place = ((x + 0.5) / self.block as f64 - 0.5).clamp(0.0, (count - 1) as f64);

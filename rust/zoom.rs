@@ -173,7 +173,7 @@ fn border_ray(camera: &Camera, right: f64, down: f64) -> Result<(Vector3<f64>, f
     shares.into_iter().find_map(reached).ok_or_else(|| {
         let middle = pixel(0.0);
         Error::Input(format!(
-            "camera: the lens model does not reach pixel ({:.0}, {:.0}) in the image's middle",
+            "camera: the lens model does not reach pixel ({:.0}, {:.0}) at the middle of the image",
             middle.x, middle.y
         ))
     })

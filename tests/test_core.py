@@ -70,7 +70,7 @@ def test_wrong_arguments_are_errors(street_observations: Observations, street_tr
         _core.register(observations, images, replace(config, roll_step_deg=0.0))
     with pytest.raises(ValueError, match="50 points have 5 classes"):
         _core.steps_at_label_changes([cloud], reach=2, num_blocks=1)
-    with pytest.raises(ValueError, match="radial moves points as no lens does"):
+    with pytest.raises(ValueError, match="no lens has the intrinsic radial"):
         _core.maximise(observations, street_truth, joint, ["radial"])
 
 
@@ -154,7 +154,7 @@ def npy(array: np.ndarray, tmp_path: Path) -> bytes:
 def test_hostile_npy(tmp_path: Path) -> None:
     whole = npy(np.ones((5, 3), np.float32), tmp_path)
     hostile = {
-        "is no .npy array": b"\x93NUMPY",
+        "is not a .npy array": b"\x93NUMPY",
         "holds 56 bytes of data, its header needs shape [5, 3] of <f4": whole[:-4],
         "has shape [5, 2], needs N x 3, or N x 4 and more (x y z intensity ...)": npy(
             np.ones((5, 2)), tmp_path

@@ -85,7 +85,7 @@ def test_wrong_labels_leave_no_better_place_unfound(
 
 
 def test_a_pose_at_which_nothing_is_seen_is_an_error(street: Path, soic: Soic, street_truth: Pose) -> None:
-    with pytest.raises(CalibrationError, match="no overlap: no point of any class lands in the image"):
+    with pytest.raises(CalibrationError, match="no overlap: no point of any class projects into the image"):
         soic.minimize(pose_from_mounting([0.0, -90.0, 0.0], [0.0, 0.0, 0.0]))
 
 

@@ -165,8 +165,8 @@ fn headers_that_are_none() {
         ((Format::Ply, b"ply\nformat ascii 1.0\nend_header\n".to_vec()), "has no element 'vertex'"),
         ((Format::Ply, b"ply\nelement vertex -1\n".to_vec()), "header line 'element vertex -1' is not known"),
         ((Format::Ply, b"ply\nproperty float x\n".to_vec()), "header line 'property float x' is not known"),
-        (npy(&"[".repeat(5000)), "is no .npy array: its header is nested too deeply"),
-        ((Format::Npy, long_npy), "is no .npy array: its header is too long"),
+        (npy(&"[".repeat(5000)), "is not a .npy array: its header is nested too deeply"),
+        ((Format::Npy, long_npy), "is not a .npy array: its header is too long"),
         ((Format::Kitti, vec![0; 32]), "holds no returns: every point is zero or not finite"),
         ((Format::Kitti, vec![]), "holds no points"),
     ];

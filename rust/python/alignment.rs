@@ -259,7 +259,7 @@ pub(super) fn maximise(
     config.factors.iter().try_for_each(|&factor| check_factor(factor, camera))?;
     check_count(&config, variables.count() - 6)?;
     if variables.intrinsics.contains(&Intrinsic::Radial) {
-        return Err(value_error("radial moves points as no lens does, needed intrinsics of the camera"));
+        return Err(value_error("no lens has the intrinsic radial, needed intrinsics of the camera"));
     }
     let JointMaximum { estimate, moved_px, .. } =
         detached(|| alignment::maximise(&observations.0, &t_camera_lidar.0, &variables, None, &config))?;

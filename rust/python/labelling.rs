@@ -18,7 +18,7 @@ fn sampled<T: Send>(
 ) -> PyResult<Vec<T>> {
     let (views, places) = (views.as_slice()?, borrowed_rows("places", places)?);
     if views.len() != places.len() {
-        return Err(value_error("views and places of as many pixels are needed"));
+        return Err(value_error("views and places need the same number of pixels"));
     }
     let mut arrays = Vec::with_capacity(scores.len());
     for each in scores {
@@ -96,7 +96,7 @@ impl PyRangeView {
         let points = borrowed_rows("points", &points)?;
         let rings = rings.as_ref().map(PyReadonlyArray1::as_slice).transpose()?;
         if rings.is_some_and(|rings| rings.len() != points.len()) {
-            return Err(value_error("a ring of each point is needed"));
+            return Err(value_error("every point needs a ring"));
         }
         let found = detached(|| self.0.project(&points, rings));
         Ok(PyRangeProjection {
@@ -120,7 +120,7 @@ impl PyRangeView {
         };
         let classes = classes.as_slice()?;
         if projection.points.len() != classes.len() || projection.pixels.len() != points.len() {
-            return Err(value_error("the projection is not of these points and pixels"));
+            return Err(value_error("the projection belongs to other points or pixels"));
         }
         let found = detached(|| self.0.carry_back(&projection, &points, classes, &neighbors))?;
         Ok(found.into_pyarray(py))

@@ -40,7 +40,7 @@ impl PyTrajectory {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let (points, times) = (borrowed_rows::<3, _>("points", &points)?, times.as_slice()?);
         if points.len() != times.len() {
-            return Err(value_error(format!("{} points need as many times", points.len())));
+            return Err(value_error(format!("{} points need the same number of times", points.len())));
         }
         let moved = detached(|| self.0.compensate(&points, times, moment))
             .map_err(|time| value_error(format!("the motion at {time} s is unknown")))?;
@@ -66,7 +66,7 @@ pub(super) fn unroll<'py>(
     let rolling = Rolling { camera: &camera.0, shutter, twist_per_s, pose };
     let (points, seen_s) = (borrowed_rows("points", &points)?, seen_s.as_slice()?);
     if points.len() != seen_s.len() {
-        return Err(value_error(format!("{} points need as many times", points.len())));
+        return Err(value_error(format!("{} points need the same number of times", points.len())));
     }
     let (moved, exposed_s): (Vec<_>, Vec<_>) =
         detached(|| rolling.unroll(&points, seen_s)).into_iter().unzip();

@@ -125,7 +125,7 @@ impl Rig {
     pub(super) fn check(&self) -> Result<()> {
         let lever = self.t_camera_lidar.inverse().translation.vector.norm();
         if !self.lidar.is_valid() {
-            return Err(Error::Input(format!("rig: {:?} cannot be", self.lidar)));
+            return Err(Error::Input(format!("rig: {:?} is impossible", self.lidar)));
         }
         self.shutter.check()?;
         if lever > super::MAX_LEVER_M {
