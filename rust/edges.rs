@@ -1,9 +1,9 @@
-//! Edges of a sweep: points beside which, along the scan, the range or the intensity steps.
+//! Edges of a sweep: points next to which, along the scan, range or intensity steps.
 //!
-//! Rays are compared with their neighbours of direction, to the left and to the right at about the same elevation, so
-//! that a pattern needs no rings and points may come in any order. Of two surfaces only the nearer one has an edge: the
-//! other goes on behind it. Comparing along the scan follows Levinson and Thrun, *Automatic Online Calibration of Cameras
-//! and Lasers* (RSS 2013), who take steps in range within a ring against edges of images.
+//! Each ray is compared with its angular neighbours to the left and right at about the same elevation, so that the
+//! scan pattern needs no rings and points may be in any order. Of two surfaces only the nearer one has an edge: the
+//! other continues behind it. Comparison along the scan follows Levinson and Thrun, *Automatic Online Calibration
+//! of Cameras and Lasers* (RSS 2013), who match range steps within a ring against image edges.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -14,42 +14,42 @@ use crate::point_cloud::to_f64;
 use crate::segmentation::is_return;
 use crate::spherical::{azimuth, elevation, from_angles};
 
-/// Height of the rows by which neighbours are looked up, radians.
+/// Height of the rows used to look up neighbours, radians.
 const ROW: f64 = 1e-3;
-/// Nearer rays have the same direction, radians.
+/// Rays closer than this count as one direction, radians.
 const LEAST_ANGLE: f64 = 3e-4;
-/// A neighbour may be off by this elevation, radians, and by this share of its distance: a ring is no circle where the
-/// sensor is tilted or corrects for where its lasers sit, and a rosette has no rings.
+/// Elevation tolerance of a neighbour, radians, and the same relative to its distance: a ring is not a circle if
+/// the sensor is tilted or corrects for the positions of its lasers, and a rosette has no rings.
 const LEAST_HEIGHT: f64 = 5e-4;
 const SLOPE: f64 = 0.3;
-/// A neighbour is at most this far away, radians.
+/// Largest distance of a neighbour, radians.
 const REACH: f64 = 0.02;
 /// A gap of more than this many times the usual distance of neighbours means that returns are missing.
 const GAP: f64 = 7.0;
 
-/// Smallest cosine of an elevation: at the poles azimuths mean nothing.
+/// Smallest cosine of an elevation: at the poles azimuths are meaningless.
 const LEAST_COSINE: f64 = 1e-3;
 
-/// What changes from each point of a sweep to its neighbours.
+/// Changes from each point of a sweep to its neighbours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Steps {
-    /// By how much the farther one of the two neighbours is farther than the point, metres: infinite where there is no
-    /// return beside the point, NaN where the point is none itself.
+    /// Range of the farther one of the two neighbours minus that of the point, metres: infinite if there is no
+    /// return next to the point, NaN if the point itself is not a return.
     pub range_m: Vec<f32>,
-    /// From each point to half-way towards that neighbour's ray, metres: the surface ends in between.
+    /// Vector from each point half-way to that neighbour's ray, metres: the surface ends in between.
     pub to_range_step_m: Vec<[f32; 3]>,
-    /// The larger difference of intensity to a neighbour on the same surface, NaN where no neighbour is; `None` without
+    /// Larger intensity difference to a neighbour on the same surface, NaN if there is none; `None` without
     /// intensities.
     pub intensity: Option<Vec<f32>>,
-    /// From each point to half-way towards that neighbour, metres.
+    /// Vector from each point half-way to that neighbour, metres.
     pub to_intensity_step_m: Vec<[f32; 3]>,
     pub spacing: f64,
 }
 
-/// The points of a sweep, metres, LiDAR frame, and the intensity of each, if there is one.
+/// Points of a sweep, metres, LiDAR frame, and their intensities, if any.
 pub type Scanned<'a> = (&'a [[f32; 3]], Option<&'a [f32]>);
 
-/// The steps of each of some sweeps.
+/// Computes the steps of each sweep.
 ///
 /// A neighbour is on the same surface if its range differs by less than `same_surface_m`.
 pub fn steps(sweeps: &[Scanned], same_surface_m: f64) -> Vec<Steps> {
@@ -99,7 +99,7 @@ struct Ray {
     azimuth: f64,
     elevation: f64,
     range: f64,
-    /// Among all points of the sweep.
+    /// Index among all points of the sweep.
     index: usize,
 }
 
@@ -108,8 +108,8 @@ impl Ray {
         from_angles(self.azimuth, self.elevation)
     }
 
-    /// From the point, metres, to its range half-way to a neighbour's ray on a side; without a neighbour, that is half
-    /// the usual spacing of rays, radians.
+    /// Vector from the point, metres, to its range half-way to a neighbour's ray on one side. Without a neighbour,
+    /// that is half the usual spacing of rays, radians.
     fn half_way(&self, neighbour: Option<Self>, side: usize, spacing: f64) -> [f32; 3] {
         let own = self.direction();
         let middle = match neighbour {
@@ -127,16 +127,16 @@ impl Ray {
 
 #[derive(Clone, Copy, Debug)]
 struct Beside {
-    /// Among the sorted rays.
+    /// Index among the sorted rays.
     at: usize,
-    /// Radians of arc.
+    /// Distance, radians of arc.
     distance: f64,
 }
 
 /// All rays with returns, by row and azimuth.
 struct Rays {
     sorted: Vec<Ray>,
-    /// The first ray of each row, and the end.
+    /// Index of the first ray of each row, and the end.
     starts: Vec<usize>,
 }
 
@@ -164,14 +164,15 @@ impl Rays {
         Self { sorted, starts }
     }
 
-    /// The neighbours of a ray: in the direction of larger azimuths, and of smaller ones.
+    /// Neighbours of a ray towards larger azimuths, and towards smaller ones.
     fn beside(&self, at: usize) -> [Option<Beside>; 2] {
         let ray = &self.sorted[at];
         let reach_rows = ((LEAST_HEIGHT + SLOPE * REACH) / ROW).ceil() as usize;
         let own = row(ray.elevation);
         let mut found = [None, None];
         let last = self.starts.len() - 2;
-        // Nearer rows first: a ray of a farther one is at least so far away that a nearer neighbour rules it out.
+        // Nearer rows first: a ray of a farther row is at least as far away as that row, so a nearer neighbour
+        // rules it out.
         let rows = (0..=reach_rows).flat_map(|away| {
             let below = own.checked_sub(away);
             let above = (away > 0 && own + away <= last).then_some(own + away);
@@ -189,12 +190,12 @@ impl Rays {
         found
     }
 
-    /// The neighbour of a ray on one side in a row, at most so far away, radians of arc.
+    /// Neighbour of a ray on one side in a row, within a distance in radians of arc.
     fn beside_in_row(&self, ray: &Ray, row: usize, side: usize, within: f64) -> Option<Beside> {
         let rays = &self.sorted[self.starts[row]..self.starts[row + 1]];
         let across = ray.elevation.cos().max(LEAST_COSINE);
         let least = LEAST_ANGLE / across;
-        // Rays that are nearer than `least` are passed over at once, however many there are.
+        // Rays nearer than `least` are skipped at once, however many there are.
         let first = wrapped(ray.azimuth + if side == 0 { least } else { -least });
         let middle = rays.partition_point(|other| other.azimuth < first);
         for step in 0..rays.len() {
@@ -206,7 +207,7 @@ impl Rays {
             let turn = if side == 0 { other.azimuth - ray.azimuth } else { ray.azimuth - other.azimuth };
             let turn = turn.rem_euclid(TAU);
             let distance = turn * across;
-            // After a whole turn come the rays that were passed over; round-off puts none of the first there.
+            // The skipped rays come after a whole turn; round-off puts none of the first there.
             if turn < 0.5 * least || turn > TAU - least || distance > within {
                 return None;
             }
@@ -219,7 +220,7 @@ impl Rays {
     }
 }
 
-/// The median distance of neighbours, radians.
+/// Median distance of neighbours, radians.
 fn usual_distance(beside: &[[Option<Beside>; 2]]) -> f64 {
     let mut distances: Vec<f64> = beside.iter().flatten().flatten().map(|beside| beside.distance).collect();
     if distances.is_empty() {
@@ -242,7 +243,8 @@ fn row(elevation: f64) -> usize {
 mod tests {
     use super::*;
 
-    /// A wall at 10 m with a pole at 5 m before it, scanned by rings: points, and intensities, which step on the wall.
+    /// A wall at 10 m with a pole at 5 m in front of it, scanned in rings: points, and intensities, which step on
+    /// the wall.
     fn scene(turned_rad: f64) -> (Vec<[f32; 3]>, Vec<f32>) {
         let (mut points, mut intensity) = (Vec::new(), Vec::new());
         for ring in 0..8 {
@@ -275,7 +277,7 @@ mod tests {
             let (points, intensity) = scene(turned_rad);
             let found = &steps(&[(&points, Some(&intensity))], 0.3)[0];
             assert_eq!(columns_where(&found.range_m, |step| step.is_finite() && step > 4.0), [56, 64]);
-            // Nothing is beside the scan's own ends.
+            // The ends of the scan have no neighbour.
             assert_eq!(columns_where(&found.range_m, f32::is_infinite), [0, 120]);
             assert_eq!(
                 columns_where(found.intensity.as_deref().unwrap_or_default(), |step| step > 0.4),
@@ -286,7 +288,7 @@ mod tests {
 
     #[test]
     fn points_in_one_direction_are_passed_over() {
-        // Quadratic, each takes half a minute: backward, at the seam of azimuths, and overhead.
+        // A quadratic search would take half a minute for each: backward, at the azimuth seam, and overhead.
         let (alone, _) = scene(0.0);
         for placeholder in [[-50.0, 0.0, 0.0], [0.0, 0.0, 50.0]] {
             let all: Vec<_> =

@@ -1,4 +1,4 @@
-//! The errors of the core, as `semcal_cli.errors` shows them to Python.
+//! Errors of the core; `semcal_cli.errors` holds their Python counterparts.
 
 use std::path::{Path, PathBuf};
 
@@ -7,23 +7,23 @@ pub enum Error {
     /// A file cannot be read, or does not hold what its format promises.
     #[error("{}: {reason}", path.display())]
     File {
-        /// The file as the caller named it.
+        /// The file, as the caller named it.
         path: PathBuf,
-        /// Phrases on what was found and what was needed.
+        /// What was found and what was needed.
         reason: String,
     },
-    /// The system failed to read a file, whatever is in it.
+    /// The system failed to read a file, whatever its content.
     #[error("{}: {source}", path.display())]
     System {
-        /// The file as the caller named it.
+        /// The file, as the caller named it.
         path: PathBuf,
         /// The system's own error, with its number.
         source: std::io::Error,
     },
-    /// An argument is out of its range or arguments disagree.
+    /// An argument is out of range, or arguments disagree.
     #[error("{0}")]
     Input(String),
-    /// The input is well formed, but the data cannot give an answer.
+    /// The input is well formed, but the data do not determine an answer.
     #[error("{0}")]
     Calibration(String),
 }

@@ -1,32 +1,32 @@
-//! Borders between labels, and the steps of range or colour that lie beside them: where labels belong to their points or
-//! pixels, the two coincide.
+//! Borders between labels, and the steps in range or colour next to them: the two coincide where labels match their
+//! points or pixels.
 
 use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 
-/// Largest difference of the logarithms of two ranges; larger ones count as this, so that no step outweighs many.
+/// Largest difference of the logarithms of two ranges. Larger ones are clipped, so that no step outweighs many.
 const MAX_LOG_STEP: f32 = 0.3;
-/// Share of the steps between pixels that are not cut to the largest that counts, for the same reason.
+/// Fraction of the steps between pixels that are not clipped, for the same reason.
 const SHARE_UNCUT: f64 = 0.95;
-/// Pixels of one class on either side of a border; thinner things and isolated wrong labels have none.
+/// Pixels of one class on either side of a border; thinner objects and isolated wrong labels have none.
 const RUN: usize = 3;
 
-/// Where borders of a label image are looked for and how far from them.
+/// Tiles of a label image, and largest displacement from its borders.
 #[derive(Clone, Copy, Debug)]
 pub struct Tiling {
-    /// Largest displacement, in pixels, rows as well as columns.
+    /// Largest displacement, in pixels, along rows and columns.
     pub reach: usize,
-    /// Rows and columns of tiles, which together are the image.
+    /// Rows and columns of tiles, which together cover the image.
     pub tiles: (usize, usize),
 }
 
-/// Sums, over the borders in each block of consecutive entries of a sweep, of the range step at every displacement.
+/// Sums the range steps over the borders in each block of consecutive entries of a sweep, at every displacement.
 ///
-/// A border lies between two consecutive points of different classes, a step is the logarithm of the ratio of their
+/// A border is between two consecutive points of different classes; a step is the logarithm of the ratio of their
 /// ranges.
 ///
-/// Returns `num_blocks` rows of `2 * reach + 1` sums; in column `reach + s` the steps lie `s` entries after the borders.
-/// Points without a class have no borders, nor have the first and last `reach` entries.
+/// Returns `num_blocks` rows of `2 * reach + 1` sums; in column `reach + s` the steps are `s` entries after the
+/// borders. Points without a class have no borders, and neither have the first and last `reach` entries.
 pub fn steps_at_point_borders(
     points: &[[f32; 3]],
     classes: &[u8],
@@ -48,15 +48,15 @@ pub fn steps_at_point_borders(
     sums
 }
 
-/// Sums, over the borders in each tile of a label image, of the image's step at every displacement.
+/// Sums the image steps over the borders in each tile of a label image, at every displacement.
 ///
-/// A border lies between two neighbouring pixels, each the end of a run of equal labels. A step is the largest difference
-/// of a colour channel, and at most one.
+/// A border is between two neighbouring pixels, each the end of a run of equal labels. A step is the largest
+/// difference of a colour channel, and at most one.
 ///
-/// The image has three channels a pixel, row by row.
+/// The image has three channels per pixel, row by row.
 ///
-/// Returns a table of `(2 * reach + 1)^2` sums for each tile, row by row; in row `reach + y` and column `reach + x` of a
-/// table the steps lie `x` pixels right of the borders and `y` below.
+/// Returns a table of `(2 * reach + 1)^2` sums for each tile, row by row; in row `reach + y` and column `reach + x`
+/// of a table the steps are `x` pixels right of the borders and `y` below.
 pub fn steps_at_pixel_borders(picture: &[[u8; 3]], classes: &LabelImage<u8>, tiling: Tiling) -> Vec<f32> {
     let side = 2 * tiling.reach + 1;
     let mut sums = vec![0.0; tiling.tiles.0 * tiling.tiles.1 * side * side];
@@ -66,7 +66,7 @@ pub fn steps_at_pixel_borders(picture: &[[u8; 3]], classes: &LabelImage<u8>, til
     sums
 }
 
-/// Adds the steps between pixels that are `stride` apart in memory.
+/// Adds the steps between pixels `stride` apart in memory.
 fn add_steps_along(
     picture: &[[u8; 3]],
     classes: &LabelImage<u8>,
@@ -96,10 +96,10 @@ fn add_steps_along(
     }
 }
 
-/// The differences of pixels that are `stride` apart, none larger than the limit that is returned beside them.
+/// Differences of pixels `stride` apart, clipped to the limit that is returned with them.
 fn cut_steps(picture: &[[u8; 3]], stride: usize) -> (Vec<u8>, u8) {
     let channels = picture.as_flattened();
-    // Byte against byte: what a compiler makes vectors of.
+    // Byte against byte, which compilers vectorise.
     let later = channels.get(3 * stride..).unwrap_or_default();
     let differences: Vec<u8> = channels.iter().zip(later).map(|(a, b)| a.abs_diff(*b)).collect();
     let (differences, _) = differences.as_chunks::<3>();
@@ -121,7 +121,7 @@ fn cut_steps(picture: &[[u8; 3]], stride: usize) -> (Vec<u8>, u8) {
     (steps, limit)
 }
 
-/// Whether a border lies between a pixel and the one `stride` after it.
+/// Whether a border is between a pixel and the one `stride` after it.
 fn is_border(ids: &[u8], index: usize, stride: usize) -> bool {
     let (before, after) = (ids[index], ids[index + stride]);
     before != after

@@ -1,4 +1,4 @@
-//! Label images: one class id a pixel.
+//! Label images: one class id per pixel.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -30,27 +30,27 @@ impl<T: Copy> LabelImage<T> {
 #[derive(Clone, Debug, Default)]
 pub struct Encoding {
     pub size: (usize, usize),
-    /// The colour of each class in colour-coded images: its place is the id. Colours that are not listed have the id
+    /// Colours of the classes in colour-coded images; the index is the id. Colours that are not listed have the id
     /// [`NO_ID`].
     pub palette: Option<HashMap<[u8; 3], u16>>,
 }
 
-/// Bytes that a pixel takes in a file at most, and bytes beside those of the pixels.
+/// Largest number of bytes per pixel in a file, and of bytes beside the pixels.
 const BYTES_A_PIXEL: u64 = 16;
 const MORE_BYTES: u64 = 1 << 20;
 
-/// The id of pixels that no class of the encoding has.
+/// The id of pixels with no class of the encoding.
 pub const NO_ID: u16 = u16::MAX;
 
 impl Encoding {
-    /// Reads many label images, in parallel; the first failing frame's error wins.
+    /// Reads many label images in parallel; the error of the first failing frame wins.
     pub fn read_all(&self, paths: &[PathBuf]) -> Result<Vec<LabelImage<u16>>> {
         let images: Vec<Result<LabelImage<u16>>> = paths.par_iter().map(|path| self.read(path)).collect();
         images.into_iter().collect()
     }
 
-    /// Reads many label images, in parallel, and keeps of each `columns x rows` pixels, evenly spread; the first failing
-    /// frame's error wins.
+    /// Reads many label images in parallel, and keeps `columns x rows` evenly spread pixels of each; the error of
+    /// the first failing frame wins.
     pub fn read_thumbnails(
         &self,
         paths: &[PathBuf],
@@ -68,8 +68,8 @@ impl Encoding {
         thumbnails.into_iter().collect()
     }
 
-    /// Reads a single-channel PNG (palette indices as stored), a PNG of the encoding's colours, an H x W `.npy` of ids, or
-    /// the likeliest classes of an `.npz` of probabilities.
+    /// Reads a single-channel PNG (palette indices as stored), a PNG of the encoding's colours, an H x W `.npy` of
+    /// ids, or the most probable classes of an `.npz` of probabilities.
     pub fn read(&self, path: &Path) -> Result<LabelImage<u16>> {
         let (width, height) = self.size;
         let ids = match (extension(path).as_str(), &self.palette) {
@@ -140,7 +140,7 @@ fn read_colors(path: &Path, size: (usize, usize), palette: &HashMap<[u8; 3], u16
     Ok(pixels.map(|pixel| palette.get(&[pixel[0], pixel[1], pixel[2]]).copied().unwrap_or(NO_ID)).collect())
 }
 
-/// The lines of a PNG of the camera's size, and what they hold after `transformations`.
+/// Decodes the lines of a PNG of the camera's size, after `transformations`.
 fn decode_png(
     path: &Path,
     size: (usize, usize),

@@ -1,7 +1,7 @@
 //! LiDAR-camera extrinsic calibration by semantic mutual information: the numeric core.
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
-// Without its bindings nothing calls the core but its tests.
+// Without its bindings only the tests call the core.
 #![cfg_attr(not(feature = "python"), allow(dead_code, unused_imports))]
 
 mod agreement;

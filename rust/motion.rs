@@ -1,7 +1,7 @@
-//! Motion compensation (de-skew): a sweep as the LiDAR would have seen it all at one moment.
+//! Motion compensation (deskew): a sweep as the LiDAR would have seen it all at one time.
 //!
-//! A LiDAR that moves by `T(s)` (its pose in a fixed frame at time `s`) measures a point at time `s` in the frame it has
-//! then; at the moment `m` the point lies at `T(m)^-1 T(s) p`. Between two known poses the twist is constant.
+//! A LiDAR with the pose `T(s)` in a fixed frame at time `s` measures a point `p` in its frame at that time. At the
+//! time `m` the point is at `T(m)^-1 T(s) p`. Between two known poses the twist is constant.
 
 use std::ops::RangeInclusive;
 
@@ -11,19 +11,19 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::se3::{exp, log};
 
-/// Points that one task moves.
+/// Number of points that one task moves.
 const CHUNK: usize = 4096;
 
 /// Motion of a LiDAR in a fixed frame.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
-    /// Sorted by time.
+    /// Poses, sorted by time.
     knots: Vec<Knot>,
-    /// The times between which it is known.
+    /// The interval in which the motion is known.
     known: RangeInclusive<f64>,
 }
 
-/// A pose, and the motion from there to the next one.
+/// A pose, and the motion from it to the next one.
 #[derive(Clone, Debug)]
 struct Knot {
     stamp: f64,
@@ -32,14 +32,15 @@ struct Knot {
 }
 
 impl Trajectory {
-    /// One twist, metres and radians a second in the LiDAR frame, at all times; the fixed frame is that of the LiDAR at
-    /// `stamp`, which should be near, since the motion from there is multiplied up.
+    /// Motion with a constant twist, metres and radians per second in the LiDAR frame. The fixed frame is that of
+    /// the LiDAR at `stamp`, which should be close, since
+    /// the twist is multiplied by the time from it.
     pub fn constant(twist_per_s: Vector6<f64>, stamp: f64) -> Self {
         let knot = Knot { stamp, pose: Isometry3::identity(), twist_per_s };
         Self { knots: vec![knot], known: f64::NEG_INFINITY..=f64::INFINITY }
     }
 
-    /// Through poses of the LiDAR in a fixed frame.
+    /// Motion through poses of the LiDAR in a fixed frame.
     pub fn through(stamps: &[f64], poses: &[Isometry3<f64>]) -> Result<Self> {
         if stamps.len() != poses.len() {
             let found = format!("found {} poses at {} times", poses.len(), stamps.len());
@@ -61,13 +62,13 @@ impl Trajectory {
         Ok(Self { knots, known: *start..=*end })
     }
 
-    /// The LiDAR's pose at a time, unless nothing is known of it.
+    /// The LiDAR's pose at a time, if it is known.
     pub fn pose_at(&self, stamp: f64) -> Option<Isometry3<f64>> {
         let knot = self.knot_before(stamp)?;
         Some(knot.pose * exp(&(knot.twist_per_s * (stamp - knot.stamp))))
     }
 
-    /// Its motion then, metres and radians a second in its own frame.
+    /// The twist at a time, metres and radians per second in the LiDAR frame.
     pub fn twist_at(&self, stamp: f64) -> Option<Vector6<f64>> {
         self.knot_before(stamp).map(|knot| knot.twist_per_s)
     }
@@ -77,10 +78,10 @@ impl Trajectory {
         self.known.contains(&stamp).then(|| &self.knots[next.saturating_sub(1)])
     }
 
-    /// Moves each point from the frame that the LiDAR had at the point's own time to the one at `moment`, seconds.
+    /// Moves each point from the LiDAR frame at the point's own time to the one at `moment`, seconds.
     ///
     /// # Errors
-    /// The trajectory does not reach to one of the times: that time.
+    /// The first time that the trajectory does not cover.
     pub fn compensate(
         &self,
         points: &[[f32; 3]],
@@ -88,7 +89,7 @@ impl Trajectory {
         moment: f64,
     ) -> std::result::Result<Vec<[f32; 3]>, f64> {
         let to_moment = self.pose_at(moment).ok_or(moment)?.inverse();
-        // Returns that were fired together share a time, and so do all points of a sweep that moves as a whole.
+        // Returns fired together share a time, and so do all points of a sweep that moves as a whole.
         let none = || (f64::NAN, Isometry3::identity());
         let moved = |(at, motion): &mut (f64, Isometry3<f64>), (point, &time): (&[f32; 3], &f64)| {
             if *at != time {

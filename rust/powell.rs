@@ -22,8 +22,8 @@ pub struct Minimum<const N: usize> {
 
 /// Minimises `f` from `start`.
 ///
-/// Each line is searched within one `step` of the current point: the objective is a registration that is known to lie
-/// near its start, and a far better value elsewhere is another hypothesis.
+/// Each line is searched within one `step` of the current point: the objective is a registration whose optimum is
+/// known to be near the start, and a far better value elsewhere is another hypothesis.
 pub fn minimize<const N: usize>(
     mut f: impl FnMut(&[f64; N]) -> f64,
     start: [f64; N],
@@ -53,8 +53,8 @@ pub fn minimize<const N: usize>(
         if moved.norm() <= config.tolerance {
             break;
         }
-        // Powell's test: take the round's total move as a direction only where the function still falls along it and
-        // one direction did not do all the work.
+        // Powell's test: the total move of the round becomes a direction only if the function still falls along it
+        // and no single direction caused most of the decrease.
         let extrapolated = value_at(&(x + moved));
         let curvature = round_value - 2.0 * value + extrapolated;
         let left = (round_value - value - largest_drop).powi(2);
@@ -70,7 +70,7 @@ pub fn minimize<const N: usize>(
     Minimum { x, value, num_evaluations: evaluations }
 }
 
-/// Brent's minimisation of `t -> f(x + t direction)` on `[-1, 1]`, never ending above its start.
+/// Brent's minimisation of `t -> f(x + t direction)` on `[-1, 1]`, which never ends above its start.
 fn search_line<const N: usize>(
     f: &mut impl FnMut(&SVector<f64, N>) -> f64,
     start: SVector<f64, N>,

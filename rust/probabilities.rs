@@ -1,5 +1,5 @@
-//! Class probabilities as networks write them: the only array of an `.npz`, with the classes along the last axis; float16,
-//! float32, float64 or uint8, on any scale.
+//! Class probabilities as written by networks: the only array of an `.npz`, with the classes along the last axis;
+//! float16, float32, float64 or uint8, on any scale.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -12,24 +12,24 @@ use crate::error::{Error, Result};
 use crate::file::Opened;
 use crate::npy::{LONGEST_HEADER, open_archive, read_header};
 
-/// Largest number of classes; raw ids are the places along the last axis.
+/// Largest number of classes; raw ids are the indices along the last axis.
 const MAX_CLASSES: usize = 255;
-/// Bytes of the probabilities of an item at most, and bytes of an archive beside them.
+/// Largest number of bytes of one item's probabilities, and of bytes of an archive beside them.
 const MAX_ITEM_BYTES: u64 = 8 * MAX_CLASSES as u64;
 const MORE_BYTES: u64 = 4 * LONGEST_HEADER as u64;
-/// Largest mean number of classes that an item has a share of: a wider spread carries no information, and a small file
-/// could fill the memory with it.
+/// Largest mean number of classes per item: a wider spread carries no information, and a small file could fill the
+/// memory with it.
 const MAX_SPREAD: usize = 32;
 
-/// Reads many files of one shape, in parallel; the first failing one's error wins.
+/// Reads many files of one shape in parallel; the error of the first failing one wins.
 pub fn read_all(paths: &[PathBuf], shape: &[usize]) -> Result<Vec<ClassShares>> {
     let shares: Vec<Result<ClassShares>> = paths.par_iter().map(|path| read(path, shape)).collect();
     shares.into_iter().collect()
 }
 
-/// Reads the shares of classes of `shape` items: `[height, width]` pixels or `[n]` points.
+/// Reads the class shares of `shape` items: `[height, width]` pixels or `[n]` points.
 ///
-/// An array is read line by line, so that what a file inflates to is never held as a whole.
+/// An array is read line by line, so that an unpacked file is never held as a whole.
 pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
     let invalid = |e: zip::result::ZipError| Error::file(path, format!("is not a readable .npz: {e}"));
     let num_items: u64 = shape.iter().map(|&n| n as u64).product();
@@ -87,7 +87,7 @@ fn read_array(path: &Path, mut file: impl Read, shape: &[usize]) -> Result<Class
 
 type Decode = fn(&[u8]) -> f32;
 
-/// Bytes of a number of the array's type, and what reads one.
+/// Number of bytes of a number of the array's type, and its decoder.
 fn decoder(path: &Path, dtype: &DType) -> Result<(usize, Decode)> {
     let found = if let DType::Plain(plain) = dtype { plain.to_string() } else { "records".into() };
     let unknown = || {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 
-/// Below this rotation, radians, the series of the left Jacobian replaces its closed form.
+/// Rotation, radians, below which the series of the left Jacobian replaces its closed form.
 const SMALL_ANGLE: f64 = 1e-6;
 
 /// The rigid motion of a twist `(rho, phi)`, metres and radians: rotation `exp(phi)`, translation `V(phi) rho`.

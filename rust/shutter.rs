@@ -1,8 +1,8 @@
-//! When each line of an image is exposed, and compensation of a rolling shutter: points where the LiDAR would have seen
-//! them when their line was exposed.
+//! Exposure times of image lines, and compensation of a rolling shutter: points are moved to where the LiDAR would
+//! have seen them when their line was exposed.
 //!
-//! A LiDAR that moves with the twist `V` sees a point, which lies at `p` when the middle line is exposed, `s` seconds
-//! later at `exp(-s V) p`. The line on which it then lies tells `s`, and `s` where it lies: a fixed point.
+//! A LiDAR that moves with the twist `V` sees a point, at `p` when the middle line is exposed, at `exp(-s V) p`
+//! after `s` seconds. The line that it projects to gives `s`, and `s` gives its position: a fixed point.
 
 use nalgebra::{Isometry3, Point3, Vector6};
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::se3::exp;
 
-/// The way in which a shutter rolls over the image.
+/// The direction in which a shutter rolls over the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Direction {
     #[default]
@@ -21,19 +21,19 @@ pub enum Direction {
     Left,
 }
 
-/// A camera's clock and shutter. Times are seconds from a moment that the user of a shutter chooses: in a synthetic
-/// world from the middle of the sweep, which is what the image's stamp says.
+/// Shutter timing of a camera. Times are seconds from a moment that the user of a shutter chooses: in a synthetic
+/// world the middle of the sweep, which is the stamp of the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shutter {
-    /// When the reading of the first line begins.
+    /// Start of the readout of the first line.
     pub delay_s: f64,
-    /// From the first line to the last; 0 is a global shutter.
+    /// Time from the first line to the last; 0 is a global shutter.
     pub readout_s: f64,
     pub direction: Direction,
 }
 
 impl Shutter {
-    /// The number of lines that are exposed one after another; a global shutter exposes the image as one line.
+    /// Number of lines that are exposed one after another; a global shutter exposes the image as one line.
     pub fn num_lines(&self, [width, height]: [usize; 2]) -> usize {
         match self.direction {
             _ if self.readout_s == 0.0 => 1,
@@ -42,7 +42,7 @@ impl Shutter {
         }
     }
 
-    /// The place of a pixel's line in the order of reading.
+    /// Index of a pixel's line in readout order.
     pub fn line(&self, [u, v]: [usize; 2], [width, height]: [usize; 2]) -> usize {
         match self.direction {
             _ if self.readout_s == 0.0 => 0,
@@ -53,7 +53,7 @@ impl Shutter {
         }
     }
 
-    /// When each line is exposed, in the order of reading.
+    /// Exposure time of each line, in readout order.
     pub fn line_times_s(&self, size: [usize; 2]) -> Vec<f64> {
         let count = self.num_lines(size) as f64;
         (0..self.num_lines(size))
@@ -61,7 +61,8 @@ impl Shutter {
             .collect()
     }
 
-    /// When a place in the image is exposed, also between the middles of two lines; beyond the image, as at its border.
+    /// Exposure time of a place in the image, interpolated between the middles of two lines and constant beyond the
+    /// image.
     pub fn time_at_s(&self, [u, v]: [f64; 2], [width, height]: [usize; 2]) -> f64 {
         let (width, height) = (width as f64, height as f64);
         let share = match self.direction {
@@ -73,7 +74,7 @@ impl Shutter {
         self.delay_s + self.readout_s * share.clamp(0.0, 1.0)
     }
 
-    /// The same shutter with times from the exposure of its middle line.
+    /// The same shutter with times relative to the exposure of its middle line.
     pub fn around_its_middle(self) -> Self {
         Self { delay_s: -0.5 * self.readout_s, ..self }
     }
@@ -82,34 +83,33 @@ impl Shutter {
         if self.delay_s.is_finite() && self.readout_s.is_finite() && self.readout_s >= 0.0 {
             return Ok(());
         }
-        Err(Error::Input(format!("rig: {self:?} cannot be")))
+        Err(Error::Input(format!("rig: {self:?} is impossible")))
     }
 }
 
-/// The line of a point is known if its time changes by less than this share of a line's.
+/// The line of a point has converged if its time changes by less than this fraction of a line's.
 const SETTLED_LINES: f64 = 0.01;
-/// A point whose line is not found in so many steps passes the camera about as fast as the shutter rolls.
+/// A point whose line is not found within this many steps passes the camera about as fast as the shutter rolls.
 const MAX_STEPS: usize = 10;
-/// Points that one task moves.
+/// Number of points that one task moves.
 const CHUNK: usize = 4096;
 
-/// A camera that moves with a LiDAR while its shutter rolls.
+/// A camera with a rolling shutter that moves with a LiDAR.
 pub struct Rolling<'a> {
-    /// Its lens and the size of its image.
+    /// Lens and image size.
     pub camera: &'a Camera,
-    /// Its shutter; when the first line is read does not count.
+    /// Shutter of the camera; its delay is ignored.
     pub shutter: Shutter,
-    /// The motion of the LiDAR, metres and radians a second in its own frame.
+    /// Motion of the LiDAR, metres and radians per second in its own frame.
     pub twist_per_s: Vector6<f64>,
     pub pose: Isometry3<f64>,
 }
 
 impl Rolling<'_> {
-    /// Moves points (LiDAR frame, metres), each from the moment at which it is seen to that at which its line is
+    /// Moves points (LiDAR frame, metres), each from the time at which it is seen to that at which its line is
     /// exposed. Times are seconds from the exposure of the middle line.
     ///
-    /// Beyond the image, lines are those at its border. A point that the lens does not show is seen with the middle
-    /// line.
+    /// Beyond the image, the lines at its border apply. A point that does not project is seen with the middle line.
     pub fn unroll(&self, points: &[[f32; 3]], seen_s: &[f64]) -> Vec<([f32; 3], f64)> {
         let shutter = self.shutter.around_its_middle();
         let pairs = points.par_iter().zip(seen_s).with_min_len(CHUNK);
@@ -121,7 +121,7 @@ impl Rolling<'_> {
         let settled_s = SETTLED_LINES * shutter.readout_s / shutter.num_lines(size) as f64;
         let start = Point3::from(*point).cast::<f64>();
         let moved = |time_s: f64| exp(&(self.twist_per_s * (seen_s - time_s))) * start;
-        // From the middle line, so that nothing depends on where a point has been moved before.
+        // Starts from the middle line, so that the result does not depend on earlier moves of a point.
         let mut time_s = 0.0;
         for _ in 0..MAX_STEPS {
             let Some(pixel) = self.camera.project(&(self.pose * moved(time_s)).coords) else { break };
@@ -175,8 +175,8 @@ mod tests {
         const SPEED_M_S: f64 = 10.0;
         let k = [[400.0, 0.0, 319.5], [0.0, 400.0, 239.5], [0.0, 0.0, 1.0]];
         let camera = Camera::new("plumb_bob", (640, 480), k, &[]).expect("a camera");
-        // The camera slides to its right: u + s k = u0 and s = r ((u + 0.5) / w - 0.5), with k pixels a second, have one
-        // solution.
+        // The camera slides to its right: u + s k = u0 and s = r ((u + 0.5) / w - 0.5), with k pixels per second,
+        // have one solution.
         let u0 = 319.5 + 400.0 * 2.0 / 8.0;
         for (direction, sign) in [(Direction::Right, 1.0), (Direction::Left, -1.0)] {
             let rate = sign * 0.04 / 640.0;

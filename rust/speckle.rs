@@ -1,17 +1,17 @@
-//! Mending of isolated wrong labels of a label image by their neighbours.
+//! Replacement of isolated wrong labels in a label image by those of their neighbours.
 //!
-//! A label that hardly any neighbour shares carries no information on a border, and each such pixel would pull at every
-//! point beside it. Wires and poles one pixel wide keep their labels, but for the pixel at either end: along them, two of
-//! eight neighbours agree.
+//! A label that hardly any neighbour shares carries no information on a border, and each such pixel would pull at
+//! every point next to it. Wires and poles one pixel wide keep their labels, except for the pixel at either end:
+//! along them, two of eight neighbours agree.
 
 use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 
-/// A pixel is isolated if no more than this number of its eight neighbours have its class.
+/// A pixel is isolated if at most this many of its eight neighbours have its class.
 const MOST_ALIKE: u8 = 1;
 
-/// Gives isolated pixels the class that most of their neighbours have that are not isolated themselves (the lowest class
-/// of several; its own if there is none), and counts the isolated pixels.
+/// Gives each isolated pixel the majority class of its neighbours that are not isolated themselves (the lowest in a
+/// tie; its own if there is none), and counts the isolated pixels.
 pub fn despeckled(image: &LabelImage<u8>) -> (LabelImage<u8>, usize) {
     let isolated = isolated(image);
     let mut ids = image.ids.clone();
@@ -36,7 +36,7 @@ fn isolated(image: &LabelImage<u8>) -> Vec<bool> {
     let mut alike = vec![0u8; width];
     for v in 0..height {
         alike.fill(0);
-        // Whole lines against lines that are shifted: what a compiler makes vectors of.
+        // Whole lines against shifted lines, which compilers vectorise.
         for (right, down) in AROUND {
             let Some(other) = v.checked_add_signed(down).filter(|&v| v < height).map(line) else { continue };
             let (from, to) = (usize::from(right < 0), width - usize::from(right > 0));

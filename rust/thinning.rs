@@ -1,18 +1,19 @@
-//! Thinning of many items to fewer, where more would cost time and add no information.
+//! Thinning of items, where more would cost time and add no information.
 
-/// The stride that leaves about `most` of `count`, and never many more.
+/// The stride that leaves about `most` of `count` items, and never many more.
 pub fn stride(count: usize, most: usize) -> usize {
     count.div_ceil(most).max(1)
 }
 
-/// One index of every `stride`, each anywhere within its own: a fixed step would fall in with the channels of a sweep.
+/// One index of every `stride`, each at a scattered position within its stride: a fixed step would alias with the
+/// channels of a sweep.
 pub fn thinned(count: usize, stride: usize) -> impl Iterator<Item = usize> {
     (0..count.div_ceil(stride))
         .map(move |k| k * stride + scattered(k as u64, stride))
         .filter(move |&i| i < count)
 }
 
-/// A number below `limit` that looks random (splitmix64, by Steele, Lea and Flood, 2014).
+/// A pseudo-random number below `limit` (splitmix64, by Steele, Lea and Flood, 2014).
 fn scattered(k: u64, limit: usize) -> usize {
     let mut z = (k + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

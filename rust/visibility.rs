@@ -1,4 +1,4 @@
-//! LiDAR points in the image, and those of them that nearer points hide from the camera.
+//! LiDAR points in the image, and their occlusion by nearer points.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,19 +12,19 @@ use crate::point_cloud::to_f64;
 pub struct Projected {
     pub index: usize,
     pub pixel: Point2<f64>,
-    /// Metres, camera frame.
+    /// Position in metres, camera frame.
     pub p_camera: Vector3<f64>,
 }
 
 impl Projected {
-    /// Square of the distance from the camera's centre.
+    /// Squared distance from the camera centre.
     fn range2(&self) -> f64 {
         self.p_camera.norm_squared()
     }
 }
 
-/// The points of a sweep (metres, LiDAR frame), and which of them a camera sees from the last pose that was asked for: the
-/// checks of a calibration look at its last pose again and again.
+/// The points of a sweep (metres, LiDAR frame), with their visibility from the last pose, which the checks of a
+/// calibration query repeatedly.
 #[derive(Debug, Default)]
 pub struct Sweep {
     points: Vec<[f32; 3]>,
@@ -55,7 +55,8 @@ impl Deref for Sweep {
 }
 
 impl Sweep {
-    /// The points inside the image of a camera at a pose, in their order, and whether each is hidden: see [`hidden`].
+    /// The points inside the image of a camera at a pose, in their order, and whether each is occluded: see
+    /// [`hidden`].
     pub fn in_image(&self, camera: &Camera, pose: &Isometry3<f64>) -> (Vec<Projected>, Arc<Vec<bool>>) {
         let last = self.last().clone();
         if let Some(seen) = last.filter(|seen| seen.pose == *pose && seen.camera == *camera) {
@@ -75,15 +76,14 @@ impl Sweep {
     }
 }
 
-/// Only what is nearer than this share of the range hides: parallax between things closer to one another is small, and
-/// range noise, slanted and rough surfaces would hide themselves.
+/// Only points nearer than this fraction of the range occlude: parallax between closer surfaces is small, and rough
+/// or slanted surfaces and range noise would occlude themselves.
 const NEARER: f64 = 0.8;
 
 /// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
 
-/// Projects some of the points (metres, LiDAR frame), given by their indices, and keeps those inside the image, in their
-/// order.
+/// Projects points (metres, LiDAR frame), given by their indices, and keeps those inside the image, in their order.
 pub fn project_points(
     camera: &Camera,
     points: &[[f32; 3]],
@@ -108,14 +108,15 @@ pub fn project_points(
     }
 }
 
-/// Tells which of the projected points are hidden from the camera.
+/// Flags the projected points that are occluded from the camera.
 ///
-/// A return hides a farther one if both project onto about the same place of the image while the LiDAR, from beside the
-/// camera, sees past the nearer one. So a point is hidden when some nearer return projects within about one spacing of the
-/// projected points, and the LiDAR separates the two by more than the camera does: without a baseline nothing is hidden.
-/// Some visible points beside an edge are lost to this; what counts is that hidden ones do not pull at it.
+/// A return occludes a farther one if both project to about the same place of the image while the LiDAR, from its
+/// position next to the camera, sees past the nearer one. So a point is occluded when some nearer return projects
+/// within about one spacing of the projected points, and the LiDAR separates the two by more than the camera does:
+/// without a baseline nothing is occluded. This also drops some visible points next to edges; what
+/// matters is that occluded ones do not pull at the edge.
 ///
-/// `points` are all that `projected` were taken from, metres, LiDAR frame.
+/// `points` are all points from which `projected` was taken, metres, LiDAR frame.
 pub fn hidden(camera: &Camera, points: &[[f32; 3]], projected: &[Projected]) -> Vec<bool> {
     let area = (camera.width * camera.height) as f64;
     let spacing = (area / projected.len().max(1) as f64).sqrt().max(1.0);
@@ -130,7 +131,7 @@ pub fn hidden(camera: &Camera, points: &[[f32; 3]], projected: &[Projected]) -> 
         }
         let (far_lidar, far_camera) = directions(far);
         buffer.nearer_around(&far.pixel, range2).any(|near| {
-            // Chords instead of angles: for what is close together they are the same, and exact.
+            // Chords instead of angles: they are equal for small angles, and exact.
             let (near_lidar, near_camera) = directions(near);
             (near_lidar - far_lidar).norm() > (near_camera - far_camera).norm() + ROUND_OFF
         })
@@ -143,9 +144,10 @@ struct NearestReturns<'a> {
     block: f64,
     columns: usize,
     rows: usize,
-    /// Squares of ranges, infinite in blocks without a point, and the points: most are only compared by their range.
+    /// Squared ranges, infinite in blocks without a point, and the points: most are compared only by range.
     nearest: Vec<(f64, Option<&'a Projected>)>,
-    /// The least square of a range in the 3 x 3 blocks around each: most points are no farther, and need no other look.
+    /// Smallest squared range in the 3 x 3 blocks around each: most points are no farther, and need no further
+    /// test.
     least_around: Vec<f64>,
 }
 
@@ -196,7 +198,7 @@ impl<'a> NearestReturns<'a> {
         (index(pixel.x, self.columns), index(pixel.y, self.rows))
     }
 
-    /// The nearest returns of the 3 x 3 blocks around a pixel that are nearer than the square of a range.
+    /// The nearest returns of the 3 x 3 blocks around a pixel that are nearer than the given squared range.
     fn nearer_around(&self, pixel: &Point2<f64>, range2: f64) -> impl Iterator<Item = &'a Projected> {
         let (column, row) = self.at(pixel);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
@@ -211,8 +213,8 @@ impl<'a> NearestReturns<'a> {
 mod tests {
     use super::*;
 
-    /// A wall 10 m and a post 3 m before the camera, as a LiDAR `baseline` metres to its left sees them both; the camera
-    /// looks along the z axis of the LiDAR frame.
+    /// A wall at 10 m and a post at 3 m in front of the camera, as a LiDAR `baseline` metres to its left sees both;
+    /// the camera looks along the z axis of the LiDAR frame.
     fn scene(baseline: f64) -> (Camera, Vec<[f32; 3]>, Isometry3<f64>) {
         let k = [[400.0, 0.0, 319.5], [0.0, 400.0, 239.5], [0.0, 0.0, 1.0]];
         let camera = Camera::new("plumb_bob", (640, 480), k, &[]).expect("a valid camera");

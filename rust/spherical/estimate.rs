@@ -1,4 +1,4 @@
-//! The angular grid of a sensor without a description, estimated from its points.
+//! Estimation of a sensor's angular grid from its points, if it has no description.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,20 +9,20 @@ use super::{MAX_PIXELS, SphericalGrid, azimuth, elevation};
 use crate::error::{Error, Result};
 use crate::point_cloud::to_f64;
 
-/// Share of the points at each end of the elevation range that is taken for stray returns when a grid is estimated.
+/// Share of the points at each end of the elevation range that count as stray returns.
 const STRAY_SHARE: f64 = 0.002;
-/// Number of points for each cell of an estimated grid: of cells hit at random, 86 % are then filled.
+/// Number of points per cell of an estimated grid: cells hit at random are then 86 % filled.
 const POINTS_PER_CELL: f64 = 2.0;
 /// Limits of an estimated cell, radians.
 const MIN_ESTIMATED_CELL: f64 = 1e-3;
 const MAX_ESTIMATED_CELL: f64 = 0.035;
-/// Angle of the cells that tell which part of the sphere the points fill, radians.
+/// Size of the cells that measure which part of the sphere the points fill, radians.
 const COARSE: f64 = PI / 180.0;
-/// Points that one task looks at.
+/// Number of points in one task.
 const CHUNK: usize = 4096;
 
-/// The grid of a sensor without a description, from its sweeps: that of a spinning LiDAR if the points lie in channels;
-/// else square cells, small enough for the pattern and large enough that the points fill them.
+/// Estimates the grid of a sensor from its sweeps: that of a spinning LiDAR if the points form channels; otherwise
+/// square cells, small enough for the pattern and large enough that the points fill them.
 pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     let of_point = |point: &[f32; 3]| {
         let point = to_f64(point);
@@ -63,7 +63,7 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     })
 }
 
-/// The number of rings in (sorted) elevations; none if there are no rings.
+/// Number of rings in sorted elevations; `None` if there are no rings.
 fn count_channels(elevations: &[f64], bottom: f64, top: f64) -> Option<usize> {
     let mut counts = vec![0u32; ((top - bottom) / BIN) as usize + 1];
     for elevation in elevations {

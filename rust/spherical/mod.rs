@@ -22,8 +22,8 @@ pub const EMPTY: u32 = u32::MAX;
 /// Largest number of pixels of a spherical image, ten times that of the densest sensors.
 const MAX_PIXELS: usize = 1 << 24;
 
-/// A regular angular grid over all azimuths. Row 0 is the highest; columns run with falling azimuth, that is to the
-/// right, from straight back over the left, front and right.
+/// A regular angular grid over all azimuths. Row 0 is the highest; columns run with decreasing azimuth, that is to
+/// the right, from straight back over the left, front and right.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphericalGrid {
     pub rows: usize,
@@ -34,7 +34,8 @@ pub struct SphericalGrid {
 }
 
 impl SphericalGrid {
-    /// The grid of a spinning LiDAR, one row a channel; `fov_up` and `fov_down` are the outer channels' elevations.
+    /// The grid of a spinning LiDAR, one row per channel; `fov_up` and `fov_down` are the elevations of the outer
+    /// channels.
     pub fn from_scan(channels: usize, columns: usize, fov_up: f64, fov_down: f64) -> Result<Self> {
         let pixels = channels.checked_mul(columns).filter(|&n| n <= MAX_PIXELS);
         let upright = fov_up.partial_cmp(&fov_down) == Some(std::cmp::Ordering::Greater);
@@ -50,7 +51,7 @@ impl SphericalGrid {
         Ok(Self { rows: channels, columns, top: fov_up + 0.5 * cell_height, cell_height })
     }
 
-    /// The same field of view in cells of about `cell` radians, never finer than this grid's own.
+    /// The same field of view in cells of about `cell` radians, never finer than this grid.
     pub fn coarsened(&self, cell: f64) -> Self {
         let rows = (self.rows as f64 * self.cell_height / cell).round().clamp(1.0, self.rows as f64);
         let columns = (TAU / cell).round().clamp(4.0, self.columns as f64);
@@ -62,7 +63,7 @@ impl SphericalGrid {
         }
     }
 
-    /// The (row, column) a direction falls into, if it lies within the elevations.
+    /// The (row, column) that a direction falls into, if it is within the elevations.
     pub fn cell(&self, direction: &Vector3<f64>) -> Option<(usize, usize)> {
         let row = (self.top - elevation(direction)) / self.cell_height;
         if !(row >= 0.0 && row < self.rows as f64) {
@@ -92,8 +93,8 @@ impl SphericalGrid {
     }
 }
 
-/// For each of some pixels, the index of its nearest point, or [`EMPTY`]; of equally near ones the first. `pixel_of` are the
-/// pixels of the points.
+/// For each pixel, the index of its nearest point, the first in a tie, or [`EMPTY`]. `pixel_of` holds the pixels of
+/// the points.
 pub fn nearest(
     points: &[[f32; 3]],
     pixel_of: impl Iterator<Item = Option<usize>>,
@@ -110,11 +111,12 @@ pub fn nearest(
     nearest.into_iter().map(|(_, index)| index).collect()
 }
 
-/// The spherical images of all frames (Alg. 2, line 1), as the labelled returns that win a pixel of the grid.
+/// The spherical images of all frames (Alg. 2, line 1), as the labelled returns that are the nearest in a pixel of
+/// the grid.
 #[derive(Clone, Debug)]
 pub struct SphericalImages {
     pub grid: SphericalGrid,
-    /// Position (metres, LiDAR frame) and class of each, frame after frame.
+    /// Position (metres, LiDAR frame) and class of each return, frame after frame.
     pub returns: Vec<Vec<LabelledReturn>>,
 }
 
@@ -131,7 +133,7 @@ impl SphericalImages {
         Self { grid, returns: observations.frames.par_iter().map(labelled).collect() }
     }
 
-    /// The label image of a frame on the grid, row by row, for images.
+    /// The label image of a frame on the grid, row by row, for display.
     pub fn label_image(&self, frame: usize) -> LabelImage<u8> {
         let mut ids = vec![NO_CLASS; self.grid.rows * self.grid.columns];
         for (point, class) in &self.returns[frame] {

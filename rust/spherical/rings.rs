@@ -1,29 +1,29 @@
-//! The rings of a sweep, as its elevations show them, and the part of the sphere that it fills.
+//! The rings of a sweep, found from its elevations, and the part of the sphere that it fills.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Size of the bins in the histogram of elevations that shows rings, radians.
+/// Bin size of the elevation histogram in which rings are found, radians.
 pub const BIN: f64 = 2e-4;
 /// Bins with less than this share of the fullest bin's returns are empty.
 const EMPTY_BIN_SHARE: f64 = 0.02;
-/// Largest share of the bins, from the lowest ring to the highest, that rings fill.
+/// Largest share of the bins, from the lowest ring to the highest, that rings may fill.
 const MAX_FILLED_SHARE: f64 = 0.5;
-/// Least number of rings, and of the returns of each on average: a sparse pattern leaves bins empty, too, but puts few
-/// returns into each of its many "rings".
+/// Smallest number of rings, and of returns per ring on average: a sparse pattern also leaves bins empty, but has
+/// few returns in each of its many "rings".
 const MIN_RINGS: usize = 4;
 pub const MIN_RETURNS: usize = 90;
 
 /// Returns at about one elevation.
 #[derive(Clone, Copy, Debug)]
 pub struct Ring {
-    /// The middle bin.
+    /// Index of the middle bin.
     pub bin: usize,
-    /// Their number.
+    /// Number of returns.
     pub returns: u32,
 }
 
-/// The rings that a histogram of elevations shows, filled bins less than `gap` empty ones apart; none where most bins are
-/// filled, or where there are too few for rings.
+/// Finds the rings in a histogram of elevations. Filled bins less than `gap` empty ones apart form one ring. There
+/// are none if most bins are filled, or too few rings are found.
 pub fn rings(counts: &[u32], gap: usize) -> Vec<Ring> {
     let fullest = counts.iter().copied().max().unwrap_or(0);
     let is_filled = |count: u32| f64::from(count) > EMPTY_BIN_SHARE * f64::from(fullest);
@@ -40,14 +40,14 @@ pub fn rings(counts: &[u32], gap: usize) -> Vec<Ring> {
 
 /// The cells of a grid over the sphere that contain a return.
 pub struct Filled {
-    /// Angle of a cell, radians, of which a half-turn is a multiple.
+    /// Size of a cell, radians, which divides a half-turn.
     side: f64,
-    /// From the top to the bottom, and to the right from straight back.
+    /// Cells from top to bottom, and to the right from straight back.
     cells: Vec<bool>,
 }
 
 impl Filled {
-    /// The grid with the cells of some returns filled, which [`Filled::cell`] tells.
+    /// The grid with the cells of some returns filled, as indexed by [`Filled::cell`].
     pub fn with(side: f64, filled: impl IntoIterator<Item = usize>) -> Self {
         let rows = (PI / side).round() as usize;
         let mut cells = vec![false; rows * 2 * rows];
@@ -73,12 +73,12 @@ impl Filled {
         self.rows().enumerate().map(|(row, cells)| count(cells) as f64 * of_cell(row)).sum()
     }
 
-    /// The filled share of the turn, in the row where it is largest.
+    /// Filled share of the turn, in the row where it is largest.
     pub fn share_of_turn(&self) -> f64 {
         self.rows().map(|cells| count(cells) as f64 / cells.len() as f64).fold(0.0, f64::max)
     }
 
-    /// The share of the turn that is filled in some row.
+    /// Share of the turn that is filled in some row.
     pub fn share_in_any_row(&self) -> f64 {
         let columns = self.rows().next().map_or(1, <[bool]>::len);
         let is_filled = |&column: &usize| self.rows().any(|cells| cells[column]);
