@@ -99,7 +99,7 @@ def test_arrays_that_do_not_belong_together_are_refused(street_observations: Obs
         (few.with_clouds([first, second.with_points(second.points[1:])]), r"\d+ points have \d+ classes"),
         (few.with_clouds([first, second.with_classes(second.classes | 64)]), "a point's class is not below"),
         (few.with_images([image, image.with_classes(image.classes[1:])]), "the label image is 640 x 359"),
-        (few.with_images([image, replace(image, shares=few_shares())]), "pixels need the same number of shares"),
+        (few.with_images([image, replace(image, shares=few_shares())]), "need the same number of shares"),
     ):
         with pytest.raises(InputError, match=f"frame 1: .*{complaint}"):
             _ = wrong.core
