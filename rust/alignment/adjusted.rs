@@ -18,8 +18,8 @@ const LEAST_LEFT: f64 = 0.02;
 /// Segments contribute to the adjusted information; classes of other frames contribute to the mutual information,
 /// nats. Pairs lighter than `floor` count as if they had that weight.
 ///
-/// With `h = -log p(y)` and `n` null partitions, a point adds `(pmi - S h) / (H - N) + S` by its segment, and `-(1
-/// - S) pmi / (n (H - N))` by each null one. The sum is S. Its derivative with respect to the pair weights is that
+/// With `h = -log p(y)` and `n` null partitions, a point adds `(pmi - S h) / (H - N) + S` by its segment and
+/// `-(1 - S) pmi / (n (H - N))` by each null one. The sum is S. Its derivative with respect to the pair weights is that
 /// of S, as long as the weight of each point is fixed.
 pub fn adjusted(joint: &JointHistogram, observations: &Observations, floor: f64) -> Vec<f64> {
     let width = observations.num_image_classes;
