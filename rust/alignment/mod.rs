@@ -1,9 +1,9 @@
 //! Mutual information over SE(3): its value and gradient at a pose, at one level of the label pyramid (Alg. 1).
 //!
-//! A point distributes its weight over the four blocks around it (partial volume), so that the joint histogram
-//! changes smoothly with the pose. For discrete labels the Donsker-Varadhan bound is attained by `F(x, y) = log
-//! p(x, y) / (p(x) p(y))`, a table, so this is the limit of MINE. For soft labels it is the mutual information of
-//! ids drawn from the shares, a lower bound.
+//! A point distributes its weight over the four blocks around it (partial volume), so that the joint histogram changes
+//! smoothly with the pose. For discrete labels the Donsker-Varadhan bound is attained by
+//! `F(x, y) = log p(x, y) / (p(x) p(y))`, a table, so this is the limit of MINE. For soft labels it is the mutual
+//! information of ids drawn from the shares, a lower bound.
 //!
 //! Overlap: points are chosen and weighted at an anchor pose. While they project, they keep counting when they
 //! leave the image, with the class at the nearest border: a pose cannot raise the objective by pushing points out.

@@ -4,10 +4,10 @@
 //! conventional, wide-angle, and fish-eye lenses*, in OpenCV's form; unlike OpenCV, it is also defined beyond 90
 //! degrees.
 //!
-//! FOV, also called atan: Devernay and Faugeras, *Straight lines have to be straight*: `r_d = atan(2 tan(w / 2)
-//! r_u) / w`, with the undistorted radius `r_u = tan(angle)`. With `atan2` of the distance from the axis and the
-//! depth it extends beyond 90 degrees (Usenko, Demmel, Cremers, *The double sphere camera model*). The single
-//! coefficient w is in radians, as in Kalibr and PTAM.
+//! FOV, also called atan: Devernay and Faugeras, *Straight lines have to be straight*:
+//! `r_d = atan(2 tan(w / 2) r_u) / w`, with the undistorted radius `r_u = tan(angle)`. With `atan2` of the distance
+//! from the axis and the depth it extends beyond 90 degrees (Usenko, Demmel, Cremers, *The double sphere camera
+//! model*). The single coefficient w is in radians, as in Kalibr and PTAM.
 
 use std::f64::consts::PI;
 

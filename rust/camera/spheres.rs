@@ -3,9 +3,9 @@
 //! Equirectangular: columns are azimuths about the camera's y axis, rows are elevations.
 //!
 //! `u = fx azimuth + cx` with `azimuth = atan2(x, z)`, positive to the right, and `v = fy elevation + cy` with
-//! `elevation = atan2(y, hypot(x, z))`, positive downwards. So the focal lengths are pixels per radian, `width / (2
-//! pi)` for a full turn, and the principal point is in the direction of z. A turn begins at the left border of the
-//! image.
+//! `elevation = atan2(y, hypot(x, z))`, positive downwards. So the focal lengths are pixels per radian,
+//! `width / (2 pi)` for a full turn, and the principal point is in the direction of z. A turn begins at the left border
+//! of the image.
 //!
 //! Omnidirectional: Mei and Rives, *Single view point omnidirectional camera calibration from planar grids*, as in
 //! OpenCV's omnidir and KITTI-360's `image_02.yaml`: the sphere is projected from `(0, 0, -xi)` and distorted by k1

@@ -80,8 +80,8 @@ impl Shares<'_> {
     /// Calls `with` with the shares of each of the four blocks and their factors: for the shares of the classes
     /// under the pixel, and for their slopes, per pixel, to the right and down. Some share has to be labelled.
     ///
-    /// With weights `w` and labelled shares `a` of the blocks, `share_y = sum w a_y / T` and `d share_y = sum (dw -
-    /// w dT / T) a_y / T`, where `T = sum w a`.
+    /// With weights `w` and labelled shares `a` of the blocks, `share_y = sum w a_y / T` and
+    /// `d share_y = sum (dw - w dT / T) a_y / T`, where `T = sum w a`.
     pub fn for_blocks(&self, mut with: impl FnMut(&[Share], [f64; 3])) {
         let (r, d) = (self.right, self.down);
         let total = 1.0 / (255.0 * self.total);
