@@ -35,7 +35,7 @@ pub struct Encoding {
     pub palette: Option<HashMap<[u8; 3], u16>>,
 }
 
-/// Largest number of bytes per pixel in a file, and of bytes beside the pixels.
+/// Largest number of bytes per pixel in a file, and of the other bytes.
 const BYTES_A_PIXEL: u64 = 16;
 const MORE_BYTES: u64 = 1 << 20;
 

@@ -14,7 +14,7 @@ use crate::npy::{LONGEST_HEADER, open_archive, read_header};
 
 /// Largest number of classes; raw ids are the indices along the last axis.
 const MAX_CLASSES: usize = 255;
-/// Largest number of bytes of one item's probabilities, and of bytes of an archive beside them.
+/// Largest number of bytes of one item's probabilities, and of the other bytes of an archive.
 const MAX_ITEM_BYTES: u64 = 8 * MAX_CLASSES as u64;
 const MORE_BYTES: u64 = 4 * LONGEST_HEADER as u64;
 /// Largest mean number of classes per item: a wider spread carries no information, and a small file could fill the

@@ -282,7 +282,7 @@ fn check_count(config: &JointConfig, count: usize) -> PyResult<()> {
     Ok(())
 }
 
-/// The variables beside the pose: intrinsics by name and, if the twists of all frames are given, the time offset.
+/// The variables besides the pose: intrinsics by name and, if the twists of all frames are given, the time offset.
 fn variables(
     observations: &Observations,
     intrinsics: &[String],
