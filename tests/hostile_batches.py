@@ -18,7 +18,7 @@ APART = "needed a folder apart from the drives$"
 NEEDED = "needed a folder that is new, empty or from a batch$"
 WHOLE_BATCH = r"^summary +out/summary.csv, out/summary.jsonl$"
 """Last line of a batch that did all drives, whatever became of them."""
-ONE_LINE = "found an impossible file name, needed one line of UTF-8 text of at most 4,095 bytes"
+ONE_LINE = "found an invalid file name, needed one line of UTF-8 text of at most 4,095 bytes"
 TAKEN = "a file of the batch, needed another name"
 UNKNOWN = f"which no batch wrote, {NEEDED}"
 

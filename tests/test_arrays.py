@@ -161,7 +161,7 @@ CAMERA = Camera(model="plumb_bob", width=320, height=180, K=K)
             {"points": [0 * POINTS]},
             "points[0]: found no points, needed coordinates that are finite and not all zero",
         ),
-        ({"images": []}, "images: found 0 entries, needed 1, one for each of points"),
+        ({"images": []}, "images: found 0 entries, needed 1, one for each entry of points"),
         ({"images": [LABELS[1:]]}, "images[0]: found shape (179, 320), needed (180, 320) or (180, 320, 3)"),
         ({"images": [LABELS / 255]}, "images[0]: found float64, needed uint8"),
         ({"image_labels": [LABELS / 255]}, "image_labels[0]: found float64, needed ids as whole numbers"),

@@ -190,7 +190,7 @@ TOLD: dict[str, tuple[dict[str, Maker], str]] = {
     "two parents": ({"tf": two_parents}, "/tf of lidar in odom, /tf of lidar in map: choose one"),
     "contradicting frames": ({"tf_static": CONTRADICTION}, "no reference: fixed transforms contradict one another"),
     "one frame of both": ({"points": cloud(frame="same"), "image": image(frame="same")},
-                          "no reference: sweeps and images both state the frame 'same'"),
+                          "no reference: sweeps and images both have the frame 'same'"),
     "no frames": ({}, "no reference from 'lidar' to 'optical': there are no fixed transforms"),
 }  # fmt: skip
 

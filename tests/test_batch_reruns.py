@@ -94,12 +94,12 @@ def test_who_crashes_or_hangs_stops_no_other_and_what_the_machine_failed_at_is_d
     reasons = [outcome["reasons"][0] for outcome in outcomes[:8]]
     assert reasons[1].endswith("calibration.yaml: cannot be written: file too large")
     assert [reasons[0], *reasons[2:]] == [
-        "the process was ended by SIGKILL, as when memory runs out",
+        "the process was killed by SIGKILL, perhaps because memory ran out",
         "MemoryError: Unable to allocate 1 TiB",
-        "the process was ended by SIGTERM",
-        "the process was ended by SIGSEGV",
+        "the process was killed by SIGTERM",
+        "the process was killed by SIGSEGV",
         "RuntimeError: out of luck",
-        "the process ended with exit code 7",
+        "the process exited with code 7",
         "timed out after 20 s",
     ]
     for outcome in outcomes[:8]:

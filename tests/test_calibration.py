@@ -167,7 +167,7 @@ def test_cues_that_there_are_not_are_refused(tmp_path: Path, cues: Any, found: s
     (tmp_path / "c.yaml").write_text(yaml.safe_dump(document))
     with pytest.raises(InputError) as error:
         read_calibration(tmp_path / "c.yaml")
-    needed = "settings of cues by their names, as labels or edges"
+    needed = "settings of cues by their names, such as labels or edges"
     assert str(error.value) == f"{tmp_path / 'c.yaml'}: settings.options: found {found}, needed {needed}"
 
 

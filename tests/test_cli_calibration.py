@@ -153,7 +153,7 @@ def test_a_polish_that_held_out_data_reject_is_undone(drive: Path, tmp_path: Pat
         reason.startswith("the polish was rejected; held-out data agree ") for reason in rejected.reasons
     )
     assert re.search(r"polished +\d+\.\d\d s   not better, so the previous pose is kept$", err, re.M)
-    assert f"{len(rejected.reasons)} doubts speak against the pose" in err
+    assert f"{len(rejected.reasons)} doubts about the pose" in err
     assert told(err.splitlines(), "doubt") == [*rejected.reasons]
     plain, _ = refine(drive, tmp_path / "out.yaml", cli, "--no-polish")
     np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)

@@ -26,8 +26,8 @@ REFUSED = {
     "calibrate d --search-deg 10": f"--search-deg {TRANSFORM}.",
     f"calibrate d {START} --roll any": "--roll cannot be used with --init: --search-deg searches around a "
     "transform.",
-    f"initialize d {START} --zoom paper": "--zoom requires --search-deg with --init: without it, nothing "
-    "is searched around a transform.",
+    f"initialize d {START} --zoom paper": "--zoom requires --search-deg with --init: without it, there "
+    "is no search around a transform.",
     "calibrate d --fix tx": f"--fix {TRANSFORM}: it keeps axes of the start transform.",
     f"refine d {START} --no-polish --fix tx": "--fix cannot be used with --no-polish: priors are applied after "
     "the polish.",
@@ -47,7 +47,7 @@ REFUSED = {
     f"calibrate d --refine-intrinsics fx {PRIOR}": "--refine-intrinsics cannot be used with --prior-translation-m: "
     f"{JOINT}.",
     "calibrate d --refine-intrinsics fx --intrinsics-sigma 0 10": "--intrinsics-sigma: found 0 10, "
-    "--refine-intrinsics requires at least 1e-09 for both.",
+    "needed at least 1e-09 for both with --refine-intrinsics.",
     f"calibrate d {PRIOR[:-1]}0 --prior-rotation-deg 0 0 0 0": "--prior-translation-m 0 0 0 0, "
     "--prior-rotation-deg 0 0 0 0: found all six axes known exactly, needed one that is not",
     # methods
@@ -65,7 +65,7 @@ REFUSED = {
     "calibrate d --method paper --cue intensity": f"--cue intensity {TRANSFORM} with --method paper: Alg. 2 needs "
     "labels.",
     f"calibrate {__file__} --method paper --cue labels,intensity --init-rpy-xyz 0 0 0 0 0 0": "--cue: found "
-    "labels,intensity, --method paper takes one cue.",
+    "labels,intensity, needed one cue for --method paper.",
     "calibrate d --method soic --mine-steps 3": "--mine-steps requires --method paper.",
     "calibrate d --mine-units 8": "--mine-units requires --method paper.",
     # outputs

@@ -1,4 +1,4 @@
-"""A clock that nothing checks, where all frames move alike: what 20 ms of it may cost is part of the interval."""
+"""A clock that nothing checks, where all frames have the same motion: the cost of 20 ms is part of the interval."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -111,7 +111,10 @@ def test_one_twist_moves_the_place_along_it(loaded: LoadedDrive, by_poses: bool)
     (offset,) = local_coordinates([T @ expm(step)], T)
     np.testing.assert_allclose(covariance, np.outer(offset, offset), rtol=2e-2, atol=1e-8)
     (note,) = notes_on_clock(data, clock_of(data))
-    assert "all frames move alike. If images are 10 ms off, the camera is 9.1 cm off at 9.07 m/s" in note
+    assert (
+        "all frames have the same motion. If images are 10 ms off, the camera is 9.1 cm off at 9.07 m/s"
+        in note
+    )
     exact = replace(data, drive=data.drive.model_copy(update={"time_offset_sigma_s": 0.0}))
     assert clock_of(exact).covariance() is None
     assert notes_on_clock(exact, clock_of(exact)) == ()
@@ -155,7 +158,7 @@ def test_what_tells_no_clock(loaded: LoadedDrive, street_truth: Pose) -> None:
         found = clock_of(data, street_truth)
         assert (found.is_checked, found.offset_s, found.sigma_s) == (False, 0.0, 0.02)
         assert found.speed_m_s == pytest.approx(9.0)
-        assert "all frames move alike" in notes_on_clock(data, found)[0]
+        assert "all frames have the same motion" in notes_on_clock(data, found)[0]
 
 
 @pytest.mark.parametrize("motion", [None, Motion(speed_m_s=0.0), Motion(poses="poses.txt")])

@@ -99,7 +99,7 @@ def test_wrong_intrinsics_are_named(
     (focal,) = sentences(seen, T)
     right = "shorter" if scale > 1.0 else "longer"
     assert re.match(
-        rf"the focal length looks wrong, points and images agree \d+\.\d% better with fx and fy 7% {right}: ",
+        rf"the focal length looks wrong, since points and images agree \d+\.\d% better with fx and fy 7% {right}: ",
         focal,
     )
     around = around_intrinsics(seen, T)

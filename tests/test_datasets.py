@@ -127,7 +127,7 @@ def test_colour_coded_labels_need_a_table_with_colours(tmp_path: Path) -> None:
     file = tmp_path / "labels/000000.png"
     write_colors(file, (128, 64, 128))
     assert of.complaint("--image-labels", file.parent) == (
-        f"{file}: found colours, needed ids, or a class table with these colours by --image-classes"
+        f"{file}: found colours, needed ids, or a class table with these colours with --image-classes"
     )
     palette = of.run("--image-labels", file.parent, "--image-classes", "cityscapes").palette
     assert palette

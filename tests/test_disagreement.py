@@ -138,7 +138,7 @@ def test_images_of_another_moment_and_mirrored_ones_are_named(
     raw = long_street.with_frames(frames)
     (finding,) = paired(raw, tmp_path)
     assert finding.sentence.startswith(
-        "points and pixels of frames 000002 and 000005 may not belong together, "
+        "points and pixels of frames 000002 and 000005 may not belong together, since "
     )
 
 

@@ -146,7 +146,7 @@ def test_results_of_another_version_are_measured_again(tmp_path: Path) -> None:
 
 
 def test_a_process_that_is_killed_is_named_with_its_case(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match=r"Case\(seed=2\): the process was ended by SIGKILL"):
+    with pytest.raises(CalibrationError, match=r"Case\(seed=2\): the process was killed by SIGKILL"):
         make(tmp_path, range(4), run_until_killed).run_cases(1, Recorder())
     assert make(tmp_path, range(4)).run_cases(1, Recorder()) == [result(seed) for seed in range(4)]
 

@@ -116,7 +116,7 @@ def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> No
     found = combine_drives(by_name[::-1], Limits())
     assert (found.order, found.parts[1].first, found.verdict) == ("name", "drive_15", "fail")
     assert found.notes == (
-        "drives are ordered by name: they do not have different stamps in seconds since 1970",
+        "drives are ordered by name, because not all have their own stamp in seconds since 1970",
     )
     assert combine_drives(drives, Limits()).notes == ()
 

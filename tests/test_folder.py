@@ -254,7 +254,7 @@ def test_names_of_classes_from_a_file(tmp_path: Path, content: str) -> None:
         ("- road\n", "found a list of 1, needed a mapping"),
         (
             "ignore: [0]\nroad: [7]\n",
-            "ignore: found beside the names of classes, needed the names under a key 'classes'; "
+            "ignore: found next to the class names, needed the names under a key 'classes'; "
             "ids that no class lists are ignored anyway",
         ),
         (

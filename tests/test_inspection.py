@@ -202,7 +202,7 @@ def test_the_motion_is_told(tmp_path: Path) -> None:
     speeds = [each.speed_m_s for each in motions if each is not None]
     assert report.speeds_m_s == pytest.approx((min(speeds), max(speeds)), abs=1e-6)
     assert report.span_s == pytest.approx(2.0)
-    assert "frames move alike" not in " ".join(report.advice)
+    assert "frames have the same motion" not in " ".join(report.advice)
     line = next(line for line in invoke("inspect", drive).stdout.splitlines() if line.startswith("motion"))
     assert line.startswith(
         f"motion      frames span 2 s, at {min(speeds):.1f} to {max(speeds):.1f} m/s, with turns up to "

@@ -108,7 +108,7 @@ def one_worker() -> Iterator[Worker]:
 )
 def test_signals_of_the_machine(name: str, is_from_outside: bool, one_worker: Worker) -> None:
     """Memory that runs out ends a process by SIGKILL, or by the SIGABRT of a failed allocation."""
-    with pytest.raises(ProcessError, match=f"^the process was ended by {name}\\b") as error:
+    with pytest.raises(ProcessError, match=f"^the process was killed by {name}\\b") as error:
         one_worker.ask(end_by, name)
     assert error.value.is_from_outside == is_from_outside
     assert not error.value.is_timed_out

@@ -247,7 +247,7 @@ def test_a_shutter_that_is_not_compensated_is_told(rolling: LoadedDrive) -> None
         rolling, CalibrationConfig(), initial_pose=InitialPose(truth(rolling), "truth")
     )
     assert (
-        "this method does not compensate the rolling shutter: all rows count as the middle one"
+        "this method does not compensate for the rolling shutter: all rows count as the middle one"
         in by_soic.notes
     )
 

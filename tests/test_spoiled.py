@@ -107,7 +107,7 @@ def test_rates_of_spoiled_drives() -> None:
     assert rates["knocked cameras named with their frame, within one"] == (2, 3)
     assert rates["the same, and the offset within its intervals"] == (1, 3)
     assert rates["axes of named offsets within their intervals"] == (11, 12)
-    assert rates["clouds scaled, told or not trusted or right"] == (1, 2)
+    assert rates["clouds scaled, reported or not trusted or right"] == (1, 2)
     assert rates["copies of a frame have its interval and verdict"] == (1, 1)
     table = kinds_markdown(outcomes, is_subtle=False)
     assert f"| {knocked} | 3 | 2 | 1 | 0 | 1 | 1 | 1 of 3 | - |" in table
@@ -228,11 +228,11 @@ def test_rates_of_subtle_faults() -> None:
     }.items():
         names = (
             "trusted, outside the interval",
-            "the same, not told",
+            "the same, not reported",
             "the same, beyond 0.3 degrees or 6 cm",
         )
         assert [rates[f"{group}: {name}"] for name in names] == [(count, counts[3]) for count in counts[:3]]
-    assert rates["leaked labels are told"] == (1, 2)
+    assert rates["leaked labels are reported"] == (1, 2)
     assert rates["good drives by segments are trusted"] == (1, 3)
     assert rates["good drives by segments are trusted, of those within 0.3 degrees and 6 cm"] == (1, 2)
     assert rates["good drives by segments, trusted: axes in the 95 % interval"] == (6, 6)

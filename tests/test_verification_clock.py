@@ -95,7 +95,9 @@ def test_a_late_clock_at_one_speed_fails_no_transform(
     (in_all,) = (each for each in found["checks"] if each["name"] == "camera centre in all")
     assert abs(in_all["offset"]) > 20.0
     assert in_all["half_width"] > 30.0
-    assert any("the clock was not checked: all frames move alike." in note for note in found["notes"])
+    assert any(
+        "the clock was not checked: all frames have the same motion." in note for note in found["notes"]
+    )
 
 
 @pytest.mark.parametrize(

@@ -180,7 +180,7 @@ def _data(drive: Data | None, arrays: ArrayInput) -> Data:
     """Return the drive, or make one from the arrays."""
     if drive is None and not arrays:
         raise InputError(
-            "drive: found nothing, needed a drive, or arrays: points, camera and what the cue compares"
+            "drive: found nothing, needed a drive, or arrays: points, camera and the data that the cue compares"
         )
     if drive is not None and arrays:
         raise InputError(f"{min(arrays)}: found arrays and a drive, needed only one of the two")

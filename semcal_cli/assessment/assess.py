@@ -38,7 +38,7 @@ from semcal_cli.result.uncertainty import Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
 NOTHING = NOT_DETERMINED.finding(
-    "points and images do not determine the pose, moving the camera in some direction does not reduce their "
+    "points and images do not determine the pose, since moving the camera in some direction does not reduce their "
     "agreement"
 )
 TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and priors together do not determine the pose")
@@ -91,8 +91,8 @@ def assess(
         found = replace(found, findings=advised)
     stages = replace(stages, assessment=found)
     count = len(stages.findings)
-    doubts = {0: "nothing speaks", 1: "1 doubt speaks"}.get(count, f"{count} doubts speak")
-    note = f"{doubts} against the pose that was found"
+    doubts = {0: "no doubts", 1: "1 doubt"}.get(count, f"{count} doubts")
+    note = f"{doubts} about the pose"
     on_event(StageDone("assessed", perf_counter() - start, note))
     return stages
 

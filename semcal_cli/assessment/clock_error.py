@@ -107,7 +107,7 @@ def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, 
                 "interval includes: --estimate-delay corrects the pose",
             )
         is_speed = motion.speed_m_s is not None
-        why = "the drive gives no direction of motion" if is_speed else "all frames move alike"
+        why = "the drive gives no direction of motion" if is_speed else "all frames have the same motion"
         cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
         return (
             f"the clock was not checked: {why}. If images are {1e3 * clock.sigma_s:.3g} ms off, the camera is "

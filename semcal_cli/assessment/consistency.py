@@ -210,7 +210,7 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit]) -> list[Measure
     gain = _share(others[change].information, own.information) - 1.0
     better = f"{gain:.1%} better" if own.information > 0.0 else "better"
     sentence = (
-        f"the focal length looks wrong, points and images agree {better} with fx and fy {abs(change):.0%} "
+        f"the focal length looks wrong, since points and images agree {better} with fx and fy {abs(change):.0%} "
         f"{'longer' if change > 0.0 else 'shorter'}"
     )
     return [WRONG_FOCAL_LENGTH.measured(gain, sentence)]
@@ -226,7 +226,7 @@ def _wrong_clocks(observations: Observations, own: _Fit, others: Mapping[float, 
         sigmas[delay_s] = gain.gain / max(gain.sigma, 1e-12)
     best_s = max(sigmas, key=lambda delay_s: sigmas[delay_s])
     sentence = (
-        f"the clocks look wrong, points and images agree {sigmas[best_s]:.1f} standard errors better if "
+        f"the clocks look wrong, since points and images agree {sigmas[best_s]:.1f} standard errors better if "
         f"images are {1e3 * abs(best_s):.0f} ms {'later' if best_s > 0.0 else 'earlier'} than image_stamp says"
     )
     return [WRONG_CLOCKS.measured(sigmas[best_s], sentence)]

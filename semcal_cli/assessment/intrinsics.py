@@ -124,12 +124,12 @@ def implausible_intrinsics(camera: Camera) -> dict[str, str]:
         if share > MAX_DECENTRED:
             found[name] = (
                 f"{name} in K is {center:g} in an image of {size}, {share:.0%} of the longer side from the "
-                f"middle, lenses have at most {MAX_DECENTRED:.0%}: K may belong to images of another size, or "
+                f"middle, usually at most {MAX_DECENTRED:.0%}: K may belong to images of another size, or "
                 "the images are cropped"
             )
     if abs(fx / fy - 1.0) > MAX_ASPECT:
         found["fx"] = (
-            f"fx in K is {fx / fy:.3f} times fy, cameras have 1 within {MAX_ASPECT:.0%}: K may belong to "
+            f"fx in K is {fx / fy:.3f} times fy, usually 1 within {MAX_ASPECT:.0%}: K may belong to "
             "images that were resized differently"
         )
     return found
@@ -183,7 +183,7 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
     found_chi2, most = told_apart(chi2, limit)
     found = (
-        f"the intrinsics look wrong{which}, freeing them would move points by {moved_px:.0f} pixels or more, "
+        f"the intrinsics look wrong{which}, since freeing them would move points by {moved_px:.0f} pixels or more, "
         f"chi-square {found_chi2} with 5 degrees of freedom, needed at most {most}"
     )
     return (WRONG_INTRINSICS.measured(min(chi2 / limit, moved_px / limit_px), found),)

@@ -274,7 +274,7 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
     share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
     as_much, most = told_apart(share, LEAKED_LABELS.limit(), unit="%")
     found = (
-        f"point labels seem to come from image labels, pixels say {as_much} as much about hidden points as about "
+        f"point labels seem to come from image labels, since pixels say {as_much} as much about hidden points as about "
         f"visible ones, needed at most {most}"
     )
     return (LEAKED_LABELS.measured(share, found),)

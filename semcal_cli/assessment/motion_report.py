@@ -57,8 +57,8 @@ def report_motion(drive: Drive) -> MotionReport:
     advice: tuple[str, ...] = ()
     if high - low < LEAST_SPREAD_M_S and turn_deg_s < LEAST_TURN_DEG_S:
         advice = (
-            f"all frames move alike, at {low:.1f} to {high:.1f} m/s with turns of up to {turn_deg_s:.1f} degrees per "
-            "second: record at different speeds, with turns, so that the clock can be checked",
+            f"all frames have the same motion, at {low:.1f} to {high:.1f} m/s with turns of up to {turn_deg_s:.1f} "
+            "degrees per second: record at different speeds, with turns, so that the clock can be checked",
         )
     return found._replace(
         speeds_m_s=(low, high), fastest_turn_deg_s=turn_deg_s, suspicions=suspicions, advice=advice

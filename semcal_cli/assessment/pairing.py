@@ -127,8 +127,8 @@ def check_pairs(
     part, needed = told_apart(share, least, unit="%")
     as_well = f"{part} as well as others" if share >= 0.0 else "worse than chance"
     sentence = (
-        f"points and pixels of {frame_list(names, wrong)} may not belong together, {frame_name(names, worst)} agrees "
-        f"{as_well}, needed at least {needed}, or better than with images of other frames"
+        f"points and pixels of {frame_list(names, wrong)} may not belong together, since {frame_name(names, worst)} "
+        f"agrees {as_well}, needed at least {needed}, or better than with images of other frames"
     )
     return (ODD_FRAMES.measured(share, sentence, "information"),)
 

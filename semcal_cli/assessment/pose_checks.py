@@ -37,7 +37,7 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
         return ()
     off_px, most = told_apart(motion_error_px, MOTION.limit(), 1)
     found = (
-        f"the LiDAR's motion is not compensated, half of the points are off by {off_px} pixels or more, "
+        f"the LiDAR's motion is not compensated, so half of the points are off by {off_px} pixels or more, "
         f"needed at most {most}"
     )
     return MOTION.measured(motion_error_px, found).findings
@@ -76,7 +76,7 @@ def check_shutter(
     if drive.camera.readout_s == 0.0:
         return (), ()
     if can_be_unrolled(observations):
-        note = "this method does not compensate the rolling shutter: all rows count as the middle one"
+        note = "this method does not compensate for the rolling shutter: all rows count as the middle one"
         return (), () if is_compensated else (note,)
     found = "the rolling shutter is not compensated, because the drive gives no direction of motion"
     if _is_unknown(drive, observations):

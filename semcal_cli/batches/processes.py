@@ -87,7 +87,7 @@ class Worker:
                 if timeout_s is None:
                     raise
                 raise ProcessError("timed out", is_timed_out=True) from None
-        raise ProcessError("the process ended as it began its work", is_from_outside=True)
+        raise ProcessError("the process ended while it was starting", is_from_outside=True)
 
     def stop(self) -> None:
         """Refuse further work, and wake the thread that waits for an answer."""
@@ -178,9 +178,9 @@ def _end_with_parent() -> None:
 def _error_of(exit_code: int) -> ProcessError:
     """Describe how a process ended; `exit_code` is negative for a signal."""
     if exit_code >= 0:
-        return ProcessError(f"the process ended with exit code {exit_code}")
+        return ProcessError(f"the process exited with code {exit_code}")
     name = f"signal {-exit_code}"  # Real-time signals have numbers only.
     with suppress(ValueError):
         name = signal.Signals(-exit_code).name
-    more = ", as when memory runs out" if name == "SIGKILL" else ""
-    return ProcessError(f"the process was ended by {name}{more}", is_from_outside=-exit_code not in FAULTS)
+    more = ", perhaps because memory ran out" if name == "SIGKILL" else ""
+    return ProcessError(f"the process was killed by {name}{more}", is_from_outside=-exit_code not in FAULTS)

@@ -96,7 +96,7 @@ def _checked(name: str, where: str = "") -> str:
     ):
         return name
     needed = f"needed one line of UTF-8 text of at most {MAX_NAME_BYTES:,} bytes"
-    raise InputError(f"{where}{printable(text[:MAX_SHOWN])}: found an impossible file name, {needed}")
+    raise InputError(f"{where}{printable(text[:MAX_SHOWN])}: found an invalid file name, {needed}")
 
 
 def _matches(name: str) -> list[str]:

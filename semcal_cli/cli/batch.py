@@ -91,13 +91,13 @@ class BatchSettings(QuietSettings):
 
     Results go to DIR. Each drive gets a folder with calibration.yaml (or verification.json), log.txt, times.json and
     record.json; summary.csv and summary.jsonl list all drives, including those that fail, crash or hang. A stopped
-    batch resumes where it was. A drive is run again only if its files, the options or the version changed, or if the
-    machine failed, for instance because the disk was full. DIR must be separate from the drives and hold no other
+    batch resumes where it stopped. A drive is run again only if its files, the options or the version changed, or if
+    the machine failed, for instance because the disk was full. DIR must be separate from the drives and hold no other
     results.
 
     Exit code: the worst of all drives; from worst to best, these are 1, 3, 4 and 0.
 
-    FILE of --calibration is {KNOWN_TRANSFORMS}.
+    --calibration accepts {KNOWN_TRANSFORMS}.
     """,
 )
 def batch(settings: BatchSettings) -> None:

@@ -74,9 +74,9 @@ class CalibrateSettings(
         ),
     ]
     method: Literal["mi", "paper", "soic"] = option(
-        "mi: mutual information, as semcal maximises it. paper: the paper's method as published, with nothing of "
-        "semcal's own. soic: SOIC, a rival that needs the same class names on both sides. The last two are for "
-        "comparison, and do not estimate their uncertainty.",
+        "mi: mutual information, as semcal maximises it. paper: the paper's method exactly as published. soic: "
+        "SOIC, a competing method that needs the same class names on both sides. The last two are for comparison, and "
+        "estimate no uncertainty.",
         default="mi",
     )
     repeat: int | None = option(
@@ -155,7 +155,7 @@ class CalibrateSettings(
         from semcal_cli.experiments.baselines.config import PaperConfig
 
         if len(self.cues) > 1:
-            raise click.UsageError(f"--cue: found {','.join(self.cues)}, --method paper takes one cue.")
+            raise click.UsageError(f"--cue: found {','.join(self.cues)}, needed one cue for --method paper.")
         usual, drift = PaperConfig(), self.max_final_drift
         has_vectors = self.known_cues(self.cues) != LABELS
         asked = {name: getattr(self, name) for name in settings_of(MineConfig)}

@@ -33,7 +33,7 @@ class DemoSettings(ThreadSettings):
 
     out: Path = argument(Path("semcal_demo"))
     real: Path | None = option(
-        "Calibrate your copy of KITTI object or KITTI raw in this folder instead, by edges, without labels.",
+        "Calibrate your copy of KITTI object or KITTI raw in this folder instead, from edges, without labels.",
         metavar="FOLDER",
     )
     seed: int = setting_of(CalibrationConfig, "seed")
@@ -78,7 +78,7 @@ def demo(settings: DemoSettings) -> None:
         )
     if start is None:
         off = displaced(calibration.pose, OFF_DEG, OFF_M, rng)
-        poses = {f"a camera {OFF_DEG:g} degrees off": off, "found from nothing": calibration.pose}
+        poses = {f"a camera {OFF_DEG:g} degrees off": off, "found without a start": calibration.pose}
     else:
         poses = {f"{START_DEG:g} degrees off": start.T_camera_lidar, "refined from there": calibration.pose}
     Overlays(data.drive, data.observations, poses, "edge" if is_real else "agreement").write(0, picture)

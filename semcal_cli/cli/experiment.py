@@ -55,7 +55,7 @@ def accuracy(
 
     The rows of the table are sensors, lenses, labels and starts. Takes about two minutes per seed. Writes results.csv,
     summary.json and table.md to a folder in DIR, and keeps its drives in a pool next to it, about 45 MB each. A stopped
-    run resumes where it was.
+    run resumes where it stopped.
     """
     from semcal_cli.experiments import accuracy
 
@@ -72,7 +72,7 @@ def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, A
     """Compare joint estimates of intrinsics and clocks with the truth.
 
     Takes about two minutes per seed. Writes results.csv, summary.json and table.md to a folder in DIR; a stopped run
-    resumes where it was.
+    resumes where it stopped.
     """
     from semcal_cli.experiments import jointly
 
@@ -82,7 +82,7 @@ def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, A
 @experiment.command()
 @seeds_options(
     60,
-    "Number of drives. Each takes six calibrations as it is, two with classes wrong in all frames alike, five of "
+    "Number of drives. Each takes six calibrations unchanged, two with the same classes wrong in all frames, five of "
     "impossible variants, and 15 verifications.",
     first_seed=20_000,
 )
@@ -92,13 +92,14 @@ def jointly(out: Path, seeds: range, rows: tuple[str, ...]) -> Experiment[Any, A
     type=click.Choice(PARTS),
     multiple=True,
     default=PARTS,
-    help="Run only this part; may be repeated. Next to others, `spoiled` and `subtle` spoil only every fifth drive.",
+    help="Run only this part; may be repeated. Together with others, `spoiled` and `subtle` spoil only every fifth "
+    "drive.",
 )
 @click.option(
     "--limits",
     "with_limits",
     is_flag=True,
-    help="Instead, measure what each check finds on good and on bad drives, next to its limit: 19 calibrations per "
+    help="Instead, compare what each check finds on good and on bad drives with its limit. Takes 19 calibrations per "
     "drive.",
 )
 @measures
@@ -106,7 +107,7 @@ def trust(out: Path, seeds: range, parts: tuple[str, ...], with_limits: bool) ->
     """Count how often intervals and verdicts are right.
 
     Counts how often intervals contain the truth, verdicts are right, and `verify` detects offsets. Drives are also
-    spoiled as real recordings are, and given subtle faults: no result should be trusted and wrong. Takes about two
+    spoiled the way real recordings are, and given subtle faults: no result should be trusted and wrong. Takes about two
     minutes per drive, and seven per spoiled drive. Writes the same files as `accuracy`; a stopped run resumes where it
     was.
     """
@@ -146,7 +147,7 @@ def pairs(**options: Any) -> Experiment[Any, Any]:
 
     The numbers are 1, 2, 5, 10, 20, 50 and 70. semcal, the paper's method, SOIC and PMI start from the same pose, 2
     degrees and 0.2 m off; the paper's method also runs from its own start, without an initial guess. Writes the same
-    files as `accuracy`, and plot.png; a stopped run resumes where it was.
+    files as `accuracy`, and plot.png; a stopped run resumes where it stopped.
     """
     return _rivals("pairs", **options)
 
@@ -167,7 +168,7 @@ def gradient(out: Path, seeds: range) -> Experiment[Any, Any]:
     """Compare gradient ascent with Powell's method.
 
     Both maximise the same mutual information, and start 2 degrees and 0.2 m off, with five pairs. Writes results.csv,
-    summary.json and table.md to a folder in DIR; a stopped run resumes where it was.
+    summary.json and table.md to a folder in DIR; a stopped run resumes where it stopped.
     """
     from semcal_cli.experiments import gradient
 
@@ -257,7 +258,9 @@ def table(
     help="Time only this command; the script is compared with refine.",
 )
 @number_option(
-    "--frames", default=70, help="Number of frames to render: the largest number of pairs besides 1,000."
+    "--frames",
+    default=70,
+    help="Number of frames to render, which is also the largest number of pairs besides 1,000.",
 )
 @click.option(
     "--width", type=click.IntRange(64), default=1280, show_default=True, help="Columns of the images."
@@ -270,7 +273,7 @@ def speed(
     """Time whole processes, and the refinement against plain torch.
 
     Needs an idle machine, and takes about three minutes per repeat. Writes the same files as `accuracy`; a stopped run
-    resumes where it was.
+    resumes where it stopped.
     """
     from dataclasses import replace
 

@@ -65,14 +65,14 @@ class FleetSettings(LimitSettings, QuietSettings):
     FleetSettings,
     help=f"""Combine the drives of one rig: what they agree on, which disagree, and whether the rig moved.
 
-    RESULTS are folders written by semcal batch, and single semcal calibrations. Drives are ordered by the stamps of
+    RESULTS are folders written by semcal batch, or single calibrations. Drives are ordered by the stamps of
     their first frames if these are seconds since 1970, otherwise by name. Drives that are not trusted are named and
     left out. The transform of the result is the one that holds at the last drive, and other commands can read it.
 
     Exit code 0: no change, no drift and no drive is beyond the limits, and the uncertainty of the transform is within
-    them. 3: one of these is beyond its limit with its whole 95 % interval. 4: the drives cannot decide.
+    them. 3: the whole 95 % interval of one of these is beyond its limit. 4: the drives are inconclusive.
 
-    FILE of --reference is {KNOWN_TRANSFORMS}.
+    --reference accepts {KNOWN_TRANSFORMS}.
     """,
 )
 def fleet(settings: FleetSettings) -> None:

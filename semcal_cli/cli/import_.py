@@ -124,7 +124,7 @@ class CarlaSettings(DatasetSettings):
     """Options of the import of CARLA."""
 
     version: str | None = option(
-        "Release that wrote the data, such as 0.9.15; at least 0.9.10. Tags changed at 0.9.14.",
+        "Release that wrote the data, such as 0.9.15; at least 0.9.10. Tags changed in 0.9.14.",
         metavar="NAME",
     )
 
@@ -134,8 +134,9 @@ class Kitti360Settings(DatasetSettings):
     """Options of the import of KITTI-360."""
 
     rectified: bool | None = option(
-        "Images of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is rotated by "
-        "R_rect. Raw: data_rgb, with K, D and the reference as in calib_cam_to_velo.txt.  [default: rectified]",
+        "Which images of image_00 and image_01 to use. Rectified: data_rect, with P_rect and a reference that is "
+        "rotated by R_rect. Raw: data_rgb, with K, D and the reference as in calib_cam_to_velo.txt.  "
+        "[default: rectified]",
         "--rectified/--raw",
     )
 
@@ -188,7 +189,7 @@ class BagSettings(QuietSettings):
     points: str | None = option("Topic of the sweeps; needed if there are several.", metavar="TOPIC")
     image: str | None = option("Topic of the images; needed if there are several.", metavar="TOPIC")
     camera_info: str | None = option(
-        "Topic of the intrinsics; if not given, the one next to the images.", metavar="TOPIC"
+        "Topic of the intrinsics; if not given, the one next to the image topic.", metavar="TOPIC"
     )
     intrinsics: Path | None = option(
         "Take the intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
@@ -216,14 +217,14 @@ class BagSettings(QuietSettings):
         metavar="S",
     )
     motion: str | None = option(
-        "Topic of the LiDAR's motion: Odometry, PoseStamped or /tf. If not given, the only such topic.",
+        "Topic of the LiDAR's motion: Odometry, PoseStamped or /tf. Needed if there are several.",
         metavar="TOPIC|none",
     )
     motion_frame: str | None = option(
-        "Frame whose poses the topic contains, if its messages do not say so.", metavar="FRAME"
+        "Frame whose poses the topic contains, if its messages do not say.", metavar="FRAME"
     )
     odometry: bool = option(
-        "Estimate the motion from the sweeps with KISS-ICP. A topic of the motion takes precedence, and is compared "
+        "Estimate the motion from the sweeps with KISS-ICP. A motion topic takes precedence, and is compared "
         "with the estimate; --motion none ignores all topics.",
         default=False,
     )

@@ -164,7 +164,7 @@ class LabelSettings(ImageSettings, ThreadSettings):
         "Draw the middle image and its labels, .png.", callback=_check_png, metavar="FILE"
     )
     show: str | None = option(
-        "Print how a network is understood, and try it. Needs no drive.", metavar="FILE|NAME"
+        "Print how semcal interprets a network, and try it. Needs no drive.", metavar="FILE|NAME"
     )
     list_models: bool = option(
         "List the networks with short names, and exit.", default=False, is_eager=True, callback=_list_models
@@ -180,8 +180,8 @@ def label(settings: LabelSettings) -> None:
     """Label the images or the sweeps of DRIVE with networks, and write a drive with the labels.
 
     A network is an ONNX file or the name of one on the Hugging Face hub. Its input and output are read from the file
-    and from its model card, or from the transformers files beside it. What none of them states is guessed, and each
-    guess is printed.
+    and from its model card, or from the transformers files beside it. Anything that none of them states is guessed,
+    and each guess is printed.
 
     A second --image-model is written to drive_2.yaml, and the share of pixels on which the two differ is printed.
 

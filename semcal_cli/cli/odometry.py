@@ -22,8 +22,8 @@ class OdometrySettings(DriveSettings):
 def odometry(settings: OdometrySettings) -> None:
     """Estimate the motion of the LiDAR in DRIVE with KISS-ICP. The sweeps of DRIVE must be consecutive.
 
-    Poses are written in the TUM format, one per line: seconds x y z qx qy qz qw. The printed line is for you to add to
-    drive.yaml, which is not changed. If DRIVE has poses, the two motions are compared.
+    Poses are written in the TUM format, one per line: seconds x y z qx qy qz qw. Add the printed line to
+    drive.yaml, which this command does not change. If DRIVE has poses, the two motions are compared.
     """
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.cli.terminal import Terminal

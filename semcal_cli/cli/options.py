@@ -26,7 +26,7 @@ MAX_LIMIT = 1e6
 
 KNOWN_TRANSFORMS = "a calibration, a drive with a reference, or any format that `convert --formats` lists"
 CUES = Names(PLUGINS.taken, alone=("features", "auto"), plugins=PLUGINS)
-MANY_POINTS = "Refuse sweeps with more than N points, and their files if they exceed 64 bytes per point."
+MANY_POINTS = "Refuse sweeps with more than N points, and cloud files with more than 64 N bytes."
 
 
 def result_file(
@@ -68,13 +68,13 @@ def inconclusive_choice() -> Any:
 def cue_list() -> Any:
     """Make the option for cues."""
     return option(
-        "What points and pixels are compared by: one cue, or several. auto: the best that the files of DRIVE allow. "
+        "What to compare points and pixels by: one cue, or several. auto: the best that the files of DRIVE allow. "
         "labels: point labels and image labels. edges: steps in range and intensity against image gradients; they need "
-        "no labels, but a start that is known to 5 degrees and 0.3 m. segments: parts of the sweeps, found by shape, "
-        "against image labels; together with edges, they find that start. intensity: the LiDAR's intensity against "
+        "no labels, but a start within 5 degrees and 0.3 m. segments: parts of the sweeps, found by shape, "
+        "against image labels; together with edges, they need no start. intensity: the LiDAR's intensity against "
         "grey values, without labels. features: feature vectors of points and pixels, only on their own and with "
-        "`semcal calibrate --estimator mine`.  [default: auto, which is labels, or without point labels segments,edges "
-        "or whichever of the two the files allow]",
+        "`semcal calibrate --estimator mine`.  [default: auto, which is labels or, without point labels, "
+        "segments,edges or whichever of the two the files allow]",
         "--cue",
         default=AUTO,
         type=CUES,
@@ -132,7 +132,7 @@ class ResultSettings(EstimateSettings):
 
     output: Path | None = result_file()
     as_json: bool = option("Print the result as JSON, even with -o.", "--json", default=False)
-    verbose: bool = option("Also print the expert figures of each stage.", "-v", "--verbose", default=False)
+    verbose: bool = option("Also print detailed figures of each stage.", "-v", "--verbose", default=False)
     log: Path | None = output_file("Write timings, host and number of threads to a JSON file.")
 
 

@@ -119,7 +119,7 @@ class SearchSettings(StartSettings):
         given("--search-deg").requires(*STARTS),
         given("--roll").excludes(*STARTS, because="--search-deg searches around a transform"),
         given("--zoom").requires(
-            "--search-deg", where=STARTS, because="without it, nothing is searched around a transform"
+            "--search-deg", where=STARTS, because="without it, there is no search around a transform"
         ),
     ]
     init_rpy_xyz: tuple[float, ...] | None = option(
@@ -199,13 +199,13 @@ class RefinementSettings(StartSettings):
     intrinsics_sigma: tuple[float, float] | None = option(
         "How well the drive's intrinsics are known: standard deviations of the focal lengths, in percent, and of the "
         "principal point, in pixels. They widen the interval; 0 0 means exact.  [default: `intrinsics_sigma` of the "
-        "drive, or 0.1 1; with --refine-intrinsics 2 10]",
+        "drive, or 0.1 1; with --refine-intrinsics, 2 10]",
         type=FiniteRange(0.0, 1e3),
         nargs=2,
         metavar="PERCENT PX",
     )
     estimate_delay: bool = option(
-        "Estimate the time offset, by which images are later than their stamps say, together with the pose. Needs "
+        "Estimate the time offset (how much later images are than their stamps say) together with the pose. Needs "
         "`motion:` with poses or a twist, varying speeds, and turns.",
         default=False,
     )
@@ -253,8 +253,8 @@ class RefinementSettings(StartSettings):
             focal_percent, center_px = self.intrinsics_sigma
             if self.intrinsics and min(self.intrinsics_sigma) < LEAST_SIGMA:
                 raise click.UsageError(
-                    f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, --refine-intrinsics requires at least "
-                    f"{LEAST_SIGMA:g} for both."
+                    f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, needed at least {LEAST_SIGMA:g} for "
+                    "both with --refine-intrinsics."
                 )
             sigmas = 0.01 * focal_percent, center_px
             jointly = JointlyConfig(self.intrinsics, *sigmas, with_delay=self.estimate_delay)

@@ -65,8 +65,8 @@ class SynthSettings(SynthConfig, ThreadSettings):
 def synth(settings: SynthSettings) -> None:
     """Write a synthetic drive, with labels, images and its true T_camera_lidar, to the folder OUT.
 
-    The seed determines the streets, and the mounting as far as options do not. The 20 classes have CARLA's names and
-    ids. The sensors see true parallax.
+    The seed determines the streets and everything about the mounting that no option sets. The 20 classes have CARLA's
+    names and ids. The sensors see true parallax.
     """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig

@@ -99,8 +99,8 @@ class VerifySettings(LimitSettings, EstimateSettings):
     The pose is estimated again, starting from the transform. The limits hold along and about each
     axis of the camera, and in total; --max-delay-ms adds one for the time offset.
 
-    Exit code 0: every check passes. 3: an offset is beyond its limit with its whole 95 % interval.
-    4: the data cannot decide; --inconclusive changes this code.
+    Exit code 0: every check passes. 3: the whole 95 % interval of an offset is beyond its limit.
+    4: the data are inconclusive; --inconclusive changes this code.
     """,
 )
 def verify(settings: VerifySettings) -> None:

@@ -325,7 +325,7 @@ class RefinementConfig:
     )
     edge_band_px: int = setting(
         EDGE_BAND_PX,
-        "Pixels closer than this to another class count a tenth; use more for labels with ragged borders.",
+        "Pixels closer than this to another class count one tenth; use more for labels with ragged borders.",
         least=0,
         most=100,
         option="--edge-band",

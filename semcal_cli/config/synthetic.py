@@ -44,7 +44,8 @@ class SynthConfig:
     seed: int = 0
     """Seed of every random choice."""
     pattern: Pattern = lidar(
-        "spinning", "Scan pattern: the grid of a spinning LiDAR, or an all-round rosette, which is no grid."
+        "spinning",
+        "Scan pattern: the grid of a spinning LiDAR, or an all-round rosette, which is not a grid.",
     )
     channels: int = lidar(64, "Number of beams, evenly spaced in elevation.", least=1, most=512)
     columns: int = lidar(
@@ -87,7 +88,7 @@ class SynthConfig:
     )
     rig_seed: int | None = mounting(
         None,
-        "Seed of the mounting that these options leave open. Drives with the same value share a rig.",
+        "Seed of whatever these options leave open in the mounting. Drives with the same value share a rig.",
         least=0,
         most=MAX_SEED,
     )

@@ -115,7 +115,7 @@ def _class_blocks(recording: Recording) -> dict[str, Any]:
         palette = recording.image_classes.palette() if recording.image_classes else {}
         if not palette:
             raise InputError(
-                f"{coded}: found colours, needed ids, or a class table with these colours by --image-classes"
+                f"{coded}: found colours, needed ids, or a class table with these colours with --image-classes"
             )
         del sides["image"]
     blocks: dict[str, Any] = {}

@@ -145,7 +145,9 @@ def _listed(given: ArrayInput, argument: str, count: int) -> Iterator[tuple[int,
     if entries is None:
         return
     if len(entries) != count:
-        raise InputError(f"{argument}: found {len(entries)} entries, needed {count}, one for each of points")
+        raise InputError(
+            f"{argument}: found {len(entries)} entries, needed {count}, one for each entry of points"
+        )
     yield from (
         (index, entry) for index, entry in enumerate(entries) if entry is not None or argument == "points"
     )

@@ -173,7 +173,7 @@ COLUMNS = (
     *ERRORS,
     count("right", "num_right", lambda result: result.is_right),
     count("not trusted", "num_not_trusted", lambda result: result.status == "not_trusted"),
-    count("wrong, not said", "num_missed", lambda result: result.is_missed),
+    count("wrong, not reported", "num_missed", lambda result: result.is_missed),
     count("failed", "num_failed", lambda result: not math.isfinite(result.rotation_deg)),
     Column("refinement, s", {"refine_s": of("refine_s", median)}, digits(1)),
 )

@@ -250,7 +250,7 @@ COLUMNS = (
     count("not determined", "num_not_determined", _is_undetermined),
     _sizes("rotation, deg", "rotation_deg", 4),
     _sizes("camera centre, cm", "camera_center_cm", 2),
-    Column("pose beside that before, times: median", {"beside_before": _beside_before}, digits(2)),
+    Column("pose error relative to before: median", {"beside_before": _beside_before}, digits(2)),
     _sizes("fx, fy off, %", "focal_percent", 3, "fx_percent", "fy_percent"),
     _sizes("cx, cy off, px", "center_px", 2, "cx_px", "cy_px"),
     _sizes("k1 off", "k1", 4),

@@ -30,7 +30,7 @@ WRONG_DEG, WRONG_CM = 0.3, 6.0
 """A calibration of a spoiled drive is wrong if its error exceeds one of these."""
 PAIRS = (1, 2, 3, 5, 10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)
-SHARED = "classes off alike in all frames"
+SHARED = "classes off the same way in all frames"
 """Good drives whose class borders are slightly off in every image, as a network draws them."""
 SHARED_PAIRS = (5, 20)
 OTHER_DRIVE = len(RIGS)

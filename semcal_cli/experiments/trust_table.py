@@ -153,7 +153,7 @@ def spoiled_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         Rate("axes of named offsets within their intervals", inside, 6 * len(named)),
         *(
             rate_of(
-                f"{name}, told or not trusted or right",
+                f"{name}, reported or not trusted or right",
                 groups.get(name, []),
                 lambda f: _is_told(f) or not f.is_trusted_and_wrong(),
             )
@@ -170,11 +170,11 @@ def subtle_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     for group, listed in groups.items():
         found += [
             rate_of(f"{group}: trusted, outside the interval", listed, Outcome.is_outside),
-            rate_of(f"{group}: the same, not told", listed, Outcome.is_outside_untold),
+            rate_of(f"{group}: the same, not reported", listed, Outcome.is_outside_untold),
             rate_of(f"{group}: the same, beyond 0.3 degrees or 6 cm", listed, Outcome.is_missed),
         ]
         if group == spoiled.LEAKED:
-            found.append(rate_of(f"{group} are told", listed, _is_told))
+            found.append(rate_of(f"{group} are reported", listed, _is_told))
         if group in (spoiled.SINGLE, spoiled.SEGMENTS):
             right = [f for f in listed if f.errors and not f.is_wrong()]
             found += [
@@ -233,7 +233,7 @@ COMMON = (
     _number("trusted", TRUSTED),
     _number("not trusted", lambda f: f.status == "not_trusted"),
     _number("failed", lambda f: f.status == "failed"),
-    cell("told", _number_told),
+    cell("reported", _number_told),
 )
 WORST = cell("worst trusted error", _worst_trusted)
 SPOILED_COLUMNS = (
@@ -247,7 +247,7 @@ SUBTLE_COLUMNS = (
     common("kind", "subtle"),
     *COMMON,
     _number("trusted, outside the interval", Outcome.is_outside),
-    _number("of these, not told", Outcome.is_outside_untold),
+    _number("of these, not reported", Outcome.is_outside_untold),
     _number("of these, beyond 0.3 deg or 6 cm", Outcome.is_missed),
     WORST,
     cell("axes in the interval, trusted", _axes_inside),

@@ -110,7 +110,7 @@ def notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
     """Give notes for the reader that do not affect the verdict."""
     found = []
     if order == "name":
-        found.append("drives are ordered by name: they do not have different stamps in seconds since 1970")
+        found.append("drives are ordered by name, because not all have their own stamp in seconds since 1970")
     num_cameras = len({member.camera for member in used if member.camera is not None})
     if num_cameras > 1:
         found.append(
@@ -200,7 +200,7 @@ def in_all(drive: ComparedDrive, limits: Limits) -> list[CheckWords]:
 def title(fleet: Fleet) -> str:
     """State the verdict in a few words."""
     if fleet.verdict == "inconclusive":
-        return "The drives do not decide"
+        return "The drives are inconclusive"
     if fleet.verdict == "pass":
         moved = fleet.drift is not None or len(fleet.parts) > 1
         return "The rig moved within the limits" if moved else "The rig is stable"

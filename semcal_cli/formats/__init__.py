@@ -27,7 +27,7 @@ from semcal_cli.result.camera import offset_words
 
 DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
-DOUBTED = "{}: the transform is not trusted; its reasons say why"
+DOUBTED = "{}: the transform is not trusted; see its reasons"
 """Warning about a transform that is written nevertheless."""
 
 
@@ -275,5 +275,5 @@ def _check_options(format: Format, options: FormatOptions) -> None:
     for name in ("direction", "frame", "camera", "lidar"):
         if said[name] is not None and name not in format.asks:
             raise InputError(
-                f"{prefix}{name}: found {said[name]!r}, needed no such option for {format.name} files"
+                f"{prefix}{name}: found {said[name]!r}, needed nothing: {format.name} files do not use it"
             )

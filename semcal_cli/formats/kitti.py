@@ -178,7 +178,7 @@ OBJECT = _kitti(
 RAW = Format(
     "kitti-raw",
     "p_camera0 = T p_velo: calib_velo_to_cam.txt, camera 0 before rectification; --camera image_02 for a rectified "
-    "one, by calib_cam_to_cam.txt next to it",
+    "one, with calib_cam_to_cam.txt next to it",
     lambda source: {"R", "T"} <= _keys(source) <= {"calib_time", "R", "T", "delta_f", "delta_c"},
     _read_raw,
     _make_raw,

@@ -48,7 +48,7 @@ def check_rigid(T: Pose) -> None:
     if not (determinant > 0.0 and residual <= RIGID_TOLERANCE):
         raise ValueError(
             f"found determinant {determinant:.6g} and R R^T off the identity by {residual:.2g}, "
-            f"needed a rotation: determinant 1 and R R^T the identity within {RIGID_TOLERANCE}"
+            f"needed a rotation: determinant 1 and R R^T within {RIGID_TOLERANCE} of the identity"
         )
 
 

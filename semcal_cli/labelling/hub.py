@@ -47,13 +47,13 @@ RECOMMENDED = {
         "Xenova/segformer-b0-finetuned-cityscapes-1024-1024",
         15,
         "19 classes of Cityscapes",
-        "NVIDIA Source Code License for SegFormer: not commercial",
+        "NVIDIA Source Code License for SegFormer: non-commercial",
     ),
     "ade20k": Recommended(
         "Xenova/segformer-b0-finetuned-ade-512-512",
         15,
         "150 classes of ADE20K",
-        "NVIDIA Source Code License for SegFormer: not commercial",
+        "NVIDIA Source Code License for SegFormer: non-commercial",
     ),
 }
 """Networks by short name. The revision is `main` unless one is named."""

@@ -50,8 +50,8 @@ def verdict(report: ReportInput) -> Verdict:
 def verdict_of(record: Calibration) -> Verdict:
     """Say whether the transform of a calibration may be used, and how good it is."""
     sentence = {
-        "trusted": "Nothing speaks against it.",
-        "not_trusted": "This speaks against it:",
+        "trusted": "No check found a problem.",
+        "not_trusted": "Reasons:",
         "not_assessed": "It was not polished, so its uncertainty is unknown.",
     }[record.status]
     if "soic" in record.settings.options:
@@ -84,7 +84,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         turned_deg = math.hypot(*found.label_bleed.rotation_deg)
         sentences.append(
             f"If labels bled by one pixel in all images, the camera would be off by {figure(moved_cm)} cm and "
-            f"{figure(turned_deg)} degrees. More frames do not reduce that, better labels do."
+            f"{figure(turned_deg)} degrees. More frames do not reduce that; better labels do."
         )
     if found.intrinsics_cost is not None:
         moved_m, turned_deg = found.intrinsics_cost.together

@@ -229,7 +229,7 @@ SEEDS = Check(topic="seeds", advice="add frames from other places")
 SOIC = Check(topic="soic", advice="start nearer with --init")
 # Files do not belong together.
 WRONG_PAIRING = Check(
-    topic="wrong-pairing", advice="check by times and names that sweeps and images belong together"
+    topic="wrong-pairing", advice="compare times and names to check that sweeps and images belong together"
 )
 ODD_FRAMES = Check(
     topic="odd-frames", advice="check the times and names of the files, or remove these frames"
@@ -247,7 +247,8 @@ LEAKED_LABELS = Check(
     advice="label the points without the images, or calibrate with --cue segments,edges",
 )
 OWN_DRIVE = Check(
-    topic="own-drive", advice="check it on another drive, because a transform always agrees with its own"
+    topic="own-drive",
+    advice="check it on another drive, because a transform always agrees with the drive that it was calibrated on",
 )
 FRAMES_DISAGREE = Check(
     topic="frames-disagree",

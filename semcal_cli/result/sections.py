@@ -83,7 +83,7 @@ class Settings(StrictModel):
             found = (
                 f"cues {', '.join(cues)}" if isinstance(cues, dict) and cues else f"cues: {describe(cues)}"
             )
-            raise mismatch(found, "settings of cues by their names, as labels or edges")
+            raise mismatch(found, "settings of cues by their names, such as labels or edges")
         return options
 
 

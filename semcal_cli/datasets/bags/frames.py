@@ -109,7 +109,7 @@ def write_motion(
     if 2 * min(num_timed, len(covered)) < len(written):
         why = "there are no poses around most frames"
         if 2 * num_timed < len(written):
-            why = "most points have no times to deskew them by"
+            why = "most points have no times for deskewing"
         return None, [each.source for each in written], f"{told}, but {why}; no motion is written"
     # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"

@@ -176,7 +176,7 @@ class _Import:
         except MessageError as error:
             raise InputError(f"{topic.name}: {error}") from None
         if not self.topics.is_beside:
-            self.remarks.append(f"{topic.name} is not beside {image.name}; its intrinsics are used")
+            self.remarks.append(f"{topic.name} is not next to {image.name}; its intrinsics are used anyway")
         if topic.span.num_messages <= MAX_LATCHED:
             for message in self.bag.messages([topic]):
                 self._check_same(message)
@@ -304,7 +304,7 @@ class _Import:
             common = self.left_out.most_common(1) or [("no sweeps and images at the same times", 0)]
             raise self._no_pair(f"{apart}; try --stamps receive" if are_apart else common[0][0])
         if are_apart:
-            self.remarks.append(f"{apart}, judged by when their messages were received")
+            self.remarks.append(f"{apart}, judging by when their messages were received")
 
 
 def _frame_of(message: Message) -> str | None:

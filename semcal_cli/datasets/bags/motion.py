@@ -199,7 +199,7 @@ def find_motion(
         raise _misfit(bag, wanted, posed, carrying, fixed)
     if usable:
         names = listed(f"{each.topic.name} of {each.frame} in {each.parent}" for each in usable)
-        return None, f"several topics state a motion, {names}: choose one by --motion"
+        return None, f"several topics state a motion, {names}: choose one with --motion"
     others = dict.fromkeys(each.topic.name for each in (*posed, *moving))
     if not others:
         return None, None

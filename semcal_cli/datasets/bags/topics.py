@@ -96,7 +96,7 @@ TRANSPORTS = (
 """Names below a topic under which the plugins of image_transport and point_cloud_transport publish it again."""
 REPLAY_OUSTER = (
     "; to turn packets of an Ouster into sweeps, replay them: `ros2 launch ouster_ros replay.launch.xml bag_file:=BAG` "
-    "beside `ros2 bag record`"
+    "while `ros2 bag record` runs"
 )
 USES = {
     "sweeps": CLOUDS,

@@ -88,7 +88,7 @@ def reference(
         told.append(f"{TF_STATIC} states several transforms of {edges}: the last one is used")
     T = tree.reached(optical).get(lidar)
     if lidar == optical:
-        why_not = f": sweeps and images both state the frame {lidar!r}"
+        why_not = f": sweeps and images both have the frame {lidar!r}"
     elif T is not None and tree.contradictory:
         why_not = f": fixed transforms contradict one another at {listed(sorted(tree.contradictory))}"
     elif T is None or not lidar:
@@ -101,7 +101,7 @@ def reference(
             T = rigid(f"{optical}: R of the camera in this frame", T)
         return T, [
             *told,
-            f"the reference T_camera_lidar is that of the recording, from {lidar!r} to {optical!r}",
+            f"the reference T_camera_lidar comes from the recording, from {lidar!r} to {optical!r}",
         ]
     return None, [*told, f"no reference{why_not}"]
 

@@ -106,7 +106,7 @@ def read_ontology(name: str) -> Ontology:
         return validate(Ontology, document, path)
     if "ignore" in document:
         raise InputError(
-            f"{path}: ignore: found beside the names of classes, needed the names under a key 'classes'; "
+            f"{path}: ignore: found next to the class names, needed the names under a key 'classes'; "
             "ids that no class lists are ignored anyway"
         )
     return validate(Ontology, {"classes": document}, path)
