@@ -40,6 +40,6 @@ def test_the_list_has_what_the_package_names() -> None:
     assert "    translation_m: float = 0.05\n" in stored  # the default of a setting alone
 
 
-def test_the_reference_says_what_stays() -> None:
+def test_the_reference_says_what_is_stable() -> None:
     page = (ROOT / "docs/python_reference.md").read_text()
-    assert "two minor versions" in page.partition("## What stays")[2].partition("\n## ")[0]
+    assert "two minor versions" in page.partition("## Stability")[2].partition("\n## ")[0]

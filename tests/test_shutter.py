@@ -238,7 +238,7 @@ def test_a_shutter_that_is_not_compensated_is_told(rolling: LoadedDrive) -> None
     slow = found(without_direction(rolling, Motion(speed_m_s=1.0)))
     (note,) = slow.notes_on_data
     assert re.fullmatch(
-        rf"{NOT_COMPENSATED}, half of the points are off by \d\.\d pixels or more: {ADVICE}", note
+        rf"{NOT_COMPENSATED}, so half of the points are off by \d\.\d pixels or more: {ADVICE}", note
     )
     (fast,) = check_shutter(*fields_of(without_direction(rolling, Motion(speed_m_s=60.0))))[0]
     assert fast.topic == "shutter"
@@ -257,7 +257,7 @@ def test_a_motion_that_is_not_given_is_doubted_unless_the_rig_stands(rolling: Lo
     unknown = without_direction(rolling, None)
     for measured in (check_shutter(*fields_of(unknown))[0], check_unstated(*fields_of(unknown))):
         (finding,) = measured
-        assert "the error by motion is unknown" in finding.sentence
+        assert "the error from motion is unknown" in finding.sentence
     standing = unknown.of_frames([0, 0])
     assert check_shutter(*fields_of(standing)) == ((), (f"{NOT_COMPENSATED}: {ADVICE}",))
     assert check_unstated(*fields_of(standing)) == ()

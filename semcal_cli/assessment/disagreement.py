@@ -351,5 +351,5 @@ def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:
             f"before, needed at most {most}"
         )
     if suspicion.outliers:
-        found.append(f"farthest off {frame_list(names, suspicion.outliers)}")
+        found.append(f"above all {frame_list(names, suspicion.outliers)}")
     return f"frames disagree about the camera, {', '.join(found)}"

@@ -24,7 +24,7 @@ LEAST_BIAS = 1e-12
 AT_LIMIT = 0.999
 """Fraction of the largest allowed distance from which a camera counts as clamped to it."""
 UNKNOWN_COST = (
-    "but the drive gives no motion, so the error by motion is unknown, needed motion.poses, motion.twist, or "
+    "but the drive gives no motion, so the error from motion is unknown, needed motion.poses, motion.twist, or "
     "motion.speed_m_s (0 for a stationary rig)"
 )
 ROUNDING = 1e-9
@@ -85,7 +85,7 @@ def check_shutter(
     if error_px is None:
         return (), (f"{found}: {SHUTTER.advice}",)
     off_px, most = told_apart(error_px, SHUTTER.limit(), 1)
-    cost = f"half of the points are off by {off_px} pixels or more"
+    cost = f"so half of the points are off by {off_px} pixels or more"
     measured = SHUTTER.measured(error_px, f"{found}, {cost}, needed at most {most}")
     return measured.findings, () if measured.findings else (f"{found}, {cost}: {SHUTTER.advice}",)
 

@@ -83,7 +83,7 @@ class CalibrateSettings(
         "Calibrate with N seeds, and report the spread of the results next to the uncertainty.", least=2
     )
     split: bool = option(
-        "If the camera was moved during the drive, also calibrate each part of the drive on its own, and write "
+        "If the camera was moved during the drive, also calibrate each part of the drive separately, and write "
         "OUT_part_1.yaml, OUT_part_2.yaml and so on next to -o OUT.yaml; likewise for --log. The exit code is then "
         "that of the worst part; --report and --overlay show the whole drive.",
         default=False,

@@ -185,7 +185,7 @@ class BagSettings(QuietSettings):
     output: Path | None = option(
         "Folder for the drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE"
     )
-    is_list: bool = option("List the topics, and which would be used.", "--list", default=False)
+    is_list: bool = option("List the topics, and show which would be used.", "--list", default=False)
     points: str | None = option("Topic of the sweeps; needed if there are several.", metavar="TOPIC")
     image: str | None = option("Topic of the images; needed if there are several.", metavar="TOPIC")
     camera_info: str | None = option(

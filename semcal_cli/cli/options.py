@@ -70,7 +70,7 @@ def cue_list() -> Any:
     return option(
         "What to compare points and pixels by: one cue, or several. auto: the best that the files of DRIVE allow. "
         "labels: point labels and image labels. edges: steps in range and intensity against image gradients; they need "
-        "no labels, but a start within 5 degrees and 0.3 m. segments: parts of the sweeps, found by shape, "
+        "no labels, but do need a start within 5 degrees and 0.3 m. segments: parts of the sweeps, found by shape, "
         "against image labels; together with edges, they need no start. intensity: the LiDAR's intensity against "
         "grey values, without labels. features: feature vectors of points and pixels, only on their own and with "
         "`semcal calibrate --estimator mine`.  [default: auto, which is labels or, without point labels, "

@@ -47,7 +47,7 @@ class ViewSettings(EstimateSettings):
     mouse move the camera. The page shows how well the labels agree, can refine the pose, and saves it for
     `semcal calibrate DRIVE --init FILE`.
 
-    The page is served to this machine only, at an address with a random word. The command ends with Ctrl-C (exit code
+    The page is served only to this machine, at an address with a random word. The command ends with Ctrl-C (exit code
     130) or, with -o, with the button "Save and end" (0).
     """,
 )

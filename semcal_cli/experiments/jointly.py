@@ -256,7 +256,7 @@ COLUMNS = (
     _sizes("k1 off", "k1", 4),
     _sizes("clock off, ms", "clock_ms", 2),
     Column(
-        "intervals true",
+        "intervals right",
         {"num_inside": of("num_inside", sum), "num_intervals": of("num_intervals", sum)},
         lambda num_inside, num_intervals: Rate("", num_inside, num_intervals).share,
     ),

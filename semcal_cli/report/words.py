@@ -111,7 +111,7 @@ def _what_intervals_include(record: Calibration) -> str:
     if record.camera is not None and record.camera.is_kept:
         return "K was estimated together with the pose, and the intervals include its uncertainty"
     if record.camera is not None:
-        return "the estimate of K was not kept, and the intervals include what the frames leave open in K"
+        return "the estimate of K was not kept, and the intervals include the remaining uncertainty of K"
     if record.uncertainty is None or record.uncertainty.covariance_of_intrinsics is None:
         return "the intervals assume that K is right"
     if record.input.camera.intrinsics_sigma is not None:
