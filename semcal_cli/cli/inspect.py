@@ -125,7 +125,7 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
     of_points = _together(frame.point_classes for frame in report.frames)
     none_needed = "; segments and edges need none" if of_points is None else ""
     return [
-        ("drive", f"{len(report.frames):,} frames, {num_points:,} points"),
+        ("drive", f"{len(report.frames):,} frame{'s' * (len(report.frames) != 1)}, {num_points:,} points"),
         (
             "LiDAR",
             f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth, "

@@ -160,9 +160,12 @@ def _print(found: Verification) -> None:
     for sentence in (*found.reasons, *found.notes, found.sentence):
         for line in wrapped("", sentence, indent=0):
             click.echo(line)
-    worst = offsets_in_all(found.checks)[0]
+    num = len(found.reasons)
+    decisive = (
+        f"{num} reason{'s' * (num > 1)}, see above" if found.is_reasoned else offsets_in_all(found.checks)[0]
+    )
     console = Console(highlight=False, soft_wrap=True, emoji=False)
-    console.print(f"{found.verdict}: {worst}", style=COLORS[found.verdict], markup=False)
+    console.print(f"{found.verdict}: {decisive}", style=COLORS[found.verdict], markup=False)
 
 
 def _check_line(check: Check) -> str:

@@ -95,6 +95,11 @@ class Verification:
             OF_CLOCK.get(self.verdict, SENTENCES[self.verdict]) if is_clock_alone else SENTENCES[self.verdict]
         )
 
+    @property
+    def is_reasoned(self) -> bool:
+        """Whether the reasons make it inconclusive, whatever the offsets are."""
+        return self.verdict == "inconclusive" and bool({*self.topics} - {CLOCK_TOPIC})
+
 
 def verify(
     drive: LoadedDrive | Drive | Path | str,

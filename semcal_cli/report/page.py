@@ -205,7 +205,7 @@ def write_verification(found: Verification, data: LoadedDrive, initial_pose: Ini
             found.verdict,
             TITLES[found.verdict],
             found.sentence,
-            "; ".join(offsets_in_all(found.checks)),
+            "" if found.is_reasoned else "; ".join(offsets_in_all(found.checks)),
             linked(found.reasons, found.topics),
         ),
         notices=(*camera, *staying.sentences, *found.notes),
