@@ -16,10 +16,15 @@ from documentation import ROOT, blocks
 from format_files import T_ANY
 
 import semcal_cli
-from semcal_cli.drive.cues.table import recorded
+from semcal_cli.datasets import read_dataset, recording
+from semcal_cli.datasets.choice import Options
+from semcal_cli.datasets.writing import write_drive
+from semcal_cli.drive.cues.table import load_cues, recorded
 from semcal_cli.drive.document import read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_document
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.plugins import Plugins, PluginWarning
+from semcal_cli.plugins import PluginError, Plugins, PluginWarning
 from semcal_cli.result.calibration import read_calibration
 
 EXAMPLE = Path(__file__).with_name("example_plugin")
@@ -129,6 +134,7 @@ def broken(folder: Path) -> Path:
             absent = nowhere:FORMAT
             number = z_robot:NUMBER
             urdf = z_robot:NUMBER
+            --up = z_robot:NUMBER
             [semcal.datasets]
             folder = z_robot:NUMBER
             leaving = z_leaving:read
@@ -150,11 +156,12 @@ def test_broken_plugins_are_one_line_each(installed: Path, street: Path, tmp_pat
     packages = broken(Path(shutil.copytree(installed, tmp_path / "site")))
     formats = semcal("convert", "--formats", packages=packages)
     assert warned(formats) == [
+        "--up of semcal.formats: found this name, needed letters, digits, '_', '.' and '-', and no '-' or '.' first",
         "urdf of semcal.formats: found a name that semcal already has, needed another",
         "absent of semcal.formats: cannot be imported: ModuleNotFoundError: No module named 'nowhere'",
         "number of semcal.formats: found an object of class int, needed Format",
     ]
-    assert len(formats.stderr.splitlines()) == 3
+    assert len(formats.stderr.splitlines()) == 4
     assert "my-robot" in formats.stdout
     imports = semcal("import", "--help", packages=packages)
     assert warned(imports) == [
@@ -180,8 +187,153 @@ def test_a_plugin_is_loaded_once_and_warned_of_once(tmp_path: Path, monkeypatch:
     plugins = Plugins("semcal.formats", ["urdf"])
     with pytest.warns(PluginWarning) as found:
         plugins.all(int)
-    assert len(found) == 2
+    assert len(found) == 3
     assert plugins.all(int) == {"number": 3}
     assert plugins.get("absent", int) is None
     assert plugins.names == ("number",)
     assert plugins.package("number") == "z-robot 2.0"
+
+
+CODE = """
+from dataclasses import replace
+import numpy as np
+from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
+from semcal_cli.drive.cues.cue import Cue
+from semcal_cli.drive.cues.table import find_cue
+from semcal_cli.formats.format import Format
+
+print("a module that greets")
+
+def recording(request, points=None, **others):
+    frame = SourceFrame("0", points or request.root / "drive.yaml", image=request.root / "drive.yaml")
+    return Recording(**{"camera": {"model": "plumb_bob"}, "frames": [frame]} | others)
+def failing(request):
+    return {}["velodyne"]
+def leaving(request):
+    raise SystemExit(0)
+def nothing(request):
+    pass
+def no_frames(request):
+    return recording(request, frames=[])
+def array(request):
+    return recording(request, camera={"K": np.eye(3)})
+def text(request):
+    return recording(request, points="0.bin")
+def conversion(request):
+    return recording(request, Conversion(lambda: 1 // 0, False, request.root / "drive.yaml", True))
+
+def labels(drive, sweeps, is_raw):
+    return find_cue("labels").observe(drive, sweeps, is_raw)
+def fewer(drive, sweeps, is_raw):
+    return labels(drive, sweeps, is_raw).of_frames([0])
+def wide(drive, sweeps, is_raw):
+    found = labels(drive, sweeps, is_raw)
+    return found.with_images(replace(each, classes=np.int64(each.classes)) for each in found.images)
+FEWER, WIDE, MISNAMED = Cue(observe=fewer, files=()), Cue(observe=wide, files=()), Cue(observe=wide, files=("picture",))
+
+ONLY_READ = Format("x", "", lambda source: True, lambda source, options: None)
+WORDS = replace(ONLY_READ, make=lambda T, options: "words")
+"""
+"""A module of a plugin, all of whose functions are wrong."""
+
+
+@pytest.fixture
+def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An installed package whose objects load, and are wrong."""
+    write(tmp_path / "wrong_robot.py", CODE)
+    write(tmp_path / "w-2.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: w\nVersion: 2.0\n")
+    groups = {
+        "datasets": "failing leaving nothing no_frames array text conversion",
+        "cues": "FEWER WIDE MISNAMED",
+        "formats": "ONLY_READ WORDS",
+    }
+    lines = [
+        f"[semcal.{group}]\n" + "".join(f"{each} = wrong_robot:{each}\n" for each in names.split())
+        for group, names in groups.items()
+    ]
+    write(tmp_path / "w-2.0.dist-info/entry_points.txt", "".join(lines))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "wrong_robot", raising=False)
+    for place, group in (
+        ("datasets", "datasets"),
+        ("drive.cues.table", "cues"),
+        ("formats.table", "formats"),
+    ):
+        monkeypatch.setattr(f"semcal_cli.{place}.PLUGINS", Plugins(f"semcal.{group}", ()))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("failing", "wrong_robot.py, line 15: KeyError: 'velodyne'"),
+        ("leaving", "wrong_robot.py, line 17: SystemExit: 0"),
+        ("nothing", "TypeError: found nothing, needed a Recording"),
+        ("no_frames", "ValueError: frames: found none, needed at least one"),
+        (
+            "array",
+            "TypeError: camera: Object of type ndarray is not JSON serializable; needed numbers, text, ",
+        ),
+        ("text", "TypeError: frames[0].points: found '0.bin', needed pathlib.Path | "),
+    ],
+)
+@pytest.mark.usefixtures("wrong")
+def test_a_wrong_data_set_names_its_plugin(
+    name: str, said: str, street: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever it raises or returns is one line, as is leaving with code 0; what it prints is no output."""
+    with pytest.raises(PluginError, match=re.escape(f"w 2.0: entry point {name} of semcal.datasets: {said}")):
+        read_dataset(name, recording.Request(street))
+    assert capsys.readouterr() == ("", "a module that greets\n")
+
+
+@pytest.mark.usefixtures("wrong")
+def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Path, tmp_path: Path) -> None:
+    found = read_dataset("conversion", recording.Request(street))
+    with pytest.raises(PluginError, match="line 27: ZeroDivisionError: "):
+        (found.frames[0].points).cloud()  # type: ignore[union-attr]
+    camera = read_document(street / "drive.yaml")["camera"]
+    for name, cloud, said in (
+        (
+            "../../0",
+            np.zeros((2, 4), np.float32),
+            "found the name of no file, needed one for its converted cloud",
+        ),
+        ("0", np.zeros((2, 3), np.float32), "found points of shape (2, 3), needed (N, 4)"),
+    ):
+        points = recording.Conversion(
+            lambda cloud=cloud: recording.Cloud(cloud, None), False, street / "points/000000.bin", True
+        )
+        frame = recording.SourceFrame(name, points, image=street / "images/000000.png")
+        with pytest.raises(InputError, match=re.escape(said)):
+            write_drive(recording.Recording(camera, [frame]), Options(), tmp_path / "a/b/drive")
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("FEWER", "ValueError: observe: found 1 frames, needed 4, by one cue"),
+        (
+            "WIDE",
+            "ValueError: frame 0: classes of pixels: found int64 of shape (360, 640), needed uint8 of shape",
+        ),
+        ("MISNAMED", "ValueError: files: found ('picture',), needed a tuple of: points, "),
+    ],
+)
+@pytest.mark.usefixtures("wrong")
+def test_a_wrong_cue_names_its_plugin(name: str, said: str, street: Path) -> None:
+    """Fewer frames than the drive's would otherwise be calibrated as if they were all."""
+    with pytest.raises(PluginError, match=re.escape(f"w 2.0: entry point {name} of semcal.cues: {said}")):
+        load_cues(read_drive(street), [name])
+
+
+@pytest.mark.usefixtures("wrong")
+def test_a_wrong_format_names_its_plugin() -> None:
+    with pytest.raises(
+        InputError, match="found format ONLY_READ, which is only read, needed one that is written"
+    ):
+        write_transform(T_ANY, None, "ONLY_READ")
+    with pytest.raises(
+        PluginError, match=r"WORDS of semcal\.formats: TypeError: make: found 'words', needed bytes"
+    ):
+        write_transform(T_ANY, None, "WORDS")

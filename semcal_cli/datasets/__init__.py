@@ -5,6 +5,7 @@ This module imports nothing heavy, because the command line lists the data sets 
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import import_module
 from types import FunctionType
 from typing import TYPE_CHECKING, NamedTuple
@@ -72,16 +73,19 @@ def read_dataset(name: str, request: Request) -> Recording:
     Raises:
         InputError: there is no such data set; a file, a key, the sequence or the camera is missing or wrong; or no
             frame is complete.
+        PluginError: the data set is a plugin's, which failed or returned no valid recording.
     """
-    recording: Recording = _reader(name)(request)
+    if name not in DATASETS:
+        return _read_by_plugin(name, request)
+    module, function = DATASETS[name].reader.split(".")
+    recording: Recording = getattr(import_module(f"semcal_cli.datasets.{module}"), function)(request)
     return recording
 
 
-def _reader(name: str) -> FunctionType:
-    if name in DATASETS:
-        module, function = DATASETS[name].reader.split(".")
-        reader: FunctionType = getattr(import_module(f"semcal_cli.datasets.{module}"), function)
-        return reader
-    if (plugin := PLUGINS.get(name, FunctionType)) is None:
+def _read_by_plugin(name: str, request: Request) -> Recording:
+    from semcal_cli.datasets.recording import checked
+
+    if (read := PLUGINS.get(name, FunctionType)) is None:
         raise InputError(f"found data set {name!r}, needed {one_of(name, [*DATASETS, *PLUGINS.names])}")
-    return plugin
+    with PLUGINS.blamed(name):
+        return checked(read(request), partial(PLUGINS.guarded, name))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli.datasets.files import need_folder
 from semcal_cli.datasets.ontologies import Ontology
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, describe
 from semcal_cli.geometry.poses import Pose
 
 
@@ -167,3 +169,78 @@ class Recording:
     """YAML files that were read, which a drive.yaml must not overwrite."""
     labels_by: str | None = "DIR"
     """Placeholder of the values of --point-labels and --image-labels in messages; None if `semcal label` makes them."""
+
+
+RECORDING_TYPES = {
+    "camera": Mapping,
+    "frames": Sequence,
+    "T_camera_lidar": np.ndarray | None,
+    "lidar": Mapping | None,
+    "motion": Mapping | None,
+    "point_classes": Ontology | None,
+    "image_classes": Ontology | None,
+    "remarks": tuple,
+    "read": tuple,
+}
+"""Types of the fields of a recording."""
+FRAME_TYPES = {
+    "name": str,
+    "points": Path | Conversion,
+    "point_labels": Path | None,
+    "image_labels": Path | None,
+    "image": Path | None,
+    "T_camera_lidar": np.ndarray | None,
+    "label_names": tuple,
+}
+"""Types of the fields of a frame."""
+
+
+def checked(recording: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]) -> Recording:
+    """Check a recording whose types no type checker has seen.
+
+    Args:
+        recording: What the function of a plugin returned.
+        guarded: Wraps the function of a conversion, which runs later.
+
+    Raises:
+        TypeError: something is of another type.
+        ValueError: there is no frame, or a number is not finite.
+    """
+    if not isinstance(recording, Recording):
+        raise TypeError(f"found {describe(recording)}, needed a Recording")
+    _check_types("", recording, RECORDING_TYPES)
+    for key in ("camera", "lidar", "motion"):
+        if (block := getattr(recording, key)) is not None:
+            _check_block(key, block)
+    if not recording.frames:
+        raise ValueError("frames: found none, needed at least one")
+    return replace(recording, frames=[_checked_frame(*each, guarded) for each in enumerate(recording.frames)])
+
+
+def _checked_frame(
+    index: int, frame: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]
+) -> SourceFrame:
+    where = f"frames[{index}]"
+    if not isinstance(frame, SourceFrame):
+        raise TypeError(f"{where}: found {describe(frame)}, needed a SourceFrame")
+    _check_types(f"{where}.", frame, FRAME_TYPES)
+    for key in ("points_stamp", "image_stamp", "speed_mps"):
+        if (value := getattr(frame, key)) is not None and not math.isfinite(value):
+            raise ValueError(f"{where}.{key}: found {value}, needed a finite number")
+    if not isinstance(frame.points, Conversion):
+        return frame
+    return replace(frame, points=replace(frame.points, cloud=guarded(frame.points.cloud)))
+
+
+def _check_types(where: str, checked: object, types: Mapping[str, Any]) -> None:
+    for key, kind in types.items():
+        if not isinstance(value := getattr(checked, key), kind):
+            needed = str(getattr(kind, "__name__", kind)).replace("collections.abc.", "")
+            raise TypeError(f"{where}{key}: found {describe(value)}, needed {needed}")
+
+
+def _check_block(key: str, block: Mapping[str, Any]) -> None:
+    try:
+        json.dumps(dict(block))
+    except TypeError as error:
+        raise TypeError(f"{key}: {error}; needed numbers, text, lists and mappings") from None

@@ -159,10 +159,14 @@ def _converted(frame: SourceFrame, folder: Path) -> bool:
     cloud = frame.points.cloud()
     if not len(cloud.points):
         return False
+    file, shape = frame.points.file, np.shape(cloud.points)
+    if len(shape) != 2 or shape[1] != 4:
+        raise InputError(f"{file}: frame {frame.name!r}: found points of shape {shape}, needed (N, 4)")
     points, labels = (folder / copy for copy in _copies(frame.name))
     if frame.points.has_labels:
-        if cloud.labels is None:
-            raise InputError(f"{frame.points.file}: found points without labels, needed one label per point")
+        if cloud.labels is None or cloud.labels.shape != shape[:1]:
+            found = "no labels" if cloud.labels is None else f"labels of shape {cloud.labels.shape}"
+            raise InputError(f"{file}: frame {frame.name!r}: found {found}, needed one label per point")
         make_folder(labels.parent)
         write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
     make_folder(points.parent)
@@ -171,7 +175,13 @@ def _converted(frame: SourceFrame, folder: Path) -> bool:
 
 
 def _copies(name: str) -> tuple[str, str]:
-    """Name the files of a frame's converted cloud and of its labels."""
+    """Name the files of a frame's converted cloud and of its labels, which stay in the drive's folder.
+
+    Raises:
+        InputError: the name of the frame leads to another folder.
+    """
+    if Path(name).name != name:
+        raise InputError(f"frame {name!r}: found the name of no file, needed one for its converted cloud")
     return f"points/{name}.bin", f"point_labels/{name}.label"
 
 

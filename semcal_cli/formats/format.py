@@ -217,7 +217,8 @@ class Format:
         options = replace(options, is_written=True)
         if self.make is not None:
             return self.make(T_camera_lidar, options)
-        assert self.put is not None
+        if self.put is None:
+            raise InputError(f"found format {self.name}, which is only read, needed one that is written")
         document: dict[str, Any] = {}
         self.put(document, T_camera_lidar, options)
         is_json = self.as_json or (options.file is not None and options.file.suffix.lower() == ".json")

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import wraps
+from types import UnionType
+from typing import ParamSpec, TypeVar
 
-from semcal_cli.errors import InputError, one_of
+import numpy as np
+
+from semcal_cli.errors import InputError, describe, one_of
 from semcal_cli.formats import bases, camera_info, documents, kalibr, kitti, matrix, opencv, ros, semcal, urdf
 from semcal_cli.formats.format import Format
 from semcal_cli.plugins import Plugins
 
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,
     ros.COMMAND,
@@ -42,7 +49,7 @@ PLUGINS = Plugins("semcal.formats", (format.name for format in FORMATS))
 
 def plugin_formats() -> list[Format]:
     """Load the formats of plugins, by the names of their entry points."""
-    return [replace(format, name=name) for name, format in PLUGINS.all(Format).items()]
+    return [_guarded(name, format) for name, format in PLUGINS.all(Format).items()]
 
 
 def all_formats() -> Iterator[Format]:
@@ -61,6 +68,38 @@ def find_format(name: str) -> Format:
         if format.name == name:
             return format
     if (plugin := PLUGINS.get(name, Format)) is not None:
-        return replace(plugin, name=name)
+        return _guarded(name, plugin)
     known = [*(format.name for format in FORMATS), *PLUGINS.names]
     raise InputError(f"found format {name!r}, needed {one_of(name, known)}")
+
+
+def _guarded(name: str, format: Format) -> Format:
+    """Give a plugin's format the name of its entry point, and name the plugin in the errors of its functions."""
+    make, put, read_lens = format.make, format.put, format.read_lens
+    return replace(
+        format,
+        name=name,
+        equation=str(format.equation),
+        recognises=PLUGINS.guarded(name, format.recognises),
+        read=PLUGINS.guarded(name, _returning("read", np.ndarray, format.read)),
+        make=None if make is None else PLUGINS.guarded(name, _returning("make", bytes, make)),
+        put=None if put is None else PLUGINS.guarded(name, put),
+        read_lens=None
+        if read_lens is None
+        else PLUGINS.guarded(name, _returning("read_lens", tuple | None, read_lens)),
+    )
+
+
+def _returning(
+    field: str, kind: type | UnionType, function: Callable[Given, Returned]
+) -> Callable[Given, Returned]:
+    """Check what a function of a plugin returns."""
+
+    @wraps(function)
+    def call(*arguments: Given.args, **named: Given.kwargs) -> Returned:
+        if not isinstance(found := function(*arguments, **named), kind):
+            needed = getattr(kind, "__name__", kind)
+            raise TypeError(f"{field}: found {describe(found)}, needed {needed}")
+        return found
+
+    return call

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import partial, reduce
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from semcal_cli.config import AUTO, LABELS, CueName
 from semcal_cli.config.cues import PLUGINS, cue_names
 from semcal_cli.drive.cues import edges, features, intensity, segments
-from semcal_cli.drive.cues.cue import Cue
+from semcal_cli.drive.cues.cue import Cue, checked
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
@@ -42,10 +42,14 @@ def find_cue(name: CueName) -> Cue:
 
     Raises:
         InputError: there is no such cue.
+        PluginError: the cue is a plugin's, and one of its fields is wrong.
     """
-    if (cue := CUES.get(name) or PLUGINS.get(name, Cue)) is None:
+    if name in CUES:
+        return CUES[name]
+    if (cue := PLUGINS.get(name, Cue)) is None:
         raise InputError(f"cues: found {name!r}, needed {one_of(name, cue_names())}")
-    return cue
+    with PLUGINS.blamed(name):
+        return checked(cue, partial(PLUGINS.guarded, name))
 
 
 def maximised(cues: Sequence[CueName]) -> tuple[CueName, ...]:
