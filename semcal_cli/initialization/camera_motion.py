@@ -25,8 +25,8 @@ Rays: TypeAlias = npt.NDArray[np.float64]
 Matrix: TypeAlias = npt.NDArray[np.float64]
 
 MAX_WIDTH = 640
-"""Wider images are scaled down to this, which takes 4 s of CPU time for a drive instead of 14 s. SIFT doubles each image
-first, so little is lost on most drives; docs/calibrating.md has the figures."""
+"""Wider images are scaled down to this, which takes 4 s of CPU time for a drive instead of 14 s. SIFT doubles each
+image first, so little is lost on most drives; docs/calibrating.md has the figures."""
 MAX_FEATURES, LEAST_CONTRAST = 3000, 0.02
 MAX_RATIO = 0.8
 """Largest distance of a match over that of the second best (Lowe, section 7.1)."""
