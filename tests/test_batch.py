@@ -218,7 +218,7 @@ def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None
     with locked(tmp_path / ".lock", "batch"):
         found = run(command(drives, tmp_path))
     assert found.exit_code == 1
-    assert "found another batch at work there" in str(found.exception)
+    assert "found another batch using this folder" in str(found.exception)
 
 
 def test_verify_many(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

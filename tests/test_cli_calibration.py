@@ -267,7 +267,7 @@ def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
     code, _, err = cli("refine", street, "--init", street, "--init-direction", "lidar-to-camera")
     assert code == EXIT_FAILURE
     assert err == (
-        "semcal: error: --init-direction: found 'lidar-to-camera', needed no such option for semcal files\n"
+        "semcal: error: --init-direction: found 'lidar-to-camera', needed nothing: semcal files do not use it\n"
     )
 
 

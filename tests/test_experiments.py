@@ -162,7 +162,7 @@ def test_several_jobs_write_what_one_writes(tmp_path: Path) -> None:
 def test_a_folder_is_one_run_s_at_a_time(tmp_path: Path) -> None:
     with (
         locked(tmp_path / "results.jsonl", "run"),
-        pytest.raises(InputError, match="found another run at work"),
+        pytest.raises(InputError, match="found another run using this folder"),
     ):
         make(tmp_path, [0]).run_cases(1, Recorder())
 

@@ -49,7 +49,7 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
     turned[:3, 3] = -turned[:3, :3] @ camera_center(T)
     found, findings = compare_seeds(T, [moved, None, turned], stated)
     assert [finding.found for finding in findings] == [
-        "1 of 4 seeds gave no answer",
+        "1 of 4 seeds failed",
         "1 of 4 seeds ended outside the 95 % interval, up to 20 cm and 1.5 degrees away",
     ]
     assert (found.num_seeds, found.num_failed) == (4, 1)

@@ -153,7 +153,7 @@ def compare_seeds(
     )
     findings = []
     if found.num_failed:
-        sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
+        sentence = f"{found.num_failed} of {found.num_seeds} seeds failed"
         findings.append(SEEDS.finding(sentence))
     if uncertainty is not None:
         # Errors of K, of the clock and of the motion move all seeds alike.

@@ -207,6 +207,4 @@ def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
     if DRIVE not in Source.read(into).mapping:
         return []
     changes = apply_result(record, read_drive(into), str(source)).changes
-    return [
-        f"the transform belongs to another {label} than that of the drive, {line}" for label, line in changes
-    ]
+    return [f"the transform belongs to another {label} than the drive's, {line}" for label, line in changes]

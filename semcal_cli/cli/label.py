@@ -71,7 +71,7 @@ class ImageSettings:
     )
     image_card: str | None = option(
         "Model card, which describes the input and output of the (first) network: the name of a ready card, such as "
-        "segformer-cityscapes, or a file. Without it, FILE.yaml beside FILE.onnx.",
+        "segformer-cityscapes, or a file. Default: FILE.yaml next to FILE.onnx.",
         metavar="NAME|FILE",
     )
     max_download_mb: int = option(
@@ -152,7 +152,7 @@ class LabelSettings(ImageSettings, ThreadSettings):
         "Network that labels sweeps, as range images or as points, .onnx.", metavar="FILE"
     )
     point_card: str | None = option(
-        "Its model card. Without it, FILE.yaml beside FILE.onnx.", metavar="NAME|FILE"
+        "Model card of --point-model. Default: FILE.yaml next to FILE.onnx.", metavar="NAME|FILE"
     )
     points: Literal["segments"] | None = option(
         "Label the points by geometry instead: ground or object, and the number of the segment."
@@ -169,7 +169,7 @@ class LabelSettings(ImageSettings, ThreadSettings):
     list_models: bool = option(
         "List the networks with short names, and exit.", default=False, is_eager=True, callback=_list_models
     )
-    max_frames: int | None = option("Label at most N evenly spaced frames. Without it, all.", least=1)
+    max_frames: int | None = option("Label at most N evenly spaced frames. Default: all.", least=1)
     device: Device = option("Device that runs the networks.", default="cpu")
     force: bool = option("Replace existing labels.", default=False)
     max_points: int = max_points()
@@ -180,7 +180,7 @@ def label(settings: LabelSettings) -> None:
     """Label the images or the sweeps of DRIVE with networks, and write a drive with the labels.
 
     A network is an ONNX file or the name of one on the Hugging Face hub. Its input and output are read from the file
-    and from its model card, or from the transformers files beside it. Anything that none of them states is guessed,
+    and from its model card, or from the transformers files next to it. Anything that none of them states is guessed,
     and each guess is printed.
 
     A second --image-model is written to drive_2.yaml, and the share of pixels on which the two differ is printed.

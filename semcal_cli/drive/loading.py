@@ -168,7 +168,7 @@ def load(
     if config.cues == AUTO and cues != LABELS:
         note += ", the best that its files allow"
     speckle = data.observations.speckle
-    details = f"{speckle:.2%} isolated pixels mended" if speckle > 0.0 else ""
+    details = f"{speckle:.2%} isolated pixels corrected" if speckle > 0.0 else ""
     on_event(StageDone("load", perf_counter() - start, note, details=details))
     return data
 

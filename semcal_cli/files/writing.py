@@ -224,7 +224,7 @@ def locked(file: Path, run: str) -> Iterator[int]:
             fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(
-                f"{file.parent}: found another {run} running in this folder, needed a separate folder"
+                f"{file.parent}: found another {run} using this folder, needed a separate folder"
             ) from None
         yield opened.fileno()
 

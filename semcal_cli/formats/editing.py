@@ -55,8 +55,8 @@ def edited(source: Source, change: Callable[[Any], object]) -> bytes:
             mark = codecs.BOM_UTF8 if source.content.startswith(codecs.BOM_UTF8) else b""
             return mark + after.encode()
     raise InputError(
-        f"{source.path}: found a layout in which values cannot be replaced, needed each key and each row on a line of "
-        "its own"
+        f"{source.path}: found a layout in which values cannot be replaced, needed each key and each row on a "
+        "separate line"
     )
 
 

@@ -130,7 +130,7 @@ def _read_raw(source: Source, options: FormatOptions) -> Pose:
         raise InputError(f"--camera: found {options.camera!r}, needed one of: {', '.join(RAW_CAMERAS)}")
     if options.camera is not None and descriptor(source.path) is not None:
         raise InputError(
-            f"{source.path}: found a stream, needed a file with {RAW_CAMERAS_FILE} beside it for --camera"
+            f"{source.path}: found a stream, needed a file with {RAW_CAMERAS_FILE} next to it for --camera"
         )
     cameras = None if options.camera is None else read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
     return raw_pose(keyed(source.path, source.text), cameras, options.camera, options)

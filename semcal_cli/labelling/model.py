@@ -118,7 +118,7 @@ def point_model(network: Network, card: str | None) -> Model[PointCard]:
     """Combine a network for range images with its card; arguments and errors are those of `image_model`."""
     stated, card_path = card_of(network, card)
     if not isinstance(stated, PointCard):
-        raise network.unfit("no card for sweeps (semcal_point_model: 1)", "one beside it, or --point-card")
+        raise network.unfit("no card for sweeps (semcal_point_model: 1)", "one next to it, or --point-card")
     if others := network.others():
         raise network.unfit(f"additional inputs {', '.join(others)}", "only a range image")
     port, wanted = network.input, (1, len(stated.channels), stated.rows, stated.columns)

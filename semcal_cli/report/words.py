@@ -102,7 +102,7 @@ def _of_seeds(record: Calibration) -> list[str]:
     if repeated is None:
         return []
     far = f"{figure(100.0 * repeated.farthest_camera_center_m)} cm and {figure(repeated.farthest_rotation_deg)} degrees"
-    failed = f"; {repeated.num_failed} gave no answer" if repeated.num_failed else ""
+    failed = f"; {repeated.num_failed} failed" if repeated.num_failed else ""
     return [f"The poses of {repeated.num_seeds} seeds differ from it by up to {far}{failed}."]
 
 
