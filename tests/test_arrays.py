@@ -155,6 +155,10 @@ CAMERA = Camera(model="plumb_bob", width=320, height=180, K=K)
         ({"camera": None}, "camera: found NoneType, needed semcal.Camera"),
         ({"points": []}, "points: found nothing, needed an array (N, 3) or (N, 4) for each frame"),
         ({"points": [np.ones((100, 2))]}, "points[0]: found shape (100, 2), needed (N, 3) or (N, 4)"),
+        ({"points": 3}, "points: found int, needed a list with an array for each frame"),
+        ({"point_times": 0.1}, "point_times: found float, needed a list with an entry for each frame"),
+        ({"points_stamps": ["noon"]}, "points_stamps[0]: found 'noon', needed seconds"),
+        ({"name": Path("a")}, "name: found PosixPath('a'), needed text"),
         ({"points": [[[1, 2, 3]]]}, "points[0]: found list, needed an array of shape (N, 3) or (N, 4)"),
         ({"points": [POINTS.astype(str)]}, "points[0]: found <U32, needed numbers"),
         (
@@ -202,5 +206,11 @@ def test_a_drive_or_arrays_are_needed(synthetic: Drive) -> None:
         semcal.calibrate()
     with pytest.raises(InputError, match="images: found arrays and a drive, needed only one of the two"):
         semcal.calibrate(synthetic, images=[LABELS])
+    with pytest.raises(InputError, match="drive: found ndarray, needed a drive or its path"):
+        semcal.calibrate(POINTS)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="transform: found nothing, needed"):
         semcal.verify(synthetic)
+    with pytest.raises(InputError, match="transform: found no array of real numbers, needed a 4 x 4 matrix"):
+        semcal.verify(synthetic, np.eye(4) + 1j)
+    with pytest.raises(InputError, match="cue: found 3, needed a name or a list of names"):
+        semcal.refine(synthetic, np.eye(4), cue=3)  # type: ignore[arg-type]

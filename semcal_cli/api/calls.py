@@ -184,7 +184,13 @@ def _data(drive: Data | None, arrays: ArrayInput) -> Data:
         )
     if drive is not None and arrays:
         raise InputError(f"{min(arrays)}: found arrays and a drive, needed only one of the two")
-    return Drive.from_arrays(**arrays) if drive is None else drive
+    if drive is None:
+        return Drive.from_arrays(**arrays)
+    if not isinstance(drive, LoadedDrive | Drive | Path | str):
+        raise InputError(
+            f"drive: found {type(drive).__name__}, needed a drive or its path; arrays have names"
+        )
+    return drive
 
 
 def _given(transform: Transform | None) -> InitialPose:
@@ -198,4 +204,6 @@ def _with_cue(config: CalibrationConfig | None, cue: Cues | None) -> Calibration
     config = CalibrationConfig() if config is None else config
     if cue is None:
         return config
+    if isinstance(cue, bytes) or not isinstance(cue, Sequence):
+        raise InputError(f"cue: found {cue!r}, needed a name or a list of names")
     return replace(config, cues=(cue,) if isinstance(cue, str) else tuple(cue))

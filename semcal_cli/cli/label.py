@@ -45,6 +45,8 @@ def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> 
 def _check_pair(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     if len(names) > MOST_NETWORKS:
         raise click.BadParameter(f"found {len(names)}, needed at most {MOST_NETWORKS}.", ctx, param)
+    if len(set(names)) < len(names):  # it would agree with itself
+        raise click.BadParameter(f"found {names[0]} twice, needed two networks.", ctx, param)
     return names
 
 
@@ -145,6 +147,9 @@ class LabelSettings(ImageSettings, ThreadSettings):
         given("--point-card").requires("--point-model", "--show"),
         given("--preview", "--probabilities").requires("--image-model", "--show", because="it is for images"),
         one_of("-o", "--preview", "--show"),
+        given("--show").excludes(
+            *("--image-model", "--point-model", "--points", "--preview", "-o"), because="it labels nothing"
+        ),
     ]
     drive: Path | None = argument()
     probabilities: bool = option("Write class probabilities (.npz) instead of ids (.png).", default=False)
@@ -161,7 +166,9 @@ class LabelSettings(ImageSettings, ThreadSettings):
         "Folder for the labelled drive, or its drive.yaml.", "-o", "--output", metavar="DRIVE"
     )
     preview: Path | None = option(
-        "Draw the middle image and its labels, .png.", callback=_check_png, metavar="FILE"
+        "Draw the middle image and its labels by the (first) network, .png.",
+        callback=_check_png,
+        metavar="FILE",
     )
     show: str | None = option(
         "Print how semcal interprets a network, and try it. Needs no drive.", metavar="FILE|NAME"

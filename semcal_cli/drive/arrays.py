@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import InputError, one_of
+from semcal_cli.errors import InputError, describe, one_of
 from semcal_cli.files.arrays import COLORS, POINTS, Array, Form, check_array
 
 POSES = "poses"
@@ -112,11 +112,15 @@ def document_of(given: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
     known = list(ArrayInput.__annotations__)
     for name in given.keys() - set(known):
         raise InputError(f"{name}: found an unknown argument, needed {one_of(name, known)}")
+    if not isinstance(given.get("name", ""), str):
+        raise InputError(f"name: found {describe(given['name'])}, needed text")
     camera, points = given.get("camera"), given.get("points")
     if not isinstance(camera, Camera):
         raise InputError(f"camera: found {type(camera).__name__}, needed semcal.Camera")
-    if points is None or len(points) == 0:
+    if points is None or (_is_list(points) and len(points) == 0):
         raise InputError("points: found nothing, needed an array (N, 3) or (N, 4) for each frame")
+    if not _is_list(points):
+        raise InputError(f"points: found {type(points).__name__}, needed a list with an array for each frame")
     frames: list[dict[str, Any]] = [{} for _ in points]
     held = dict[str, Array]()
     for argument in (*LISTS, TIMES):
@@ -128,7 +132,10 @@ def document_of(given: ArrayInput) -> tuple[dict[str, Any], HeldArrays]:
                 frames[index][LISTS[argument]] = name
     for argument, key in STAMPS.items():
         for index, stamp in _listed(given, argument, len(points)):
-            frames[index][key] = float(stamp)
+            try:
+                frames[index][key] = float(stamp)
+            except (TypeError, ValueError):
+                raise InputError(f"{argument}[{index}]: found {describe(stamp)}, needed seconds") from None
     document = {key: given[key] for key in OF_DRIVE if key in given}  # type: ignore[literal-required]
     if "poses" in given:
         check_array(POSES, given["poses"], [Form(("M", 8))])
@@ -144,6 +151,10 @@ def _listed(given: ArrayInput, argument: str, count: int) -> Iterator[tuple[int,
     entries: Sequence[Any] | None = given.get(argument)  # type: ignore[assignment]
     if entries is None:
         return
+    if not _is_list(entries):
+        raise InputError(
+            f"{argument}: found {type(entries).__name__}, needed a list with an entry for each frame"
+        )
     if len(entries) != count:
         raise InputError(
             f"{argument}: found {len(entries)} entries, needed {count}, one for each entry of points"
@@ -151,6 +162,12 @@ def _listed(given: ArrayInput, argument: str, count: int) -> Iterator[tuple[int,
     yield from (
         (index, entry) for index, entry in enumerate(entries) if entry is not None or argument == "points"
     )
+
+
+def _is_list(value: object) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def _forms(argument: str, camera: Camera, points: Array) -> Sequence[Form]:

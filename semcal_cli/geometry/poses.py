@@ -63,9 +63,12 @@ def as_transform(value: ArrayLike, name: str) -> Pose:
         InputError: it is not a rigid transform.
     """
     try:
-        T: Pose = np.array(value, np.float64)
+        is_complex = np.iscomplexobj(value)  # NumPy would drop the imaginary parts with a warning
+        T: Pose | None = None if is_complex else np.array(value, np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name}: found no array of numbers, needed a 4 x 4 matrix") from None
+        T = None
+    if T is None:
+        raise InputError(f"{name}: found no array of real numbers, needed a 4 x 4 matrix")
     if T.shape != (4, 4):
         raise InputError(f"{name}: found shape {T.shape}, needed a 4 x 4 matrix")
     if not np.isfinite(T).all():
