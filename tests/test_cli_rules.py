@@ -106,7 +106,7 @@ REFUSED = {
     "label d --points segments --point-model x -o o": "--points cannot be used with --point-model.",
     "label d --image-model m --point-card x -o o": "--point-card requires --point-model or --show.",
     "label d --image-model m --preview x.jpg": "Invalid value for '--preview': found x.jpg, needed a .png.",
-    "label d --image-model m --image-model m -o o": "Invalid value for '--image-model': found m twice, needed two "
+    "label d --image-model m --image-model ./m -o o": "Invalid value for '--image-model': found m twice, needed two "
     "networks.",
     "label --show m --points segments": "--show cannot be used with --points: it labels nothing.",
     "label --image-model m -o o": "Missing argument 'DRIVE'.",

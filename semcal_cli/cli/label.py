@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -45,7 +46,7 @@ def _list_models(ctx: click.Context, param: click.Parameter, is_asked: bool) -> 
 def _check_pair(ctx: click.Context, param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     if len(names) > MOST_NETWORKS:
         raise click.BadParameter(f"found {len(names)}, needed at most {MOST_NETWORKS}.", ctx, param)
-    if len(set(names)) < len(names):  # it would agree with itself
+    if len({*map(os.path.abspath, names)}) < len(names):  # it would agree with itself
         raise click.BadParameter(f"found {names[0]} twice, needed two networks.", ctx, param)
     return names
 
