@@ -28,7 +28,7 @@ WORDS = {
     "storage keys": "\n---\n" + "".join(f"key{i}: 1\n" for i in range(3000)),
     "side": "needed a whole number from 1 to 65535",
     "no rotation": "found determinant 2 and R R^T off the identity by 3, needed a rotation: determinant 1 and R R^T "
-    "the identity within 0.001",
+    "within 0.001 of the identity",
 }
 """What stands for the words in braces of the tables."""
 

@@ -209,7 +209,8 @@ def test_wrong_carla_rigs_and_clouds_are_named(tmp_path: Path) -> None:
     of = Import("carla", tmp_path)
     write(of.root / "lidar/000017.ply", CARLA_PLAIN_PLY)
     assert (
-        of.complaint() == "{root}/lidar/000017.ply: found points without labels, needed one label per point"
+        of.complaint()
+        == "{root}/lidar/000017.ply: frame '000017': found no labels, needed one label per point"
     )
     rig = json.loads((of.root / "sensors.json").read_text())
     rig[0]["id"] = "a" * 300

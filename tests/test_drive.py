@@ -170,12 +170,12 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (
             edit("T_camera_lidar", to=MIRRORED),
             "T_camera_lidar: found determinant -1 and R R^T off the identity by 0, "
-            "needed a rotation: determinant 1 and R R^T the identity within 0.001",
+            "needed a rotation: determinant 1 and R R^T within 0.001 of the identity",
         ),
         (
             edit("T_camera_lidar", to=SHEARED),
             "T_camera_lidar: found determinant 1 and R R^T off the identity by 0.5, "
-            "needed a rotation: determinant 1 and R R^T the identity within 0.001",
+            "needed a rotation: determinant 1 and R R^T within 0.001 of the identity",
         ),
     ],
 )
