@@ -13,7 +13,7 @@ PACKAGE = Path(semcal_cli.__file__).parent
 MAKERS = {"finding": 0, "without_value": 0, "measured": 1}
 """Methods of a check that make a finding, with the place of its sentence among their arguments."""
 NAMES = {name: value for name, value in vars(checks).items() if isinstance(value, Check)}
-ORDERS = {"add", "calibrate", "check", "give", "label", "measure", "record", "start"}
+ORDERS = {"add", "calibrate", "compare", "check", "give", "label", "measure", "record", "start"}
 """Words that an advice begins with."""
 FEWEST = 28
 """Number of places that make a finding; a walk that finds fewer has missed some."""
