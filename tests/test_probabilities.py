@@ -178,5 +178,5 @@ def test_what_is_no_single_array_is_refused(tmp_path: Path) -> None:
 def test_headers_that_ask_for_too_much_are_refused(tmp_path: Path, header: bytes, complaint: str) -> None:
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("arr_0.npy", header)
-    with pytest.raises(InputError, match=rf"a\.npz: is no \.npy array: {complaint}"):
+    with pytest.raises(InputError, match=rf"a\.npz: is not a \.npy array: {complaint}"):
         _core.read_class_shares([tmp_path / "a.npz"], (6, 9))
