@@ -170,11 +170,14 @@ def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
 
 
 def test_edges_alone_want_a_start(bare: Path, street_truth: Pose, tmp_path: Path) -> None:
+    labelled = invoke("calibrate", bare, "--cue", "edges", "-o", tmp_path / "found.yaml", "-q")
+    assert "or segments (--cue segments,edges); the motion" in str(labelled.exception)
     drive = without(bare, "image_labels")
     result = invoke("calibrate", drive, "-o", tmp_path / "found.yaml", "-q")
     assert result.exit_code == 1
     assert isinstance(result.exception, InputError)
     assert "drive.yaml: edges cannot find the mounting, needed a start" in str(result.exception)
+    assert "or image labels (--image-model cityscapes); the motion" in str(result.exception)
     write_transform(FAR @ street_truth, tmp_path / "far.txt", "lidar2cam")
     result = invoke("calibrate", drive, "--init", tmp_path / "far.txt", "-o", tmp_path / "found.yaml", "-q")
     assert result.exit_code in (0, 3), result.output

@@ -13,9 +13,10 @@ from semcal_cli.initialization.search import Initialization, as_given
 
 NO_START = (
     "edges cannot find the mounting, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
-    "--search-deg; `semcal view` makes one by hand), or image labels (--image-model cityscapes)"
+    "--search-deg; `semcal view` makes one by hand), or {}"
 )
-"""Error of a search by edges without image labels if motion gives no start."""
+"""Error of a search by edges alone if motion gives no start; what segments lack follows."""
+WITH_LABELS, WITHOUT_LABELS = "segments (--cue segments,edges)", "image labels (--image-model cityscapes)"
 
 
 def start_by_motion(observations: Observations, drive: Drive, config: InitializationConfig) -> Initialization:
@@ -32,7 +33,9 @@ def start_by_motion(observations: Observations, drive: Drive, config: Initializa
     found = hand_eye(drive)
     if isinstance(found, NotDetermined):
         none = "the motion of camera and LiDAR gives no start"
-        raise InputError(f"{drive.path}: {NO_START}; {none}: {found.why}")
+        are_labelled = all(frame.image_labels is not None for frame in drive.frames)
+        start = NO_START.format(WITH_LABELS if are_labelled else WITHOUT_LABELS)
+        raise InputError(f"{drive.path}: {start}; {none}: {found.why}")
     given = as_given(observations, found.T_camera_lidar, config)
     settings = {**given.settings, "hand_eye": found.record}
     return replace(given, note=found.sentence, settings=settings, by_motion=found)
