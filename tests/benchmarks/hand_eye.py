@@ -169,7 +169,7 @@ def main(
 ) -> Iterator[str]:
     """Print the table, turning drives first, or that of the check, or of KITTI."""
     if kitti:
-        header = "motion | pairs | turn off, deg: median, worst | way off, deg | hand-eye"
+        header = "motion | pairs | rotation off, deg: median, worst | direction off, deg | hand-eye"
         yield from table(header, kitti_rows(Path(kitti)))
         return
     with tempfile.TemporaryDirectory() as name:
@@ -184,7 +184,7 @@ def main(
         ]
         if check:
             header = (
-                "poses turned by | drives that are determined | told | standard errors: least, median, most"
+                "poses rotated by | drives determined | doubted | standard errors: least, median, most"
             )
             yield from table(header, check_rows(cases))
             return
