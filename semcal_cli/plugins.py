@@ -66,9 +66,8 @@ class Plugins:
         if name not in self._entries:
             return None
         try:
-            with redirect_stdout(
-                sys.stderr
-            ):  # what a module prints when it is imported is no output of a command
+            # What a module prints when it is imported is not the output of a command.
+            with redirect_stdout(sys.stderr):
                 found = self._loaded[name] if name in self._loaded else self._entries[name].load()
         except (Exception, SystemExit) as error:  # a foreign module may raise anything when it is imported
             self._leave_out(name, f"cannot be imported: {type(error).__name__}: {error}")
@@ -119,8 +118,7 @@ class Plugins:
         for entry in sorted(entry_points(group=self.group), key=lambda each: (_package(each), each.name)):
             if not NAME.fullmatch(entry.name):
                 _warn(
-                    entry,
-                    "found this name, needed letters, digits, '_', '.' and '-', and no '-' or '.' first",
+                    entry, "found this name, needed letters, digits, '_', '.' and '-', not '-' or '.' first"
                 )
                 continue
             if entry.name not in (*self.taken, *found):

@@ -156,7 +156,7 @@ def test_broken_plugins_are_one_line_each(installed: Path, street: Path, tmp_pat
     packages = broken(Path(shutil.copytree(installed, tmp_path / "site")))
     formats = semcal("convert", "--formats", packages=packages)
     assert warned(formats) == [
-        "--up of semcal.formats: found this name, needed letters, digits, '_', '.' and '-', and no '-' or '.' first",
+        "--up of semcal.formats: found this name, needed letters, digits, '_', '.' and '-', not '-' or '.' first",
         "urdf of semcal.formats: found a name that semcal already has, needed another",
         "absent of semcal.formats: cannot be imported: ModuleNotFoundError: No module named 'nowhere'",
         "number of semcal.formats: found an object of class int, needed Format",
