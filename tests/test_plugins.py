@@ -36,7 +36,8 @@ def semcal(*words: object, packages: Path | None = None, code: int = 0) -> subpr
     paths = [*([packages] if packages else []), Path(semcal_cli.__file__).parents[1]]
     env = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
     command = [sys.executable, "-m", "semcal_cli", *map(str, words)]
-    done = subprocess.run(command, env=env, capture_output=True, text=True)
+    # `-m` would find the sources without the core where the tests run at the root of a checkout.
+    done = subprocess.run(command, env=env, capture_output=True, text=True, cwd=EXAMPLE.parent)
     assert done.returncode == code, done.stderr
     return done
 
