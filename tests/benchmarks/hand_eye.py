@@ -183,9 +183,7 @@ def main(
             for seed in range(first_seed, first_seed + drives)
         ]
         if check:
-            header = (
-                "poses rotated by | drives determined | doubted | standard errors: least, median, most"
-            )
+            header = "poses rotated by | drives determined | doubted | standard errors: least, median, most"
             yield from table(header, check_rows(cases))
             return
         header = "drive | hand-eye | its 95 % interval | edges from there | verdict"
