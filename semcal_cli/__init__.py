@@ -78,6 +78,11 @@ _MODULES = {
 """Where the public names are defined."""
 
 __all__ = [*_MODULES, "__version__"]
+NO_CORE = (
+    "found the sources without their compiled core: leave this folder, so that Python finds the installed package, or "
+    "build the core with `pip install -e .`"
+)
+"""Error of a package that has not been built, such as that of a clone."""
 
 
 def __getattr__(name: str) -> object:
@@ -86,6 +91,11 @@ def __getattr__(name: str) -> object:
         from importlib.metadata import version
 
         return version("semcal")
+    if name == "_core":
+        from importlib.util import find_spec
+
+        if find_spec(f"{__name__}._core") is None:
+            raise ImportError(f"{__path__[0]}: {NO_CORE}", name=__name__)
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

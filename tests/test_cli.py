@@ -19,6 +19,7 @@ from conftest import Cli
 from hostile_drives import HOSTILE, Edit, break_drive
 from test_calibration import POSE, make_calibration
 
+import semcal_cli
 from semcal_cli.cli import EXIT_FAILURE, SECTIONS, semcal
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
@@ -279,6 +280,21 @@ def test_the_name_of_the_distribution_is_no_import(tmp_path: Path) -> None:
     assert done.stderr.splitlines()[-1] == (
         "ImportError: semcal: found the name of the distribution, needed that of its import: "
         "import semcal_cli as semcal"
+    )
+
+
+def test_a_clone_whose_core_is_not_built_says_so(tmp_path: Path) -> None:
+    """It hides the installed package from a Python that is started in it."""
+    sources = tmp_path / "semcal_cli"
+    shutil.copytree(
+        Path(semcal_cli.__file__).parent, sources, ignore=shutil.ignore_patterns("*.so", "__pycache__")
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "semcal_cli", "synth", "drive"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        f"semcal: error: semcal_cli: cannot be imported: {sources}: {semcal_cli.NO_CORE}"
     )
 
 
