@@ -262,22 +262,8 @@ def table(
     default=70,
     help="Number of frames to render, which is also the largest number of pairs besides 1,000.",
 )
-@click.option(
-    "--width",
-    type=click.IntRange(64),
-    default=1280,
-    show_default=True,
-    metavar="N",
-    help="Columns of the images.",
-)
-@click.option(
-    "--height",
-    type=click.IntRange(48),
-    default=720,
-    show_default=True,
-    metavar="N",
-    help="Rows of the images.",
-)
+@number_option("--width", least=64, default=1280, help="Columns of the images.")
+@number_option("--height", least=48, default=720, help="Rows of the images.")
 @measures
 def speed(
     out: Path, repeats: int, plain_torch: Path | None, only: str | None, frames: int, width: int, height: int

@@ -114,7 +114,7 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
         rows.append(("labels 1 px off", f"moves it by {moved_mm:.1f} mm and {turned_deg:.3f} deg"))
     if uncertainty.intrinsics_cost is not None:
         off_m, off_deg = uncertainty.intrinsics_cost.together
-        by = f"1 px in cx and cy, 0.1 % in fx and fy move it by {1000.0 * off_m:.1f} mm and {off_deg:.3f} deg"
+        by = f"1 px (cx, cy), 0.1 % (fx, fy) move it by {1000.0 * off_m:.1f} mm and {off_deg:.3f} deg"
         rows.append(("K a little off", by))
     return rows
 
