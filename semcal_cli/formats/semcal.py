@@ -137,7 +137,6 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     except ValueError as error:
         raise InputError(f"{options.file}: {error}") from None
     if DRIVE not in document:
-        document.setdefault(TRANSFORM, 1)
         document["T_camera_lidar"] = T_camera_lidar.tolist()
         return
     assert options.file is not None
