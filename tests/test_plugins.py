@@ -222,6 +222,10 @@ def text(request):
     return recording(request, points="0.bin")
 def conversion(request):
     return recording(request, Conversion(lambda: 1 // 0, False, request.root / "drive.yaml", True))
+def remark(request):
+    return recording(request, remarks=("dark", 3))
+def late(request):
+    return recording(request, frames=[replace(recording(request).frames[0], image_stamp=float("inf"))])
 
 def labels(drive, sweeps, is_raw):
     return find_cue("labels").observe(drive, sweeps, is_raw)
@@ -244,7 +248,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "wrong_robot.py", CODE)
     write(tmp_path / "w-2.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: w\nVersion: 2.0\n")
     groups = {
-        "datasets": "failing leaving nothing no_frames array text conversion",
+        "datasets": "failing leaving nothing no_frames array text conversion remark late",
         "cues": "FEWER WIDE MISNAMED",
         "formats": "ONLY_READ WORDS",
     }
@@ -274,7 +278,9 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             "array",
             "TypeError: camera: Object of type ndarray is not JSON serializable; needed numbers, text, ",
         ),
-        ("text", "TypeError: frames[0].points: found '0.bin', needed pathlib.Path | "),
+        ("text", "TypeError: frames[0].points: found '0.bin', needed Path or Conversion"),
+        ("remark", "TypeError: remarks: found a list of 2, needed a tuple of str"),
+        ("late", "TypeError: frames[0].image_stamp: found inf, needed a number or None"),
     ],
 )
 @pytest.mark.usefixtures("wrong")

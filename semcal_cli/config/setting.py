@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from numbers import Integral, Real
-from types import NoneType
+from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from semcal_cli.errors import InputError, one_of
@@ -70,7 +70,7 @@ class Setting:
             return False
         if plain is tuple and isinstance(value, tuple):
             return all(Setting(kind=get_args(self.kind)[0]).allows(each) for each in value)
-        if plain is Union:
+        if plain in (Union, UnionType):
             return any(Setting(kind=each).allows(value) for each in get_args(self.kind))
         return isinstance(value, plain)
 
@@ -87,6 +87,8 @@ class Setting:
         if self.choices:
             return one_of(str(found), self.choices)
         plain = get_origin(self.kind) or self.kind
+        if plain in (Union, UnionType):
+            return " or ".join(Setting(kind=each).needed(found) for each in get_args(self.kind))
         words = [NEEDED.get(plain) or plain.__name__]
         if plain is tuple:
             words.append(getattr(get_args(self.kind)[0], "__name__", "words"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config.setting import settings_of
 from semcal_cli.datasets.files import need_folder
 from semcal_cli.datasets.ontologies import Ontology
 from semcal_cli.errors import InputError, describe
@@ -171,30 +171,6 @@ class Recording:
     """Placeholder of the values of --point-labels and --image-labels in messages; None if `semcal label` makes them."""
 
 
-RECORDING_TYPES = {
-    "camera": Mapping,
-    "frames": Sequence,
-    "T_camera_lidar": np.ndarray | None,
-    "lidar": Mapping | None,
-    "motion": Mapping | None,
-    "point_classes": Ontology | None,
-    "image_classes": Ontology | None,
-    "remarks": tuple,
-    "read": tuple,
-}
-"""Types of the fields of a recording."""
-FRAME_TYPES = {
-    "name": str,
-    "points": Path | Conversion,
-    "point_labels": Path | None,
-    "image_labels": Path | None,
-    "image": Path | None,
-    "T_camera_lidar": np.ndarray | None,
-    "label_names": tuple,
-}
-"""Types of the fields of a frame."""
-
-
 def checked(recording: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]) -> Recording:
     """Check a recording whose types no type checker has seen.
 
@@ -203,12 +179,12 @@ def checked(recording: object, guarded: Callable[[Callable[[], Cloud]], Callable
         guarded: Wraps the function of a conversion, which runs later.
 
     Raises:
-        TypeError: something is of another type.
-        ValueError: there is no frame, or a number is not finite.
+        TypeError: something is of another type, or a number is not finite.
+        ValueError: there is no frame.
     """
     if not isinstance(recording, Recording):
         raise TypeError(f"found {describe(recording)}, needed a Recording")
-    _check_types("", recording, RECORDING_TYPES)
+    _check_types("", recording, Recording)
     for key in ("camera", "lidar", "motion"):
         if (block := getattr(recording, key)) is not None:
             _check_block(key, block)
@@ -223,19 +199,18 @@ def _checked_frame(
     where = f"frames[{index}]"
     if not isinstance(frame, SourceFrame):
         raise TypeError(f"{where}: found {describe(frame)}, needed a SourceFrame")
-    _check_types(f"{where}.", frame, FRAME_TYPES)
-    for key in ("points_stamp", "image_stamp", "speed_mps"):
-        if (value := getattr(frame, key)) is not None and not math.isfinite(value):
-            raise ValueError(f"{where}.{key}: found {value}, needed a finite number")
+    _check_types(f"{where}.", frame, SourceFrame)
     if not isinstance(frame.points, Conversion):
         return frame
+    _check_types(f"{where}.points.", frame.points, Conversion)
     return replace(frame, points=replace(frame.points, cloud=guarded(frame.points.cloud)))
 
 
-def _check_types(where: str, checked: object, types: Mapping[str, Any]) -> None:
-    for key, kind in types.items():
-        if not isinstance(value := getattr(checked, key), kind):
-            needed = str(getattr(kind, "__name__", kind)).replace("collections.abc.", "")
+def _check_types(where: str, checked: object, kind: type) -> None:
+    """Check the fields of an object against the annotations of its class."""
+    for key, about in settings_of(kind, with_others=True).items():
+        if not about.allows(value := getattr(checked, key)):
+            needed = about.needed(value) + " or None" * about.is_optional
             raise TypeError(f"{where}{key}: found {describe(value)}, needed {needed}")
 
 
