@@ -1,5 +1,6 @@
 """Arrays of a program in place of files: the same numbers, to the bit, and errors that name the argument."""
 
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -147,6 +148,27 @@ def test_a_calibration_of_arrays_is_that_of_files(synthetic: Drive, tmp_path: Pa
 POINTS, LABELS = np.ones((50, 3), np.float32), np.tile(np.arange(320, dtype=np.uint8) % 2, (180, 1))
 K = np.array([[160.0, 0.0, 159.5], [0.0, 160.0, 89.5], [0.0, 0.0, 1.0]])
 CAMERA = Camera(model="plumb_bob", width=320, height=180, K=K)
+
+
+def test_a_camera_takes_the_numbers_of_numpy() -> None:
+    rows = [np.float32(K[0]), [0, np.int64(160), 89.5], np.array([0, 0, 1])]
+    assert Camera(model="plumb_bob", width=np.int64(320), height=np.uint16(180), K=rows) == CAMERA
+    assert Camera(**dict(CAMERA) | {"distortion": np.arange(4)}).distortion == (0.0, 1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        ({"width": 0}, "width: found 0, needed more than 0"),
+        ({"width": np.float64(320)}, "width: found 320.0, needed a whole number"),
+        ({"K": np.eye(4)}, "K[0]: found a list of 4, needed at most 3"),
+        ({"distortion": np.zeros(3)}, "distortion: found 3 coefficients, needed 0 or 4 or 5 for plumb_bob"),
+        ({"hight": 180}, "unknown key 'hight'; the nearest known key is 'height'"),
+    ],
+)
+def test_what_is_wrong_with_a_camera_is_said_in_a_line(given: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape('Camera: ' + complaint)}$"):
+        Camera(**dict(CAMERA) | given)
 
 
 @pytest.mark.parametrize(

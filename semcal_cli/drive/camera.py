@@ -2,16 +2,16 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
 from semcal_cli import _core
 from semcal_cli.config import MAX_PIXELS, JointlyConfig
 from semcal_cli.config.synthetic import ReadoutDirection
 from semcal_cli.errors import InputError, describe, mismatch
-from semcal_cli.files.validation import StrictModel, length
+from semcal_cli.files.validation import StrictModel, input_error, length
 
 CameraModel: TypeAlias = Literal[
     "plumb_bob",
@@ -132,10 +132,21 @@ class Camera(StrictModel):
     direction: ReadoutDirection = "down"
     """Direction in which a rolling shutter reads the rows; down starts with the top row."""
 
-    @field_validator("K", "distortion", mode="before")
-    @classmethod
-    def _from_array(cls, numbers: object) -> object:
-        return numbers.tolist() if isinstance(numbers, np.ndarray) else numbers
+    if not TYPE_CHECKING:  # Type checkers see the fields.
+
+        def __init__(self, **values: object) -> None:
+            """Make a camera of its fields, whose numbers can be NumPy's.
+
+            Raises:
+                InputError: a field is missing, unknown or wrong.
+            """
+            try:
+                super().__init__(**{name: _plain(value) for name, value in values.items()})
+            except ValidationError as error:
+                raise input_error(error, "Camera") from None
+
+        # Without this mark, pydantic would call it for the camera of a file, too, whose errors name the file.
+        __init__.__pydantic_base_init__ = True
 
     @property
     def size(self) -> tuple[int, int]:
@@ -195,6 +206,18 @@ class Camera(StrictModel):
         for name, interval in intervals.items():
             interval.check(name, parameters[name])
         return parameters
+
+
+def _plain(value: object) -> object:
+    """Replace NumPy's arrays and numbers, at any depth, by those of Python."""
+    match value:
+        case np.ndarray() | np.generic():
+            return value.tolist()
+        case dict():
+            return {key: _plain(each) for key, each in value.items()}
+        case list() | tuple():
+            return [_plain(each) for each in value]
+    return value
 
 
 def core_camera(camera: Camera) -> _core.Camera:

@@ -58,8 +58,13 @@ def validate(model: type[Model], document: object, path: Path) -> Model:
     try:
         return model.model_validate(document)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(": ".join(filter(None, (str(path), _key(first), _complaint(first))))) from None
+        raise input_error(error, str(path)) from None
+
+
+def input_error(error: ValidationError, where: str) -> InputError:
+    """Make one line of the first problem that pydantic found in `where`, a file or a class."""
+    first = error.errors()[0]
+    return InputError(": ".join(filter(None, (where, _key(first), _complaint(first)))))
 
 
 def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
