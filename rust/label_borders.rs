@@ -57,18 +57,18 @@ pub fn steps_at_point_borders(
 ///
 /// Returns a table of `(2 * reach + 1)^2` sums for each tile, row by row; in row `reach + y` and column `reach + x`
 /// of a table the steps are `x` pixels right of the borders and `y` below.
-pub fn steps_at_pixel_borders(picture: &[[u8; 3]], classes: &LabelImage<u8>, tiling: Tiling) -> Vec<f32> {
+pub fn steps_at_pixel_borders(image: &[[u8; 3]], classes: &LabelImage<u8>, tiling: Tiling) -> Vec<f32> {
     let side = 2 * tiling.reach + 1;
     let mut sums = vec![0.0; tiling.tiles.0 * tiling.tiles.1 * side * side];
     for direction in [1, classes.width] {
-        add_steps_along(picture, classes, tiling, direction, &mut sums);
+        add_steps_along(image, classes, tiling, direction, &mut sums);
     }
     sums
 }
 
 /// Adds the steps between pixels `stride` apart in memory.
 fn add_steps_along(
-    picture: &[[u8; 3]],
+    image: &[[u8; 3]],
     classes: &LabelImage<u8>,
     tiling: Tiling,
     stride: usize,
@@ -77,7 +77,7 @@ fn add_steps_along(
     let (width, height, reach) = (classes.width, classes.height, tiling.reach);
     let margin = reach.max(RUN);
     let side = 2 * reach + 1;
-    let (steps, limit) = cut_steps(picture, stride);
+    let (steps, limit) = cut_steps(image, stride);
     let mut counts = vec![0u32; sums.len()];
     for v in margin..height.saturating_sub(margin) {
         for u in margin..width.saturating_sub(margin) {
@@ -97,14 +97,14 @@ fn add_steps_along(
 }
 
 /// Differences of pixels `stride` apart, clipped to the limit that is returned with them.
-fn cut_steps(picture: &[[u8; 3]], stride: usize) -> (Vec<u8>, u8) {
-    let channels = picture.as_flattened();
+fn cut_steps(image: &[[u8; 3]], stride: usize) -> (Vec<u8>, u8) {
+    let channels = image.as_flattened();
     // Byte against byte, which compilers vectorise.
     let later = channels.get(3 * stride..).unwrap_or_default();
     let differences: Vec<u8> = channels.iter().zip(later).map(|(a, b)| a.abs_diff(*b)).collect();
     let (differences, _) = differences.as_chunks::<3>();
     let mut steps: Vec<u8> = differences.iter().map(|[a, b, c]| *a.max(b).max(c)).collect();
-    steps.resize(picture.len(), 0);
+    steps.resize(image.len(), 0);
     let mut histogram = [0usize; 256];
     for &step in &steps {
         histogram[usize::from(step)] += 1;
@@ -112,7 +112,7 @@ fn cut_steps(picture: &[[u8; 3]], stride: usize) -> (Vec<u8>, u8) {
     let mut num_below = 0;
     let mut is_below = |count: &usize| {
         num_below += count;
-        (num_below as f64) < SHARE_UNCUT * picture.len() as f64
+        (num_below as f64) < SHARE_UNCUT * image.len() as f64
     };
     let limit = histogram.iter().take_while(|count| is_below(count)).count().clamp(1, 255) as u8;
     for step in &mut steps {

@@ -624,7 +624,7 @@ def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[
     """Replace the class of isolated pixels of label images (H, W) by the one around them, and count them."""
 
 def steps_at_label_borders(
-    picture: NDArray[np.uint8], image: LabelledImage, *, reach: int, tiles: tuple[int, int]
+    image: NDArray[np.uint8], labels: LabelledImage, *, reach: int, tiles: tuple[int, int]
 ) -> _Float32:
     """Sum the colour steps at the borders of a label image, displaced by up to `reach` pixels.
 

@@ -132,7 +132,7 @@ def nuscenes(root: Path) -> Tree:
     calibrated = ("token", "sensor_token", "translation", "rotation", "camera_intrinsic")
     keyframe = ("token", "calibrated_sensor_token", "ego_pose_token", "filename", "timestamp")
     others = {"sample_token": "sample", "is_key_frame": True, "width": WIDTH, "height": HEIGHT}
-    sweep, picture = "samples/LIDAR_TOP/a__LIDAR_TOP__1.pcd.bin", "samples/CAM_FRONT/a__CAM_FRONT__1.jpg"
+    sweep, image = "samples/LIDAR_TOP/a__LIDAR_TOP__1.pcd.bin", "samples/CAM_FRONT/a__CAM_FRONT__1.jpg"
     tables: dict[str, list[dict[str, object]]] = {
         "sensor": [{"token": "s0", "channel": "LIDAR_TOP"}, {"token": "s1", "channel": "CAM_FRONT"}],
         "calibrated_sensor": [
@@ -147,7 +147,7 @@ def nuscenes(root: Path) -> Tree:
         "sample": [{"token": "sample", "scene_token": "scene"}],
         "sample_data": [
             dict(zip(keyframe, ("d0", "c0", "e0", sweep, 1_500_000), strict=True)) | others,
-            dict(zip(keyframe, ("d1", "c1", "e1", picture, 1_525_000), strict=True)) | others,
+            dict(zip(keyframe, ("d1", "c1", "e1", image, 1_525_000), strict=True)) | others,
         ],
         "lidarseg": [
             {"token": "l", "sample_data_token": "d0", "filename": "lidarseg/v1.0-mini/d0_lidarseg.bin"}
@@ -156,7 +156,7 @@ def nuscenes(root: Path) -> Tree:
     for name, rows in tables.items():
         write(root / f"v1.0-mini/{name}.json", json.dumps(rows))
     write_cloud(root / sweep, columns=5)
-    write(root / picture, "no image")
+    write(root / image, "no image")
     write_labels(root / "lidarseg/v1.0-mini/d0_lidarseg.bin", [24, 17, 0], "u1")
     T = moved(FORWARD, 0.0, 1.0, -0.2)
     return Tree(root, (), T, {"vehicle.car": [17], "flat.driveable_surface": [24]}, {}, ([0, 31], []))
@@ -238,8 +238,8 @@ def kitti_360(root: Path) -> Tree:
     write(folder / "perspective.txt", kitti_360_perspective())
     write(folder / "image_02.yaml", KITTI_360_FISHEYE)
     T_world_pose = moved(QUARTER, 1000.0, 2000.0, 100.0)
-    for camera, picture in (("image_00", "data_rect"), ("image_01", "data_rect"), ("image_02", "data_rgb")):
-        write_ids(root / f"data_2d_raw/{KITTI_360_DRIVE}/{camera}/{picture}/0000000250.png")
+    for camera, image in (("image_00", "data_rect"), ("image_01", "data_rect"), ("image_02", "data_rgb")):
+        write_ids(root / f"data_2d_raw/{KITTI_360_DRIVE}/{camera}/{image}/0000000250.png")
     for camera in ("image_00", "image_01"):
         write_ids(root / f"data_2d_raw/{KITTI_360_DRIVE}/{camera}/data_rgb/0000000250.png", *RAW_SIZE)
     for camera in ("image_00", "image_01", "image_02"):

@@ -99,7 +99,7 @@ class VideoWriter:
 
     def __init__(self, writer: Any, codec: str, key_every: int = 5) -> None:
         self.writer, self.path, self._codec, self._key_every = writer, writer.path, codec, key_every
-        self._pictures: list[tuple[np.ndarray, str, int, int]] = []
+        self._images: list[tuple[np.ndarray, str, int, int]] = []
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.writer, name)
@@ -108,10 +108,10 @@ class VideoWriter:
         return self
 
     def __exit__(self, *error: Any) -> None:
-        pixels = [each for each, *_ in self._pictures]
+        pixels = [each for each, *_ in self._images]
         with self.writer:
             for (_, topic, stamp, received), data in zip(
-                self._pictures, encoded(pixels, self._codec, self._key_every), strict=True
+                self._images, encoded(pixels, self._codec, self._key_every), strict=True
             ):
                 self.writer.write(topic, self._packet(data, stamp), received)
 
@@ -120,7 +120,7 @@ class VideoWriter:
 
     def write(self, topic: str, message: Any, received_ns: int) -> None:
         if isinstance(message, tuple) and isinstance(message[0], np.ndarray):
-            self._pictures.append((message[0], topic, message[1], received_ns))
+            self._images.append((message[0], topic, message[1], received_ns))
         else:
             self.writer.write(topic, message, received_ns)
 
@@ -131,11 +131,11 @@ class VideoWriter:
         return self.writer.packet(data, self._codec, stamp_ns)
 
 
-def encoded(pictures: list[np.ndarray], codec: str, key_every: int) -> Iterator[bytes]:
+def encoded(images: list[np.ndarray], codec: str, key_every: int) -> Iterator[bytes]:
     """Encode images (H, W, 3) blue, green, red, of which every so many is a key frame; a packet each."""
     context = av.CodecContext.create(ENCODERS[codec], "w")
     assert isinstance(context, av.VideoCodecContext)
-    context.height, context.width = pictures[0].shape[:2]
+    context.height, context.width = images[0].shape[:2]
     context.pix_fmt, context.framerate, context.gop_size, context.max_b_frames = "yuv420p", 10, key_every, 0
     # No frame waits for a later one, as in streams of robots.
     context.options = {
@@ -143,7 +143,7 @@ def encoded(pictures: list[np.ndarray], codec: str, key_every: int) -> Iterator[
         "h265": {"preset": "veryfast", "x265-params": "log-level=none"},
         "av1": {"preset": "8", "svtav1-params": "pred-struct=1"},
     }[codec] | {"crf": "8"}
-    for pts, pixels in enumerate(pictures):
+    for pts, pixels in enumerate(images):
         frame = av.VideoFrame.from_ndarray(pixels, format="bgr24").reformat(format="yuv420p")
         frame.pts = pts
         yield from map(bytes, context.encode(frame))

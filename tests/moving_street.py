@@ -128,7 +128,7 @@ class MovingStreet:
         is_in = (times_s >= 0.0) & (times_s < SWEEP_S)
         return Timed(self._whole.points[is_in, :3], times_s[is_in], self._whole.point_labels[is_in])
 
-    def picture(self, stamp_s: float) -> _core.RenderedFrame:
+    def image(self, stamp_s: float) -> _core.RenderedFrame:
         """Render the image whose reading begins at a time, with its labels."""
         begin_s, end_s = self._even_s([stamp_s - FIRST_S, stamp_s - FIRST_S + self._readout_s])
         late_s, readout_s = begin_s - 0.5 * self.config.sweep_s, end_s - begin_s
@@ -164,11 +164,11 @@ class MovingStreet:
         for index in range(0, count, every):
             sweep, start_s = self.sweep(index), stamp_s(index)
             middle_s = start_s + 0.5 * SWEEP_S
-            picture, names = self.picture(middle_s + late_s), f"{index:06d}"
+            rendered, names = self.image(middle_s + late_s), f"{index:06d}"
             (folder / f"{names}.pcd").write_bytes(Sweep(sweep.records(), PointTimes()).pcd())
             sweep.labels.astype("<u4").tofile(folder / f"{names}.label")
-            write_image(picture.image_labels, folder / f"{names}_labels.png")
-            write_image(picture.image_rgb[..., ::-1], folder / f"{names}.png")
+            write_image(rendered.image_labels, folder / f"{names}_labels.png")
+            write_image(rendered.image_rgb[..., ::-1], folder / f"{names}.png")
             frames.append(
                 {
                     "points": f"{names}.pcd",

@@ -29,7 +29,7 @@ from bag_imports import (
 )
 from bags import KINDS, NS, START_NS, BagWriter, Messages, write_drive_as_bag
 
-from semcal_cli.datasets.bags.images import read_picture
+from semcal_cli.datasets.bags.images import image_file
 from semcal_cli.datasets.bags.importing import import_bag
 from semcal_cli.datasets.bags.messages import Message, Topic
 from semcal_cli.datasets.bags.motion import MotionSource, Trajectory
@@ -276,10 +276,10 @@ def test_a_topic_of_transforms_is_the_one_that_is_named(tmp_path: Path) -> None:
 def test_what_is_left_out_adds_up(tmp_path: Path) -> None:
     """Of each sweep it is told what became of it; very short steps take every sweep."""
 
-    def pictures(bag: BagWriter, index: int, stamp: int) -> Any:
+    def images(bag: BagWriter, index: int, stamp: int) -> Any:
         return bag.image(COLORS, "odd" if index % 4 == 1 else "bgr8", stamp)
 
-    path = small(tmp_path, count=60, image=pictures)
+    path = small(tmp_path, count=60, image=images)
     for settings in (
         {"max_frames": 5},
         {"every_s": 1e-9},
@@ -370,9 +370,9 @@ def test_an_interrupted_import_leaves_nothing_half_written(
         written.append(arguments)
         if len(written) == 3:
             raise KeyboardInterrupt
-        return read_picture(*arguments)
+        return image_file(*arguments)
 
-    monkeypatch.setattr("semcal_cli.datasets.bags.frames.read_picture", stop)
+    monkeypatch.setattr("semcal_cli.datasets.bags.frames.image_file", stop)
     with pytest.raises(KeyboardInterrupt):
         import_bag(Request([path]), tmp_path / "drive")
     assert not (tmp_path / "drive/drive.yaml").exists()

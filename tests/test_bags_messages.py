@@ -26,7 +26,7 @@ from bag_imports import (
 from bags import START_NS, BagWriter, Messages, jpeg, png
 
 from semcal_cli.datasets.bags.clouds import read_sweep
-from semcal_cli.datasets.bags.images import ENCODINGS, read_picture
+from semcal_cli.datasets.bags.images import ENCODINGS, image_file
 from semcal_cli.datasets.bags.messages import Message, MessageError, Topic
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
@@ -189,8 +189,8 @@ def test_every_encoding_of_an_image(encoding: str) -> None:
         changes = {"step": padded.shape[1], "data": padded.ravel()}
         message = bag.image(pixels, encoding, START_NS, **changes)
         raw = bag.raw(message)
-        picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw))
-        found = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
+        file = image_file(Message(Topic("/image", message.__msgtype__), START_NS, raw))
+        found = cv2.imdecode(np.frombuffer(file.content, np.uint8), cv2.IMREAD_UNCHANGED)
         if encoding.startswith(("yuv", "uyvy", "yuyv")):
             np.testing.assert_allclose(found, expected, atol=1.01)
         elif encoding.startswith("bayer"):
@@ -206,8 +206,8 @@ def test_compressed_images_keep_their_bytes(encode: Any, suffix: str) -> None:
     bag = Messages("ros1")
     message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
     raw = bag.raw(message)
-    picture = read_picture(Message(Topic("/image", message.__msgtype__, is_ros1=True), START_NS, raw))
-    assert picture == (content, suffix, (16, 16))
+    file = image_file(Message(Topic("/image", message.__msgtype__, is_ros1=True), START_NS, raw))
+    assert file == (content, suffix, (16, 16))
 
 
 def test_points_without_a_range_have_no_times() -> None:

@@ -83,11 +83,11 @@ def test_a_video_gives_the_pose_of_its_images(tmp_path: Path) -> None:
 def test_frames_of_a_video_are_decoded_from_the_key_frame_before_them(tmp_path: Path) -> None:
     """Every 25th image is a key frame, and frames lie three seconds apart."""
 
-    def pictures(bag: Any, index: int, stamp: int) -> Any:
+    def images(bag: Any, index: int, stamp: int) -> Any:
         return bag.image(np.full((16, 16, 3), 2 * index + 20, np.uint8), "bgr8", stamp)
 
     writer = VideoWriter(BagWriter(tmp_path, "mcap"), "h264", key_every=25)
-    fill(writer, 100, image=pictures)
+    fill(writer, 100, image=images)
     done(writer.path, tmp_path / "drive", every_s=3.0)
     drive = read_drive(tmp_path / "drive")
     found = [read_image(drive.resolve(frame.image or "")).mean() for frame in drive.frames]
@@ -95,15 +95,15 @@ def test_frames_of_a_video_are_decoded_from_the_key_frame_before_them(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("pictures", "told"),
+    ("images", "told"),
     [
         (lambda bag, index, stamp: bag.packet(b"\0\0\1\1", "h264", stamp), "without a key frame"),
         (lambda bag, index, stamp: bag.packet(b"\0\0\1\5", "h264", stamp), "damaged video frame"),
         (lambda bag, index, stamp: bag.packet(b"", "vp8", stamp), "'vp8', needed H.264, H.265 or AV1"),
     ],
 )
-def test_a_video_that_cannot_be_decoded_is_named(pictures: Any, told: str, tmp_path: Path) -> None:
-    path = small(tmp_path, image=nothing, **{"cam/video": pictures})
+def test_a_video_that_cannot_be_decoded_is_named(images: Any, told: str, tmp_path: Path) -> None:
+    path = small(tmp_path, image=nothing, **{"cam/video": images})
     assert told in refused(path, tmp_path / "drive")
 
 
@@ -224,8 +224,8 @@ def test_a_chunk_of_millions_of_empty_messages_is_left_out() -> None:
 
 
 def test_frames_of_av1_that_are_cut_off_do_not_stop_an_import(tmp_path: Path) -> None:
-    pictures = [np.full((64, 64, 3), 5 * index + 20, np.uint8) for index in range(20)]
-    cut = [each[: -3 if index % 3 == 0 else None] for index, each in enumerate(encoded(pictures, "av1", 5))]
+    images = [np.full((64, 64, 3), 5 * index + 20, np.uint8) for index in range(20)]
+    cut = [each[: -3 if index % 3 == 0 else None] for index, each in enumerate(encoded(images, "av1", 5))]
     camera = CAMERA.model_copy(update={"width": 64, "height": 64})
     makers: dict[str, Any] = {
         "info": lambda bag, index, stamp: bag.camera_info(camera, stamp),

@@ -39,11 +39,11 @@ def test_a_drive_comes_back_from_each_storage(kind: str, synthetic: Drive, tmp_p
     for index, (mine, theirs) in enumerate(zip(drive.frames, synthetic.frames, strict=True)):
         assert mine.points_stamp == pytest.approx(START_NS / NS + index / 10, abs=1e-6)
         assert mine.image_stamp == pytest.approx(mine.points_stamp + 0.01, abs=1e-6)
-        pictures = (
+        images = (
             read_image(read_drive.resolve(each.image))
             for read_drive, each in ((drive, mine), (synthetic, theirs))
         )
-        np.testing.assert_array_equal(*pictures)
+        np.testing.assert_array_equal(*images)
 
 
 @pytest.mark.parametrize(

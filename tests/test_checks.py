@@ -134,7 +134,7 @@ def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> 
     seed = 6 * 7 + list(RIGS).index("default")
     for number in (seed, seed + OTHER_DRIVE):
         synthesize(replace(STREET, seed=number, num_frames=4), tmp_path / f"default_{number:06d}")
-    pool = Pool(tmp_path, has_pictures=True)
+    pool = Pool(tmp_path, has_images=True)
 
     def measured(kind: str) -> dict[tuple[str, str], float]:
         found = run(pool, Case(kind, "labels", seed, 3, 0.0))

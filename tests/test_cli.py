@@ -306,12 +306,12 @@ def test_the_package_is_a_program() -> None:
     assert done.stdout.startswith("semcal, version ")
 
 
-@pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "picture.png", "cloud.las"])
+@pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "image.png", "cloud.las"])
 def test_pipes_and_devices_are_refused_at_once(street: Path, tmp_path: Path, cli: Cli, name: str) -> None:
     document = read_document(street / DRIVE_FILE)
     frame = document["frames"][0] | {"points_stamp": 0.0, "image_stamp": 0.0}
     frame |= {key: str(street / frame[key]) for key in ("points", "point_labels", "image_labels")}
-    frame |= {"picture.png": {"image": name}, "cloud.las": {"points": name}}.get(name, {})
+    frame |= {"image.png": {"image": name}, "cloud.las": {"points": name}}.get(name, {})
     document |= {"frames": [frame]} | ({"motion": {"poses": name}} if name == "poses.txt" else {})
     write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
     for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
@@ -320,7 +320,7 @@ def test_pipes_and_devices_are_refused_at_once(street: Path, tmp_path: Path, cli
         code, out, err = cli("calibrate" if name == "poses.txt" else "inspect", tmp_path)
         assert name in out + err
         assert "special file" in out + err
-        assert code == (0 if name == "picture.png" else EXIT_FAILURE)
+        assert code == (0 if name == "image.png" else EXIT_FAILURE)
 
 
 def test_names_are_no_markup_and_may_be_too_long(street: Path, tmp_path: Path, cli: Cli) -> None:

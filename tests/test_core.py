@@ -125,8 +125,8 @@ def test_clouds_and_labels_are_read_as_numpy_reads_them(tmp_path: Path) -> None:
 
 def png(channels: int = 1, size: tuple[int, int] = (4, 3)) -> bytes:
     width, height = size
-    picture = np.zeros((height, width, channels), np.uint8)
-    return cv2.imencode(".png", picture)[1].tobytes()
+    image = np.zeros((height, width, channels), np.uint8)
+    return cv2.imencode(".png", image)[1].tobytes()
 
 
 HOSTILE_IMAGES = {

@@ -72,8 +72,8 @@ def test_raw_sweeps_of_kitti_360_are_named_by_plain_digits(tmp_path: Path) -> No
     of = Import("kitti-360", tmp_path)
     (of.root / "data_3d_semantics").rename(tmp_path / "elsewhere")
     write_cloud(of.root / f"data_3d_raw/{KITTI_360_DRIVE}/velodyne_points/data/abc.bin")
-    pictures = of.root / f"data_2d_raw/{KITTI_360_DRIVE}/image_01/data_rect"
-    (pictures / "0000000250.png").rename(pictures / "abc.png")
+    images = of.root / f"data_2d_raw/{KITTI_360_DRIVE}/image_01/data_rect"
+    (images / "0000000250.png").rename(images / "abc.png")
     assert of.complaint() == (
         f"{{root}}: found no frame of {KITTI_360_DRIVE} with points, a pose and an image of image_01"
     )
@@ -95,8 +95,8 @@ def test_frames_of_windows_without_points_are_left_out(tmp_path: Path, count: in
     empty.write_bytes(VERTICES.format(count, COLUMNS).encode() + vertices.tobytes())
     rows = poses.read_text().split(maxsplit=1)[1]
     poses.write_text(f"1100 {rows}\n")
-    for picture in sorted(of.root.rglob("0000000250.png")):
-        (picture.parent / "0000001100.png").write_bytes(picture.read_bytes())
+    for image in sorted(of.root.rglob("0000000250.png")):
+        (image.parent / "0000001100.png").write_bytes(image.read_bytes())
     said = "found no points for any of 1 frames, needed some"
     assert of.complaint().removeprefix("{root}/").endswith(f"{empty.name}: {said}")
     poses.write_text(f"250 {rows}\n1100 {rows}\n")

@@ -126,9 +126,9 @@ def test_kitti_360_raw_images_have_their_own_camera(kitti_360: Import, tmp_path:
     assert drive.frames[0].image_labels is None
     said = "note: data_2d_semantics labels only rectified images: give labels of raw"
     assert said in kitti_360.stderr
-    write_ids(tmp_path / "pictures/0000000250.png", *RAW_SIZE)
-    drive = kitti_360.run("--raw", "--image-labels", tmp_path / "pictures")
-    assert drive.frames[0].image_labels == "../pictures/0000000250.png"
+    write_ids(tmp_path / "images/0000000250.png", *RAW_SIZE)
+    drive = kitti_360.run("--raw", "--image-labels", tmp_path / "images")
+    assert drive.frames[0].image_labels == "../images/0000000250.png"
     assert written_cloud(drive)[1].tolist() == [7, 26]
 
 

@@ -51,15 +51,15 @@ def link(source: Path, target: Path) -> None:
 
 def test_rellis3d(tmp_path: Path) -> None:
     """Labels agree by both of its files, and only in the stated direction; the import is that made by hand."""
-    source, folder, picture = (
+    source, folder, image = (
         real("rellis3d_000104"),
         tmp_path / "Rellis-3D/00000",
         "frame000104-1581624663_149",
     )
     link(source / "000104.bin", folder / "os1_cloud_node_kitti_bin/000104.bin")
     link(source / "000104.label", folder / "os1_cloud_node_semantickitti_label_id/000104.label")
-    link(source / f"{picture}.jpg", folder / f"pylon_camera_node/{picture}.jpg")
-    link(source / f"{picture}.png", folder / f"pylon_camera_node_label_id/{picture}.png")
+    link(source / f"{image}.jpg", folder / f"pylon_camera_node/{image}.jpg")
+    link(source / f"{image}.png", folder / f"pylon_camera_node_label_id/{image}.png")
     for name in ("camera_info.txt", "transforms.yaml"):
         link(source / name, folder / name)
     run_import("rellis-3d", folder.parent, "-o", tmp_path / "drive")
@@ -120,9 +120,9 @@ def edge_points(path: Path) -> npt.NDArray[np.float32]:
     return cloud.points[order[is_edge]]
 
 
-def on_edges(path: Path, picture: Path, camera: Camera, T: Pose) -> float:
+def on_edges(path: Path, image: Path, camera: Camera, T: Pose) -> float:
     """How strong the image's edges are under edges of the cloud: the share of its pixels that have weaker ones."""
-    gray = cv2.GaussianBlur(cv2.cvtColor(read_image(picture), cv2.COLOR_BGR2GRAY), (0, 0), 2.0)
+    gray = cv2.GaussianBlur(cv2.cvtColor(read_image(image), cv2.COLOR_BGR2GRAY), (0, 0), 2.0)
     strength = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0))
     weaker = np.sort(strength.ravel()[::37])
     strongest = cv2.dilate(strength, np.ones((1, 3)))

@@ -86,10 +86,10 @@ def test_exposure_and_light_change_no_level(street: Path, seen: Observations, tm
     shutil.copytree(street, tmp_path / "dusk")
     drive = read_drive(tmp_path / "dusk")
     path = str(drive.resolve(str(drive.frames[0].image)))
-    picture = cv2.imread(path)
-    assert picture is not None
-    light = np.linspace(1.0, 0.7, picture.shape[1])[:, None]
-    cv2.imwrite(path, (picture * light).round().astype(np.uint8))
+    image = cv2.imread(path)
+    assert image is not None
+    light = np.linspace(1.0, 0.7, image.shape[1])[:, None]
+    cv2.imwrite(path, (image * light).round().astype(np.uint8))
     dark = observe_edges(drive.model_copy(update={"frames": drive.frames[:1]}))
     before, after = seen.images[0].classes, dark.images[0].classes
     assert np.mean(np.abs(before.astype(int) - after.astype(int)) <= 1) > UNMOVED

@@ -74,8 +74,8 @@ def test_fractions_are_told_by_all_names_together(names: list[str], expected: li
 def test_a_pair_whose_one_side_has_nanoseconds_without_zeros() -> None:
     """As text 0.98 s is nearest to 0.98 s, as nanoseconds 0.098 s is nearest to 0.1 s."""
     clouds = files("1581624663_98000000.bin", "1581624663_980000000.bin")
-    pictures = files("1581624663_100000000.png", "1581624663_980000000.png")
-    assert pairs(clouds, pictures, max_gap_s=0.05) == dict(zip(clouds, pictures, strict=True))
+    images = files("1581624663_100000000.png", "1581624663_980000000.png")
+    assert pairs(clouds, images, max_gap_s=0.05) == dict(zip(clouds, images, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -97,15 +97,15 @@ def test_digits_after_seconds_that_are_not_clear(names: tuple[str, ...]) -> None
 def test_pairs_by_time_are_each_others_nearest() -> None:
     """Of two clouds near one image the nearer takes it; what is too far stays alone; the order does not matter."""
     clouds = files("1000000000.00.bin", "1000000000.10.bin", "1000000000.14.bin", "1000000000.50.bin")
-    pictures = files("1000000000.60.png", "1000000000.13.png", "1000000000.02.png")
-    expected = {clouds[0]: pictures[2], clouds[2]: pictures[1]}
-    assert pairs(clouds, pictures, max_gap_s=0.05) == expected
-    assert pairs(clouds, pictures, max_gap_s=0.11) == expected | {clouds[3]: pictures[0]}
+    images = files("1000000000.60.png", "1000000000.13.png", "1000000000.02.png")
+    expected = {clouds[0]: images[2], clouds[2]: images[1]}
+    assert pairs(clouds, images, max_gap_s=0.05) == expected
+    assert pairs(clouds, images, max_gap_s=0.11) == expected | {clouds[3]: images[0]}
 
 
 def test_pairs_by_name_whatever_the_suffix() -> None:
-    clouds, pictures = files("a/000001.pcd.bin", "a/000002.pcd.bin"), files("b/000002.png", "b/000003.png")
-    assert pairs(clouds, pictures, max_gap_s=0.05) == {clouds[1]: pictures[0]}
+    clouds, images = files("a/000001.pcd.bin", "a/000002.pcd.bin"), files("b/000002.png", "b/000003.png")
+    assert pairs(clouds, images, max_gap_s=0.05) == {clouds[1]: images[0]}
     with pytest.raises(InputError, match=r"^b/1.png: found the same name as a/1.png, needed a"):
         pairs(files("a/1.bin"), files("a/1.png", "b/1.png"), max_gap_s=0.05)
 

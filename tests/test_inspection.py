@@ -117,7 +117,7 @@ IDS = np.arange(WIDE * HIGH).reshape(HIGH, WIDE)
 
 
 @pytest.mark.parametrize(
-    ("picture", "ignored", "expected"),
+    ("image", "ignored", "expected"),
     [
         (
             np.zeros((HIGH, WIDE), np.uint8),
@@ -137,9 +137,9 @@ IDS = np.arange(WIDE * HIGH).reshape(HIGH, WIDE)
     ],
 )
 def test_label_images_that_say_nothing_are_suspicious(
-    drive: Path, picture: np.ndarray, ignored: list[int], expected: list[str]
+    drive: Path, image: np.ndarray, ignored: list[int], expected: list[str]
 ) -> None:
-    np.save(drive / "labels.npy", picture)
+    np.save(drive / "labels.npy", image)
     with edited(drive) as document:
         document["frames"] = [document["frames"][0] | {"image_labels": "labels.npy"}]
         document |= {"classes": {}, "ignore": {"image": ignored}}

@@ -34,15 +34,15 @@ def seen(street: Path) -> Observations:
 
 
 def changed(
-    street: Path, folder: Path, *, picture: Callable | None = None, cloud: Callable | None = None
+    street: Path, folder: Path, *, image: Callable | None = None, cloud: Callable | None = None
 ) -> Drive:
     """A copy of the drive, with one frame's image or cloud changed."""
     shutil.copytree(street, folder)
     drive = read_drive(folder)
     frame = drive.frames[0]
-    if picture is not None:
+    if image is not None:
         path = str(drive.resolve(str(frame.image)))
-        cv2.imwrite(path, picture(cv2.imread(path).astype(float)).clip(0, 255).astype(np.uint8))
+        cv2.imwrite(path, image(cv2.imread(path).astype(float)).clip(0, 255).astype(np.uint8))
     if cloud is not None:
         file = drive.resolve(frame.points)
         cloud(np.fromfile(file, np.float32).reshape(-1, 4)).astype(np.float32).tofile(file)
@@ -61,13 +61,13 @@ def test_levels_are_equally_frequent(seen: Observations) -> None:
 
 
 def test_light_and_exposure_change_no_level(street: Path, seen: Observations, tmp_path: Path) -> None:
-    def dusk(picture: np.ndarray) -> np.ndarray:
+    def dusk(image: np.ndarray) -> np.ndarray:
         """Darker, and towards the right more so."""
-        return picture * np.linspace(0.9, 0.6, picture.shape[1])[:, None] + 5.0
+        return image * np.linspace(0.9, 0.6, image.shape[1])[:, None] + 5.0
 
-    dark = observe_intensity(changed(street, tmp_path / "dusk", picture=dusk))
+    dark = observe_intensity(changed(street, tmp_path / "dusk", image=dusk))
     assert near(seen.images[0].classes, dark.images[0].classes) > UNMOVED
-    negative = observe_intensity(changed(street, tmp_path / "negative", picture=lambda p: 255.0 - p))
+    negative = observe_intensity(changed(street, tmp_path / "negative", image=lambda p: 255.0 - p))
     assert near(seen.images[0].classes, INTENSITY.num_levels - 1 - negative.images[0].classes) > UNMOVED
 
 
@@ -155,6 +155,6 @@ def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
     blind = drive.model_copy(update={"frames": (blank,)})
     with pytest.raises(InputError, match=r"xyz.npy: found no intensity, needed one for each point"):
         observe_intensity(blind)
-    flat = changed(street, tmp_path / "flat", picture=lambda picture: np.full_like(picture, 90.0))
+    flat = changed(street, tmp_path / "flat", image=lambda image: np.full_like(image, 90.0))
     with pytest.raises(CalibrationError, match="grey is nearly the same everywhere"):
         observe_intensity(flat)

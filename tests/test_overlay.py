@@ -73,20 +73,20 @@ def make(
 
 def draw(points: Sequence[tuple[int, int, float]], classes: Sequence[int]) -> np.ndarray:
     """What the dots change of a black image."""
-    pictures, _ = Overlays(*make(points, classes), {"it": T_CAMERA_LIDAR}).draw(0)
-    return pictures["it"]
+    images, _ = Overlays(*make(points, classes), {"it": T_CAMERA_LIDAR}).draw(0)
+    return images["it"]
 
 
 def draw_edges(folder: Path, points: Sequence[tuple[int, int, float]], classes: Sequence[int]) -> np.ndarray:
     """Draw points by edge on an image with two steps."""
-    picture = np.full((360, 640, 3), 60, np.uint8)
-    picture[:, STEP_COLUMN:] += 60
-    picture[STEP_ROW:] += 60
-    cv2.imwrite(str(folder / "image.png"), picture)
+    image = np.full((360, 640, 3), 60, np.uint8)
+    image[:, STEP_COLUMN:] += 60
+    image[STEP_ROW:] += 60
+    cv2.imwrite(str(folder / "image.png"), image)
     drive, observations = make(points, classes, str(folder / "image.png"), names=EDGE_NAMES)
-    pictures, legend = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}, "edge").draw(0)
+    images, legend = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}, "edge").draw(0)
     assert set(legend) <= {*STEP_COLORS, "edge in the image"}
-    return pictures["it"]
+    return images["it"]
 
 
 def color_of(index: int) -> list[int]:
@@ -95,9 +95,9 @@ def color_of(index: int) -> list[int]:
 
 
 def test_a_point_paints_its_pixel_in_the_color_of_its_class() -> None:
-    picture = draw([(100, 200, 8.0), (300, 200, 8.0)], [0, 1])
-    np.testing.assert_array_equal(picture[200, [100, 300]], [CAR, OTHER])
-    v, u = np.nonzero(picture[:, :200].any(axis=2))
+    image = draw([(100, 200, 8.0), (300, 200, 8.0)], [0, 1])
+    np.testing.assert_array_equal(image[200, [100, 300]], [CAR, OTHER])
+    v, u = np.nonzero(image[:, :200].any(axis=2))
     assert (u.mean(), v.mean()) == (100, 200)
     assert len(u) <= 9
 
@@ -110,8 +110,8 @@ def test_hidden_points_are_left_out(tmp_path: Path) -> None:
     """Of classes and of edges: a wall without edges covers columns 0 to 300, and far points are seen beside it."""
     by_class = draw(WALL + BEHIND, [0] * len(WALL) + [1] * len(BEHIND))
     by_edge = draw_edges(tmp_path, WALL + BEHIND, [0] * len(WALL) + [RANGE_3] * len(BEHIND))
-    for picture, color in ((by_class, OTHER), (by_edge, color_of(RANGE_3))):
-        is_far = (picture == color).all(axis=2)
+    for image, color in ((by_class, OTHER), (by_edge, color_of(RANGE_3))):
+        is_far = (image == color).all(axis=2)
         assert set(np.nonzero(is_far)[1].tolist()) <= set(range(497, 504))
         assert is_far[181, 500]
 
@@ -138,9 +138,9 @@ def test_without_an_image_the_label_image_is_shown(tmp_path: Path) -> None:
     classes[:180] = 1
     drive, observations = make([(100, 200, 8.0)], [0], image_classes=classes)
     Overlays(drive, observations, {"truth": T_CAMERA_LIDAR}).write(0, tmp_path / "overlay.png")
-    picture = cv2.imread(str(tmp_path / "overlay.png"))
-    caption = np.flatnonzero((picture[:, 320] == OTHER // 2).all(axis=1))[0]
-    np.testing.assert_array_equal(picture[caption + 200, 100], CAR)
+    image = cv2.imread(str(tmp_path / "overlay.png"))
+    caption = np.flatnonzero((image[:, 320] == OTHER // 2).all(axis=1))[0]
+    np.testing.assert_array_equal(image[caption + 200, 100], CAR)
     assert [p.name for p in tmp_path.iterdir()] == ["overlay.png"]
 
 
@@ -171,9 +171,9 @@ def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Pa
     assert found.exit_code == 0, found.output
     first, second = sorted((tmp_path / "out").iterdir())
     assert (first.name, second.name) == ("000000.png", "000001.png")
-    picture = cv2.imread(str(first))
-    assert picture.shape[1] == 2 * 640
-    assert picture.shape[0] > 360
+    image = cv2.imread(str(first))
+    assert image.shape[1] == 2 * 640
+    assert image.shape[0] > 360
 
 
 def test_labels_agree_best_at_the_truth(street_observations: Observations, street_truth: np.ndarray) -> None:
@@ -239,11 +239,11 @@ def test_what_colours_say_where_it_is_not_asked(drive: Path, tmp_path: Path) -> 
     without(drive, "point_labels")
     for name, options in (("unlabelled", []), ("unlabelled beside", against)):
         assert invoke(*common, *options, "-o", tmp_path / name).exit_code == 0
-    pictures = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
-    assert pictures["beside"] == pictures["agreement"] != pictures["class beside"]
-    assert pictures["edge"] == pictures["edges"] == pictures["both"] == pictures["unlabelled"]
-    assert len({pictures[name] for name in ("edge", "labels", "class")}) == 3
-    beside = cv2.imdecode(np.frombuffer(pictures["unlabelled beside"], np.uint8), cv2.IMREAD_COLOR)
+    images = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
+    assert images["beside"] == images["agreement"] != images["class beside"]
+    assert images["edge"] == images["edges"] == images["both"] == images["unlabelled"]
+    assert len({images[name] for name in ("edge", "labels", "class")}) == 3
+    beside = cv2.imdecode(np.frombuffer(images["unlabelled beside"], np.uint8), cv2.IMREAD_COLOR)
     assert (beside == color_of(RANGE_3)).all(axis=2).any()
 
 

@@ -110,8 +110,8 @@ def test_overlays_are_those_of_the_right_camera(
     invoke("overlay", wrong_drive, file, "-o", tmp_path / "wrong", "--max-frames", 1)
     with_K(wrong_drive, right.K)
     invoke("overlay", wrong_drive, file, "-o", tmp_path / "right", "--max-frames", 1)
-    pictures = {name: (tmp_path / name / "000000.png").read_bytes() for name in ("with", "right", "wrong")}
-    assert pictures["with"] == pictures["right"] != pictures["wrong"]
+    images = {name: (tmp_path / name / "000000.png").read_bytes() for name in ("with", "right", "wrong")}
+    assert images["with"] == images["right"] != images["wrong"]
 
 
 def test_the_page_shows_the_found_camera(
@@ -154,7 +154,7 @@ def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
 ) -> None:
     """The upper image, or the left one, is that of the drive's camera if its transform belongs to that."""
     beside = tmp_path / "beside.yaml"
-    pictures = []
+    images = []
     for source in (made / "c.yaml", file):
         shutil.copy(source, beside)  # its name stands on the images
         found = invoke(
@@ -162,8 +162,8 @@ def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
         )
         assert found.exit_code == 0, found.output
         assert (said(right, beside) in told(found)) == (source == file)
-        pictures.append(cv2.imread(str(tmp_path / "o" / "000000.png")))
-    given, estimated = pictures
+        images.append(cv2.imread(str(tmp_path / "o" / "000000.png")))
+    given, estimated = images
     half = given.shape[1] // 2
     assert (given[:, :half] != estimated[:, :half]).any()
     assert np.array_equal(given[:, half:], estimated[:, half:])

@@ -176,11 +176,11 @@ def test_cameras_of_a_synthetic_rig_err_in_places_of_their_own(tmp_path: Path) -
     config = dataclasses.replace(SMALL, num_frames=1, label_noise=0.3)
     synthesize(config, tmp_path / "a")
     synthesize(config, tmp_path / "b", sweeps="../a", camera=1)
-    pictures = [read_label_images(read_drive(tmp_path / name))[0] for name in ("a", "b")]
+    images = [read_label_images(read_drive(tmp_path / name))[0] for name in ("a", "b")]
     clean = dataclasses.replace(config, label_noise=0.0)
     synthesize(clean, tmp_path / "clean")
     truth = read_label_images(read_drive(tmp_path / "clean"))[0]
-    wrong = [picture != truth for picture in pictures]
+    wrong = [image != truth for image in images]
     assert np.mean(wrong[0] & wrong[1]) == pytest.approx(np.mean(wrong[0]) * np.mean(wrong[1]), rel=0.1)
 
 

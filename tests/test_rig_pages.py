@@ -102,8 +102,8 @@ def test_each_camera_has_a_folder_of_images(rig: Path, rig_results: Results, tmp
     alone = tmp_path / "alone"
     result = rig_results[1] / "camera_1.yaml"
     invoke("overlay", rig.parent / "camera_1", result, "-o", alone, "--by", "depth", "--max-frames", "2")
-    pictures = [read_image(folder / "000001.png") for folder in (tmp_path / "out/camera_1", alone)]
-    assert np.array_equal(pictures[0][CAPTION_PX:], pictures[1][CAPTION_PX:])
+    images = [read_image(folder / "000001.png") for folder in (tmp_path / "out/camera_1", alone)]
+    assert np.array_equal(images[0][CAPTION_PX:], images[1][CAPTION_PX:])
     assert found.stderr.splitlines()[-1] == str(tmp_path / "out/camera_1/000001.png")
 
 

@@ -76,9 +76,9 @@ def test_every_method_on_a_real_frame(rellis3d: Path, tmp_path: Path) -> None:
     assert distance["SOIC"] <= min(distance.values()) + FLAT_PX
     size = read_image(rellis3d / "frame000104-1581624663_149.jpg").shape
     for name in ("a_reference", "b_soic", "c_pmi", "d_semcal"):
-        picture = read_image(tmp_path / f"table_rellis3d_000104/{name}.png")
-        assert picture.shape[0] > size[0]
-        assert picture.shape[1] == size[1]
+        image = read_image(tmp_path / f"table_rellis3d_000104/{name}.png")
+        assert image.shape[0] > size[0]
+        assert image.shape[1] == size[1]
     assert (tmp_path / "table_rellis3d_000104/table.md").read_text() == table
     summary = json.loads((tmp_path / "table_rellis3d_000104/summary.json").read_text())
     assert summary["experiment"] == "table"
@@ -117,7 +117,7 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(rivals, "SLOW_SETTINGS", ("right",))
     settings = Setting("right", 3), Setting("wrong", 3, 0.5)
     changes = {key: value for key, value in vars(FINE_STREET).items() if key != "seed"}
-    pool = Pool(tmp_path / "drives", has_pictures=True)
+    pool = Pool(tmp_path / "drives", has_images=True)
     runs = cases(settings, range(15, 16))
     assert {case.setting for case in runs if not METHODS[case.method].is_by_labels} == {"right"}
     found = complete(settings, [each for case in runs for each in run(settings, pool, changes, True, case)])

@@ -59,7 +59,7 @@ def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     rigs = list(drives.RIGS)
     seed = 6 * 7 + rigs.index("default")
     monkeypatch.setitem(drives.RIGS, "default", {"width": STREET.width, "height": STREET.height})
-    pools = Pool(tmp_path / "pool"), Pool(tmp_path / "pool_with_images", has_pictures=True)
+    pools = Pool(tmp_path / "pool"), Pool(tmp_path / "pool_with_images", has_images=True)
     kinds = {
         "half of the frames turned by 3 degrees": 2,
         "two mountings, 1 degree apart": 2,

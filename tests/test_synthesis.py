@@ -103,9 +103,9 @@ def test_rosette_is_no_grid(tmp_path: Path) -> None:
 
 def test_images_are_in_color_order(tiny: Path) -> None:
     renderer = make_renderer(TINY, mounting(TINY))
-    picture_rgb = renderer.frame(TINY.seed, 1).image_rgb
+    image_rgb = renderer.frame(TINY.seed, 1).image_rgb
     written_bgr = cv2.imread(str(tiny / "images/000001.png"))
-    np.testing.assert_array_equal(written_bgr[..., ::-1], picture_rgb)
+    np.testing.assert_array_equal(written_bgr[..., ::-1], image_rgb)
 
 
 @pytest.mark.parametrize("azimuth", [-180.0, -100.0, 0.0, 37.5, 180.0])

@@ -74,21 +74,21 @@ pub(super) fn steps_at_label_changes<'py>(
 }
 
 #[pyfunction]
-#[pyo3(signature = (picture, image, *, reach, tiles))]
+#[pyo3(signature = (image, labels, *, reach, tiles))]
 pub(super) fn steps_at_label_borders<'py>(
     py: Python<'py>,
-    picture: PyReadonlyArray3<u8>,
-    image: &PyLabelledImage,
+    image: PyReadonlyArray3<u8>,
+    labels: &PyLabelledImage,
     reach: usize,
     tiles: (usize, usize),
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
-    let classes = image.classes();
-    let shape = picture.as_array().dim();
+    let classes = labels.classes();
+    let shape = image.as_array().dim();
     if shape != (classes.height, classes.width, 3) {
         let needed = (classes.height, classes.width, 3);
         return Err(value_error(format!("found an image of {shape:?}, needed {needed:?}")));
     }
-    let array = picture.as_array();
+    let array = image.as_array();
     let pixels = array.as_slice().map_or_else(|| array.iter().copied().collect(), <[u8]>::to_vec);
     let (pixels, _) = pixels.as_chunks::<3>();
     let sums = detached(|| steps_at_pixel_borders(pixels, classes, Tiling { reach, tiles }));

@@ -8,11 +8,11 @@ mod buildings;
 mod classes;
 mod furniture;
 mod ground;
+mod image;
 mod layout;
 mod lots;
 mod mesh;
 mod people;
-mod picture;
 mod render;
 mod scene;
 mod sensors;
@@ -23,7 +23,7 @@ mod vehicles;
 
 pub use crate::shutter::Shutter;
 pub use classes::Class;
-pub use picture::Visibility;
+pub use image::Visibility;
 pub use render::{Frame, Renderer};
 pub use sensors::{Lidar, Pattern, Rig};
 

@@ -6,9 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
+use super::image::{self, Pixel, Target, Visibility};
 use super::layout::{self, Stage};
 use super::mesh::GROUND;
-use super::picture::{self, Pixel, Target, Visibility};
 use super::scene::to_f32;
 use super::sensors::{Passage, Rig};
 use crate::error::Result;
@@ -85,7 +85,7 @@ impl Renderer {
 
     fn passing(&self, seed: u64, number: u64, passage: Passage) -> Frame {
         let stage = layout::build(generator(seed, number, 0), self.rig.lidar.tilt_deg, passage);
-        let pixels = picture::take(&stage, &self.rig, &self.pixel_rays);
+        let pixels = image::take(&stage, &self.rig, &self.pixel_rays);
         let returns = self.scan(&stage, seed, number);
         Frame {
             num_objects: count_objects(&pixels, &returns),
@@ -138,7 +138,7 @@ impl Renderer {
             point: [measured.x as f32, measured.y as f32, measured.z as f32, spot.intensity()],
             label: u32::from(spot.surface.instance) << 16 | u32::from(spot.surface.class.id()),
             time: time as f32,
-            visibility: picture::visibility(stage, &self.rig, &target),
+            visibility: image::visibility(stage, &self.rig, &target),
         })
     }
 }

@@ -42,7 +42,7 @@ from semcal_cli.result.checks import (
 )
 from semcal_cli.threads import thread_pool
 
-Picture = npt.NDArray[np.uint8]
+Image = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.float64]
 
 MAX_ENTRIES = 32
@@ -92,7 +92,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
     """
     measured, unread = list[Measured](), set[str]()
 
-    def read_picture(index: int) -> Picture | None:
+    def read_image(index: int) -> Image | None:
         image = drive.frames[index].image
         if image is None:
             return None
@@ -115,7 +115,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
             f"by {better} standard errors, needed at most {most}"
         )
         measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
-    pixels = _moved_pixels(observations, read_picture)
+    pixels = _moved_pixels(observations, read_image)
     if pixels is not None:
         better, most = told_apart(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
         found = (
@@ -176,18 +176,16 @@ def _moved_points(observations: Observations) -> _Displaced:
     return _find_displaced(np.array(steps, np.float64), entries[:, None], entries == 0, range(len(clouds)))
 
 
-def _moved_pixels(
-    observations: Observations, read_picture: Callable[[int], Picture | None]
-) -> _Displaced | None:
+def _moved_pixels(observations: Observations, read_image: Callable[[int], Image | None]) -> _Displaced | None:
     """Find the move at which label images of all or some frames fit their images better; None without images.
 
     A few images are read, and all of them if these raise a doubt.
     """
     few = spread(observations.num_frames)
-    found = _look(observations, read_picture, few)
+    found = _look(observations, read_image, few)
     if found is None or found.z <= MIN_Z_TO_READ_ON or len(few) == observations.num_frames:
         return found
-    return _look(observations, read_picture, range(observations.num_frames))
+    return _look(observations, read_image, range(observations.num_frames))
 
 
 def spread(num_frames: int) -> list[int]:
@@ -199,14 +197,14 @@ def spread(num_frames: int) -> list[int]:
 
 
 def _look(
-    observations: Observations, read_picture: Callable[[int], Picture | None], indices: Iterable[int]
+    observations: Observations, read_image: Callable[[int], Image | None], indices: Iterable[int]
 ) -> _Displaced | None:
     def steps_of(index: int) -> npt.NDArray[np.float32] | None:
-        picture = read_picture(index)
-        if picture is None:
+        image = read_image(index)
+        if image is None:
             return None
-        image = observations.images[index].core
-        return _core.steps_at_label_borders(picture, image, reach=MAX_SHIFT_PX, tiles=(ROWS, COLUMNS))
+        labels = observations.images[index].core
+        return _core.steps_at_label_borders(image, labels, reach=MAX_SHIFT_PX, tiles=(ROWS, COLUMNS))
 
     indices = list(indices)
     with thread_pool() as pool:

@@ -65,7 +65,7 @@ def demo(settings: DemoSettings) -> None:
     out, seed, is_real = settings.out, settings.seed, settings.real is not None
     console = make_console(settings.quiet)
     set_num_threads(settings.threads)
-    drive, page, picture = out / "drive", out / "report.html", out / "overlay.png"
+    drive, page, image = out / "drive", out / "report.html", out / "overlay.png"
     console.print(_make(settings, drive), markup=False)
     T_known, rng = read_transform(drive), np.random.default_rng(seed)
     start = InitialPose(displaced(T_known, START_DEG, START_M, rng), "a rough start") if is_real else None
@@ -81,7 +81,7 @@ def demo(settings: DemoSettings) -> None:
         poses = {f"a camera {OFF_DEG:g} degrees off": off, "found without a start": calibration.pose}
     else:
         poses = {f"{START_DEG:g} degrees off": start.T_camera_lidar, "refined from there": calibration.pose}
-    Overlays(data.drive, data.observations, poses, "edge" if is_real else "agreement").write(0, picture)
+    Overlays(data.drive, data.observations, poses, "edge" if is_real else "agreement").write(0, image)
     code = outputs.write(calibration, terminal, settings.threads, data.drive)
     whose = "the transform that KITTI publishes" if is_real else "the truth, which the calibration never saw"
     console.print(f"\nerror against {whose}:")
@@ -89,7 +89,7 @@ def demo(settings: DemoSettings) -> None:
         console.print(line)
     if not settings.quiet and not is_real and is_installed("torch"):
         console.print(_by_mine(data, calibration, T_known), markup=False)
-    console.print(f"look at {page} and {picture}")
+    console.print(f"look at {page} and {image}")
     sys.exit(code)
 
 

@@ -48,6 +48,6 @@ def initialize(settings: InitializeSettings) -> None:
             data, Stages(found), config, initial_pose=start, relative_to=outputs.folder
         )
         if images is not None:
-            pictures = RegistrationImages.near(data.observations, found.T_camera_lidar, config.initialization)
-            terminal.print_paths("image", pictures.write_all(images, MAX_IMAGES))
+            drawn = RegistrationImages.near(data.observations, found.T_camera_lidar, config.initialization)
+            terminal.print_paths("image", drawn.write_all(images, MAX_IMAGES))
     sys.exit(outputs.write(calibration, terminal, settings.threads))

@@ -56,13 +56,13 @@ def read(request: Request) -> Recording:
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
     to_velo = root / "calibration/calib_cam_to_velo.txt"
     T_camera0_lidar = unrectified_camera0_pose(to_velo, read_text(to_velo))
-    pictures = _pictures(root, sequence, camera, rectified)
+    images = _images(root, sequence, camera, rectified)
     folders_of_windows = (root / "data_3d_semantics" / part / sequence / "static" for part in PARTS)
     folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
     raw_pair = camera in PERSPECTIVE and not rectified
     place = f"{camera}/data_rgb" if raw_pair else camera
     missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {place}"
-    wanted: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **pictures}
+    wanted: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **images}
     if folder is None:
         sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
         clouds = numbered_files(sweeps / "data", ".bin")
@@ -135,7 +135,7 @@ def _camera_to_pose(folder: Path, camera: str) -> Pose:
     return from_line(read_keyed(folder / "calib_cam_to_pose.txt").at(camera))
 
 
-def _pictures(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str, Any]:
+def _images(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str, Any]:
     """Find the images, their label images and their stamps. Raw images of the perspective pair have no labels."""
     folder = root / "data_2d_raw" / sequence / camera
     images = folder / ("data_rect" if rectified else "data_rgb")

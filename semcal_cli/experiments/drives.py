@@ -99,7 +99,7 @@ class Pool:
     """Synthetic drives, one for each rig and seed, which are made when they are first needed."""
 
     folder: Path
-    has_pictures: bool = False
+    has_images: bool = False
     """Whether the drives keep their images, which take most of the space and which most experiments do not read."""
 
     def drive(self, rig: str, changes: Mapping[str, object], seed: int) -> Path:
@@ -122,7 +122,7 @@ class Pool:
         """
         path = self.drive(rig, changes, seed)
         drive, truth = read_drive(path), read_transform(path)
-        if not self.has_pictures:
+        if not self.has_images:
             frames = tuple(frame.model_copy(update={"image": None}) for frame in drive.frames)
             drive = drive.model_copy(update={"frames": frames})
         return drive, truth
@@ -133,9 +133,9 @@ class Pool:
         with TemporaryDirectory(dir=self.folder) as folder:
             made = Path(folder) / "drive"
             synthesize(config, made)
-            if not self.has_pictures:
-                for picture in (made / "images").iterdir():
-                    picture.unlink()
+            if not self.has_images:
+                for image in (made / "images").iterdir():
+                    image.unlink()
             try:
                 made.rename(path)
             except OSError:

@@ -316,5 +316,5 @@ def _report(seeds: range, values: Sequence[Value]) -> Report:
 
 def experiment(out: Path, seeds: range) -> Experiment[Case, Value]:
     """Declare the experiment; the limits.json in its folder is for the next version."""
-    run_case = partial(run, Pool(out / "pool_of_limits", has_pictures=True))
+    run_case = partial(run, Pool(out / "pool_of_limits", has_images=True))
     return Experiment("limits", out / "limits", cases(seeds), run_case, Value, partial(_report, seeds))

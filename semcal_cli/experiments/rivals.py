@@ -183,7 +183,7 @@ def experiment(out: Path, seeds: range, name: str, *, is_mended: bool) -> Experi
         name,
         folder,
         cases(settings, seeds),
-        partial(run, settings, Pool(drives, has_pictures=True), {}, is_mended),
+        partial(run, settings, Pool(drives, has_images=True), {}, is_mended),
         Result,
         partial(report, name, is_mended),
         complete=partial(complete, settings),

@@ -56,7 +56,7 @@ class Kind:
     """Whether the second half of the frames is from another drive of the rig, whose camera looks elsewhere."""
     noises: tuple[float, ...] = NOISES
     """Fractions of wrong labels in the good drives."""
-    has_pictures: bool = True
+    has_images: bool = True
     """Whether the spoiled drive names its images."""
     has_point_labels: bool = True
     """Whether it has point labels; without them and without images it is calibrated by segments."""
@@ -72,7 +72,7 @@ class Kind:
 def _by_segments(kinds: Mapping[str, Kind]) -> dict[str, Kind]:
     """Declare the same kinds with image labels only."""
     return {
-        f"{name}, by segments": replace(kind, has_point_labels=False, has_pictures=False)
+        f"{name}, by segments": replace(kind, has_point_labels=False, has_images=False)
         for name, kind in kinds.items()
     }
 
@@ -98,7 +98,7 @@ OFF_ITS_PLACE = partial(
     Kind,
     group=MISPLACED,
     diagnose=partial(covers_intrinsics, {"cx": MISPLACED_PX, "cy": MISPLACED_PX}),
-    has_pictures=False,
+    has_images=False,
     has_exact_intrinsics=False,
 )
 BY_A_NETWORK = partial(Kind, spoiling.labels_by_a_network, noises=(0.0,))
@@ -246,7 +246,7 @@ def given(kind: Kind, raw: RawDrive) -> RawDrive:
     raw = replace(raw, has_point_labels=kind.has_point_labels)
     if not kind.has_exact_intrinsics:
         raw = raw.with_document(camera=raw.drive.camera.model_copy(update={"intrinsics_sigma": None}))
-    if not kind.has_pictures:
+    if not kind.has_images:
         raw = raw.with_frames(replace(frame, image=None) for frame in raw.frames)
     return raw
 

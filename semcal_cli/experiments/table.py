@@ -234,11 +234,11 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
 
 def _write_images(found: Comparison, frame: int, folder: Path) -> None:
     """Draw the points of a frame at each pose, one image each, as in the paper's (a) to (d)."""
-    pictures, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
+    images, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
     for file, method in zip(IMAGE_FILES, IMAGES, strict=True):
         path = folder / file
         # An image of an earlier run would be mistaken for one of this run.
         path.unlink(missing_ok=True)
-        if method in pictures:
-            picture = add_caption(pictures[method], f"({file[0]}) {method}", pictures[method].shape[1])
-            write_image(np.vstack([picture, draw_legend(legend, picture.shape[1])]), path)
+        if method in images:
+            image = add_caption(images[method], f"({file[0]}) {method}", images[method].shape[1])
+            write_image(np.vstack([image, draw_legend(legend, image.shape[1])]), path)

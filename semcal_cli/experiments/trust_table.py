@@ -280,5 +280,5 @@ def report(outcomes: Sequence[Outcome]) -> Report:
 
 def experiment(out: Path, seeds: range, parts: Sequence[str]) -> Experiment[Case, Outcome]:
     """Declare the experiment for some parts; see `cases`."""
-    run_case = partial(run, Pool(out / "pool"), Pool(out / "pool_with_images", has_pictures=True))
+    run_case = partial(run, Pool(out / "pool"), Pool(out / "pool_with_images", has_images=True))
     return Experiment("trust", out / "trust", cases(seeds, parts), run_case, Outcome, report)

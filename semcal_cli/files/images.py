@@ -169,5 +169,5 @@ def _parse_header(head: BinaryIO, start: bytes) -> tuple[Size, str]:
         stream.call(*stream.read())
         return stream.im_size, stream.im_mode or ""
     open_image = JpegImagePlugin.JpegImageFile if start.startswith(JPEG) else BmpImagePlugin.BmpImageFile
-    picture = open_image(head)
-    return picture.size, picture.mode
+    image = open_image(head)
+    return image.size, image.mode

@@ -73,10 +73,10 @@ def spreads(drive: Drive, T: Pose) -> str:
         labels = np.fromfile(drive.resolve(str(frame.point_labels)), np.uint32) & 0xFFFF
         projected = _core.project_points(core_camera(drive.camera), cloud[:, :3].copy(), T)
         seen = np.isfinite(projected.ranges) & ~projected.is_hidden
-        picture = read_frame_image(drive, frame)
-        assert picture is not None
+        image = read_frame_image(drive, frame)
+        assert image is not None
         u, v = np.rint(projected.pixels[seen]).astype(int).T
-        grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         grey = grey[v.clip(0, grey.shape[0] - 1), u.clip(0, grey.shape[1] - 1)]
         values.append(np.column_stack([labels[seen], cloud[seen, 3], grey]))
     labels, *both = np.concatenate(values).T

@@ -52,7 +52,7 @@ def with_points(
     return replace(seen.with_clouds(clouds), point_class_names=names)
 
 
-def with_pictures(
+def with_images(
     drive: Drive, seen: Observations, levels_of: Callable[[np.ndarray], np.ndarray]
 ) -> Observations:
     """The same points with other classes of pixels, from the grey values."""
@@ -65,12 +65,12 @@ def with_pictures(
 
 def any_gradient(drive: Drive) -> Observations:
     """The cue beside gradients in any direction."""
-    return with_pictures(drive, observe_edges(drive), lambda grey: _levels(_gradient(grey, (0, 1))))
+    return with_images(drive, observe_edges(drive), lambda grey: _levels(_gradient(grey, (0, 1))))
 
 
 def between_rings(drive: Drive) -> Observations:
     """Steps in range from ring to ring, beside gradients from top to bottom."""
-    upright = with_pictures(
+    upright = with_images(
         drive, observe_edges(drive, config=RANGE_ALONE), lambda grey: _levels(_gradient(grey, (1,)))
     )
 
@@ -97,7 +97,7 @@ def distance_to_edge(drive: Drive) -> Observations:
         distance = cv2.distanceTransform((~is_edge).astype(np.uint8), cv2.DIST_L2, 5)
         return np.digitize(distance, [0.7, 1.2, 1.8, 2.5, 4.0, 7.0, 12.0])
 
-    return with_pictures(drive, observe_edges(drive), levels_of)
+    return with_images(drive, observe_edges(drive), levels_of)
 
 
 def creases(drive: Drive) -> Observations:

@@ -63,9 +63,9 @@ def main(data: Path, *, output: Path, frame: int = 6, seed: int = 3, max_frames:
         found = calibrate(loaded, config, initial_pose=InitialPose(start, "start"))
         frame = min(frame, len(loaded.drive.frames) - 1)
         before = draw(loaded, frame, start, f"before: {START_DEG:g} degrees and {START_M:g} m off")
-        picture = np.vstack([before, draw(loaded, frame, found.pose, "after")])
-    size = WIDTH, round(picture.shape[0] * WIDTH / picture.shape[1])
-    cv2.imwrite(str(output), cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+        image = np.vstack([before, draw(loaded, frame, found.pose, "after")])
+    size = WIDTH, round(image.shape[0] * WIDTH / image.shape[1])
+    cv2.imwrite(str(output), cv2.resize(image, size, interpolation=cv2.INTER_AREA))
     yield f"written to {output}"
 
 

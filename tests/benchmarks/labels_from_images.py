@@ -82,36 +82,36 @@ def block(before: int, after: int, stride: int = 1, dilation: int = 1) -> nn.Seq
 
 
 def training_frames(
-    count: int, picture_size: tuple[int, int], size: tuple[int, int], class_ids: np.ndarray
+    count: int, image_size: tuple[int, int], size: tuple[int, int], class_ids: np.ndarray
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Images (N, 3, h, w) at the network's size, and dense classes (N, H, W) at the image's.
 
     Each street is seen by a camera of its own, which looks anywhere, nearly level.
     The images are shrunk as `semcal label` shrinks them.
     """
-    width, height = picture_size
+    width, height = image_size
     lookup = np.zeros(256, np.uint8)
     lookup[class_ids] = np.arange(len(class_ids))
     K = [[width / 2, 0, width / 2 - 0.5], [0, width / 2, height / 2 - 0.5], [0, 0, 1]]
     camera = _core.Camera("plumb_bob", width, height, K, [0.0] * 5)
     random = np.random.default_rng(TRAINING_SEED)
-    pictures, labels = [], []
+    images, labels = [], []
     for number in range(count):
         config = SynthConfig(seed=TRAINING_SEED + number, channels=2, columns=4)
         azimuth_deg, pitch_deg = random.uniform(-180.0, 180.0), random.uniform(-8.0, 8.0)
         mounting = pose_from_mounting((0.0, -pitch_deg, azimuth_deg), (0.0, 0.0, 0.0))
         frame = _core.Renderer(camera, mounting, config).frame(config.seed, 0)
         shrunk = cv2.resize(frame.image_rgb, size, interpolation=cv2.INTER_AREA)
-        pictures.append(((shrunk / 255.0 - MEAN) / STD).transpose(2, 0, 1))
+        images.append(((shrunk / 255.0 - MEAN) / STD).transpose(2, 0, 1))
         labels.append(lookup[frame.image_labels])
-    return torch.from_numpy(np.stack(pictures)).float(), torch.from_numpy(np.stack(labels))
+    return torch.from_numpy(np.stack(images)).float(), torch.from_numpy(np.stack(labels))
 
 
 def train(
-    picture_size: tuple[int, int], size: tuple[int, int], seconds: float, count: int, class_ids: np.ndarray
+    image_size: tuple[int, int], size: tuple[int, int], seconds: float, count: int, class_ids: np.ndarray
 ) -> Network:
     torch.manual_seed(0)
-    pictures, labels = training_frames(count, picture_size, size, class_ids)
+    images, labels = training_frames(count, image_size, size, class_ids)
     network = Network(len(class_ids)).to(memory_format=torch.channels_last)
     optimizer = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=1e-3)
     start, steps = perf_counter(), 0
@@ -120,11 +120,11 @@ def train(
         for group in optimizer.param_groups:
             group["lr"] = RATE * min(part / 0.1, 0.5 + 0.5 * float(np.cos(np.pi * part))) + 1e-5
         chosen = torch.randint(count, (BATCH,))
-        picture = pictures[chosen].contiguous(memory_format=torch.channels_last)
-        picture = picture * (1.0 + 0.1 * torch.randn(BATCH, 1, 1, 1)) + 0.1 * torch.randn(BATCH, 3, 1, 1)
+        image = images[chosen].contiguous(memory_format=torch.channels_last)
+        image = image * (1.0 + 0.1 * torch.randn(BATCH, 1, 1, 1)) + 0.1 * torch.randn(BATCH, 3, 1, 1)
         is_flipped = bool(torch.rand(()) < 0.5)
         with torch.autocast("cpu", torch.bfloat16):
-            scores = network(picture.flip(3) if is_flipped else picture).float()
+            scores = network(image.flip(3) if is_flipped else image).float()
         loss = nn.functional.cross_entropy(
             scores.flip(3) if is_flipped else scores, under(labels[chosen], scores)
         )
@@ -149,11 +149,11 @@ def under(labels: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
 
 def export(network: Network, path: Path, size: tuple[int, int], names: list[str]) -> None:
     """Write the network as ONNX, with its normalisations folded into its convolutions, and its card."""
-    picture, ends = (
+    image, ends = (
         torch.zeros(1, 3, size[1], size[0]),
-        {"input_names": ["picture"], "output_names": ["logits"]},
+        {"input_names": ["image"], "output_names": ["logits"]},
     )
-    torch.onnx.export(network, (picture,), str(path), **ends, opset_version=OPSET, dynamo=False)
+    torch.onnx.export(network, (image,), str(path), **ends, opset_version=OPSET, dynamo=False)
     card = {
         "semcal_image_model": 1,
         "color": "rgb",
@@ -192,12 +192,12 @@ def times(name: str, model: Path, drive: Path) -> tuple[str, ...]:
     opened = image_model(open_network(model), None)
     labeller = ImageLabeller(opened, document.camera)
     own, whole = [], []
-    picture = read_image(document.resolve(str(document.frames[0].image)))
+    image = read_image(document.resolve(str(document.frames[0].image)))
     for _ in range(ROUNDS + 1):
         start = perf_counter()
-        labeller.ids(picture)
+        labeller.ids(image)
         whole.append(perf_counter() - start)
-        tensors = {opened.network.input.name: labeller.tensor(labeller.views.draws[0](picture))}
+        tensors = {opened.network.input.name: labeller.tensor(labeller.views.draws[0](image))}
         start = perf_counter()
         opened.network.run(tensors, opened.outputs)
         own.append(perf_counter() - start)

@@ -105,9 +105,9 @@ def derive_frame(derived: Path, number: int, frame: dict[str, str]) -> tuple[dic
     rng, vectors = np.random.default_rng(number), np.random.default_rng(99).normal(size=(256, 8))
     cloud = np.fromfile(derived / frame["points"], np.float32).reshape(-1, 4)
     labels = np.fromfile(derived / frame["point_labels"], np.uint32) & 0xFF
-    picture = cv2.imread(str(derived / frame["image_labels"]), cv2.IMREAD_UNCHANGED)
+    image = cv2.imread(str(derived / frame["image_labels"]), cv2.IMREAD_UNCHANGED)
     features, soft = {"points": frame["points"]}, {"points": frame["points"]}
-    for side, ids in (("point", labels), ("image", picture)):
+    for side, ids in (("point", labels), ("image", image)):
         noise = rng.normal(size=(*ids.shape, 8))
         features[f"{side}_features"] = f"{side}_features_{number}.npy"
         np.save(derived / f"{side}_features_{number}.npy", (vectors[ids] + noise).astype(np.float16))

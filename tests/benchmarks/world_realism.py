@@ -91,11 +91,11 @@ def describe_frame(frame: Observations, T_camera_lidar: Pose) -> tuple[Figures, 
     ranges = _core.project_points(core_camera(frame.camera), points, T_camera_lidar).ranges
     inside = classes[np.isfinite(ranges) & (classes != NO_CLASS)]
     counts = np.bincount(inside, minlength=len(frame.point_class_names))
-    in_picture = _names(frame.image_class_names, frame.images[0].classes)
-    in_view = in_picture | _names(frame.point_class_names, classes)
+    in_image = _names(frame.image_class_names, frame.images[0].classes)
+    in_view = in_image | _names(frame.point_class_names, classes)
     figures = {
         "classes in view": len(in_view),
-        "classes in the image": len(in_picture),
+        "classes in the image": len(in_image),
         f"classes with {MIN_POINTS} points in the image": np.count_nonzero(counts >= MIN_POINTS),
         "points": len(classes),
         "points in the image": agreement.num_inside,

@@ -55,17 +55,17 @@ class Spool:
         Raises:
             MessageError: its image cannot be read.
         """
-        if self._video is not None and isinstance(pair.picture, Packet):
-            pair = pair._replace(picture=self._video.still(pair.picture))
-        look = thumbnail(pair.picture)
-        light = pair._replace(sweep=replace(pair.sweep, raw=b""), picture=replace(pair.picture, raw=b""))
-        return Candidate(light, (self._append(pair.sweep.raw), self._append(pair.picture.raw)), look)
+        if self._video is not None and isinstance(pair.image, Packet):
+            pair = pair._replace(image=self._video.still(pair.image))
+        look = thumbnail(pair.image)
+        light = pair._replace(sweep=replace(pair.sweep, raw=b""), image=replace(pair.image, raw=b""))
+        return Candidate(light, (self._append(pair.sweep.raw), self._append(pair.image.raw)), look)
 
     def get(self, candidate: Candidate) -> tuple[Message, Message]:
         """Read the sweep and the image of a pair; several threads may do so."""
         number = self._file.fileno()
         raw = [os.pread(number, place.stop - place.start, place.start) for place in candidate.places]
-        return replace(candidate.pair.sweep, raw=raw[0]), replace(candidate.pair.picture, raw=raw[1])
+        return replace(candidate.pair.sweep, raw=raw[0]), replace(candidate.pair.image, raw=raw[1])
 
     def _append(self, content: bytes) -> slice:
         start = self._file.seek(0, os.SEEK_END)

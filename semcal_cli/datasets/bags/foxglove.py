@@ -17,8 +17,8 @@ from semcal_cli.datasets.bags.messages import (
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
+    IMAGE,
     MAX_FRAME_ID,
-    PICTURE,
     POSE,
     TRANSFORMS,
     VIDEO,
@@ -172,7 +172,7 @@ def _numbers(value: Any, names: str) -> SimpleNamespace:
 
 TRANSLATIONS: dict[str, tuple[str, Callable[[Any], SimpleNamespace]]] = {
     "foxglove.PointCloud": (CLOUD, _point_cloud),
-    "foxglove.RawImage": (PICTURE, _raw_image),
+    "foxglove.RawImage": (IMAGE, _raw_image),
     "foxglove.CompressedImage": (COMPRESSED, _compressed),
     "foxglove.CompressedVideo": (VIDEO, _compressed),
     "foxglove.CameraCalibration": (CAMERA_INFO, _camera_calibration),

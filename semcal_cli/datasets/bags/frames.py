@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from semcal_cli.datasets.bags.candidates import Candidate, Spool
 from semcal_cli.datasets.bags.clouds import PointTimes, read_sweep
-from semcal_cli.datasets.bags.images import read_picture
+from semcal_cli.datasets.bags.images import image_file
 from semcal_cli.datasets.bags.messages import NS, MessageError
 from semcal_cli.datasets.bags.motion import Trajectory
 from semcal_cli.datasets.bags.topics import Topics
@@ -127,14 +127,14 @@ def _write_frame(
     pair = candidate.pair
     sweep_message, image_message = spool.get(candidate)
     sweep = read_sweep(sweep_message, pair.sweep_ns)
-    picture = read_picture(image_message)
+    file = image_file(image_message)
     needed = camera["width"], camera["height"]
-    if picture.size != needed:
-        found, states = ("{} x {}".format(*size) for size in (picture.size, needed))
+    if file.size != needed:
+        found, states = ("{} x {}".format(*size) for size in (file.size, needed))
         raise MessageError(f"found an image of {found} pixels, needed {states}, as its intrinsics state")
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
-    image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.image_ns)}{picture.suffix}"
-    for path, content in ((points, sweep.pcd()), (image, picture.content)):
+    image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.image_ns)}{file.suffix}"
+    for path, content in ((points, sweep.pcd()), (image, file.content)):
         make_folder(path.parent)
         write_bytes(content, path)
     stamps = pair.sweep_ns / NS, pair.image_ns / NS

@@ -67,7 +67,7 @@ PNG_SPEED = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 """Little compression: files are a fifth larger but are written four times as fast."""
 
 
-class Picture(NamedTuple):
+class ImageFile(NamedTuple):
     """An image as a file."""
 
     content: bytes
@@ -78,7 +78,7 @@ class Picture(NamedTuple):
     """Columns and rows."""
 
 
-def read_picture(message: Message) -> Picture:
+def image_file(message: Message) -> ImageFile:
     """Make the file of an image: PNG from an Image, or the unchanged bytes of a CompressedImage.
 
     Raises:
@@ -88,14 +88,14 @@ def read_picture(message: Message) -> Picture:
         return _compressed(message)
     pixels = _pixels(message)
     _, content = cv2.imencode(".png", pixels, PNG_SPEED)
-    return Picture(content.tobytes(), ".png", (pixels.shape[1], pixels.shape[0]))
+    return ImageFile(content.tobytes(), ".png", (pixels.shape[1], pixels.shape[0]))
 
 
 def thumbnail(message: Message) -> npt.NDArray[np.float32]:
     """Make a small grey image (h * w,), from 0 to 1, to compare scenes by.
 
     Raises:
-        MessageError: as `read_picture`, or the image cannot be decoded.
+        MessageError: as `image_file`, or the image cannot be decoded.
     """
     if message.is_a(COMPRESSED):
         _compressed(message)
@@ -111,7 +111,7 @@ def thumbnail(message: Message) -> npt.NDArray[np.float32]:
     return look
 
 
-def _compressed(message: Message) -> Picture:
+def _compressed(message: Message) -> ImageFile:
     image = message.content
     content = bytes(image.data)
     kind = "compressedDepth" if "compressedDepth" in image.format else image.format[:40]
@@ -124,7 +124,7 @@ def _compressed(message: Message) -> Picture:
     except InputError:
         raise MessageError(f"found {len(content):,} bytes of a damaged {suffix[1:].upper()}") from None
     _check_size(*size)
-    return Picture(content, suffix, size)
+    return ImageFile(content, suffix, size)
 
 
 def _pixels(message: Message) -> Pixels:

@@ -295,8 +295,8 @@ class _Import:
 
     def _check_clocks(self, pairing: Pairing, count: int) -> None:
         """Detect that the clocks of LiDAR and camera differ, by how late their messages were received."""
-        sweeps, pictures = (pairing.delays_s[is_image] for is_image in (False, True))
-        difference_s = float(np.median(sweeps) - np.median(pictures)) if sweeps and pictures else 0.0
+        sweeps, images = (pairing.delays_s[is_image] for is_image in (False, True))
+        difference_s = float(np.median(sweeps) - np.median(images)) if sweeps and images else 0.0
         names = f"{self.topics.points.name} and {self.topics.image.name}"
         apart = f"the clocks of {names} differ by {difference_s:.3f} s"
         are_apart = abs(difference_s) > FAR_CLOCKS_S

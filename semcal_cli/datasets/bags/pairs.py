@@ -27,7 +27,7 @@ class Pair(NamedTuple):
     """A sweep and the image nearest in time."""
 
     sweep: Message
-    picture: Message
+    image: Message
     sweep_ns: int
     """Stamp of the sweep."""
     image_ns: int
@@ -86,7 +86,7 @@ class Pairing:
         self._by_receipt = by_receipt
         self._image_topic = image_topic
         self._period_ns = period_ns
-        self._sweeps, self._pictures = _Recent(MAX_KEPT_BYTES[False]), _Recent(MAX_KEPT_BYTES[True])
+        self._sweeps, self._images = _Recent(MAX_KEPT_BYTES[False]), _Recent(MAX_KEPT_BYTES[True])
         self._waiting: deque[_Stamped] = deque()
         self._used: set[int] = set()
         self._retry_until_ns = 0
@@ -136,7 +136,7 @@ class Pairing:
             if not is_image and delay_ns <= PATIENCE_NS:
                 self.delay_ns = max(self.delay_ns, delay_ns)
             new = _Stamped(stamp_ns, message)
-            (self._pictures if is_image else self._sweeps).add(new)
+            (self._images if is_image else self._sweeps).add(new)
             if not is_image and self._takes(message.received_ns):
                 self._waiting.append(new)
                 self._last_ns = message.received_ns
@@ -176,30 +176,30 @@ class Pairing:
             first = self._waiting[0]
             # Messages of one moment arrive within this time; later ones are ignored.
             is_late = now is None or now.received_ns - first.message.received_ns > PATIENCE_NS
-            picture = self._pictures.nearest(first.stamp_ns)
-            gap_ns = self._max_gap_ns if picture is None else abs(picture.stamp_ns - first.stamp_ns)
-            if not is_late and not self._pictures.reaches(first.stamp_ns + min(gap_ns, self._max_gap_ns)):
+            image = self._images.nearest(first.stamp_ns)
+            gap_ns = self._max_gap_ns if image is None else abs(image.stamp_ns - first.stamp_ns)
+            if not is_late and not self._images.reaches(first.stamp_ns + min(gap_ns, self._max_gap_ns)):
                 return
-            if picture is None or gap_ns > self._max_gap_ns:
+            if image is None or gap_ns > self._max_gap_ns:
                 self.left_out[f"sweeps: no image within {self._max_gap_ns / NS:g} s"] += 1
                 self._retry_until_ns = first.message.received_ns + PATIENCE_NS
                 self._waiting.popleft()
                 continue
             if gap_ns > CLOSE * self._period_ns:
-                if not is_late and not self._sweeps.reaches(picture.stamp_ns + gap_ns):
+                if not is_late and not self._sweeps.reaches(image.stamp_ns + gap_ns):
                     return
-                nearest = self._sweeps.nearest(picture.stamp_ns)
-                if nearest is not None and abs(nearest.stamp_ns - picture.stamp_ns) < gap_ns:
+                nearest = self._sweeps.nearest(image.stamp_ns)
+                if nearest is not None and abs(nearest.stamp_ns - image.stamp_ns) < gap_ns:
                     self._waiting[0] = nearest
                     continue
             self._waiting.popleft()
-            if picture.stamp_ns in self._used:
+            if image.stamp_ns in self._used:
                 self.left_out["sweeps: their nearest image is nearer to another sweep"] += 1
                 continue
-            self._used.add(picture.stamp_ns)
+            self._used.add(image.stamp_ns)
             self._num_leads += 1
-            self._lead_ns = max(self._lead_ns, first.message.received_ns - picture.message.received_ns)
-            yield Pair(first.message, picture.message, first.stamp_ns, picture.stamp_ns)
+            self._lead_ns = max(self._lead_ns, first.message.received_ns - image.message.received_ns)
+            yield Pair(first.message, image.message, first.stamp_ns, image.stamp_ns)
 
     def _is_done(self, goal_ns: int, now_ns: int) -> bool:
         if self._waiting or self._retry_until_ns or self.is_wanted(goal_ns):

@@ -111,9 +111,9 @@ def observe_edges(
         for sweep, to_step, classes in zip(moved, found.to_steps_m, found.classes, strict=True)
     ]
     # Certain, but as shares: levels have no borders whose pixels are in doubt.
-    pictures = [LabelledImage(image, _core.ClassShares.certain(image.ravel())) for image in images]
+    certain = [LabelledImage(image, _core.ClassShares.certain(image.ravel())) for image in images]
     levels = [f"gradient {level}" for level in range(config.num_levels)]
-    return make_observations(drive, clouds, moved, labelled, pictures, (found.names, levels))
+    return make_observations(drive, clouds, moved, labelled, certain, (found.names, levels))
 
 
 class SweepEdges(NamedTuple):
