@@ -220,7 +220,7 @@ def test_a_reference_is_judged() -> None:
     assert found.verdict == "fail"
     assert [c.name for c in found.checks if c.verdict == "fail"] == [
         "from the reference: camera centre x",
-        "from the reference: camera centre in all",
+        "from the reference: camera centre overall",
     ]
     (offset,) = [c.offset for c in found.checks if c.name == "from the reference: camera centre x"]
     assert offset == pytest.approx(10.0, abs=0.5)  # rho moves the centre the other way, here the reference's

@@ -75,7 +75,9 @@ def test_a_wrong_mounting_is_recognised(
     monkeypatch.setattr(paper, "register", lambda *_: [Candidate(wrong, 9, 9), Candidate(right, 9, 9)])
     found = calibrate_as_published(data, RAW, PaperConfig())
     assert found.status == "not_trusted"
-    assert any("explains the labels almost as well" in reason for reason in found.reasons), found.reasons
+    assert any("degrees away explains the labels better, by " in reason for reason in found.reasons), (
+        found.reasons
+    )
 
 
 def test_nothing_of_ours_is_added(

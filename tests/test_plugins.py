@@ -23,7 +23,7 @@ from semcal_cli.drive.cues.table import load_cues, recorded
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
-from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.formats import put_transform, read_transform, write_transform
 from semcal_cli.plugins import PluginError, Plugins, PluginWarning
 from semcal_cli.result.calibration import read_calibration
 
@@ -236,8 +236,9 @@ def wide(drive, sweeps, is_raw):
     return found.with_images(replace(each, classes=np.int64(each.classes)) for each in found.images)
 FEWER, WIDE, MISNAMED = Cue(observe=fewer, files=()), Cue(observe=wide, files=()), Cue(observe=wide, files=("picture",))
 
-ONLY_READ = Format("x", "", lambda source: True, lambda source, options: None)
+ONLY_READ = Format("x", "", lambda source: False, lambda source, options: None)
 WORDS = replace(ONLY_READ, make=lambda T, options: "words")
+PUT = replace(ONLY_READ, recognises=lambda source: True, put=lambda document, T, options: document["mounting"])
 """
 """A module of a plugin, all of whose functions are wrong."""
 
@@ -250,7 +251,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     groups = {
         "datasets": "failing leaving nothing no_frames array text conversion remark late",
         "cues": "FEWER WIDE MISNAMED",
-        "formats": "ONLY_READ WORDS",
+        "formats": "ONLY_READ WORDS PUT",
     }
     lines = [
         f"[semcal.{group}]\n" + "".join(f"{each} = wrong_robot:{each}\n" for each in names.split())
@@ -335,7 +336,7 @@ def test_a_wrong_cue_names_its_plugin(name: str, said: str, street: Path) -> Non
 
 
 @pytest.mark.usefixtures("wrong")
-def test_a_wrong_format_names_its_plugin() -> None:
+def test_a_wrong_format_names_its_plugin(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match="found format ONLY_READ, which is only read, needed one that is written"
     ):
@@ -344,3 +345,8 @@ def test_a_wrong_format_names_its_plugin() -> None:
         PluginError, match=r"WORDS of semcal\.formats: TypeError: make: found 'words', needed bytes"
     ):
         write_transform(T_ANY, None, "WORDS")
+    (tmp_path / "rig.yaml").write_text("robot: 1\n")
+    with pytest.raises(
+        PluginError, match=r"PUT of semcal\.formats: wrong_robot\.py, line \d+: KeyError: 'mounting'"
+    ):
+        put_transform(T_ANY, tmp_path / "rig.yaml")

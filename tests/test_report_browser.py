@@ -157,7 +157,7 @@ def test_the_page_of_a_verification(
         r"rotation off by 0\.[56]\d\d ± 0\.\d{3} degrees, allowed 0\.3; camera centre off by", lead
     )
     failed = [row.text.split("\n")[0] for row in browser.find_elements(By.CSS_SELECTOR, "tr.fail")]
-    assert failed == ["yaw, looks left (about y)", "rotation in all"]
+    assert failed == ["yaw, looks left (about y)", "rotation overall"]
     before, after = agreements(browser)
     assert before + 1.0 < after
     assert drawn(browser, "#first .before") > 1000

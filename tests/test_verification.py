@@ -62,9 +62,9 @@ def moved(T: Pose, meters: float) -> Pose:
     ("change", "code", "failing"),
     [
         (lambda T: T, PASS, []),
-        (lambda T: turned(T, 0.25), FAIL, ["rotation y", "rotation in all"]),
-        (lambda T: moved(T, 0.06), FAIL, ["camera centre y", "camera centre in all"]),
-        (lambda T: turned(T, 3.0), FAIL, ["rotation y", "rotation in all"]),
+        (lambda T: turned(T, 0.25), FAIL, ["rotation y", "rotation overall"]),
+        (lambda T: moved(T, 0.06), FAIL, ["camera centre y", "camera centre overall"]),
+        (lambda T: turned(T, 3.0), FAIL, ["rotation y", "rotation overall"]),
     ],
 )
 def test_verdicts(

@@ -92,7 +92,7 @@ def test_a_late_clock_at_one_speed_fails_no_transform(
     assert (code, found["verdict"]) == (INCONCLUSIVE, "inconclusive")
     assert "wide-interval" in found["topics"]
     assert ("clocks" in found["topics"]) == bool(options)  # asked for, and not determined
-    (in_all,) = (each for each in found["checks"] if each["name"] == "camera centre in all")
+    (in_all,) = (each for each in found["checks"] if each["name"] == "camera centre overall")
     assert abs(in_all["offset"]) > 20.0
     assert in_all["half_width"] > 30.0
     assert any(

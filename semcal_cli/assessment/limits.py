@@ -20,7 +20,7 @@ Unit: TypeAlias = Literal["cm", "deg", "ms"]
 VERDICTS: tuple[Verdict, ...] = ("fail", "inconclusive", "pass")
 """Verdicts, in the order in which they decide a combined one."""
 AXES = ("x", "y", "z")
-IN_ALL = " in all"
+OVERALL = " overall"
 """Suffix of the names of checks of all three axes together."""
 NUM_POSE = 6
 """Number of degrees of freedom of a pose."""
@@ -82,7 +82,7 @@ def judge(
             width = None if of_part is None else float(of_part[index])
             checks.append(_check(f"{name} {axis}", unit, offsets[index], width, allowed))
         width = None if of_part is None else width_in_all(offsets, of_part)
-        checks.append(_check(f"{name}{IN_ALL}", unit, float(np.linalg.norm(offsets)), width, allowed))
+        checks.append(_check(f"{name}{OVERALL}", unit, float(np.linalg.norm(offsets)), width, allowed))
     return tuple(checks)
 
 
@@ -118,10 +118,10 @@ def figures(check: Check) -> str:
 
 def offsets_in_all(checks: Sequence[Check]) -> list[str]:
     """Say how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
-    in_all = [check for check in checks if check.name.endswith(IN_ALL) or check.name == CLOCK]
+    in_all = [check for check in checks if check.name.endswith(OVERALL) or check.name == CLOCK]
     in_all.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
     return [
-        f"{check.name.removesuffix(IN_ALL)} {'off by ' * check.has_estimate}{figures(check)}"
+        f"{check.name.removesuffix(OVERALL)} {'off by ' * check.has_estimate}{figures(check)}"
         for check in in_all
     ]
 

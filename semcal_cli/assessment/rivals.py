@@ -27,7 +27,7 @@ from semcal_cli.initialization.search import Initialization, is_rival, led_by
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Refinement, exact_config, pyramid_factors
 from semcal_cli.refinement.several_starts import SeveralStarts
-from semcal_cli.result.checks import CUES_DISAGREE, FEW_SCENES, OTHER_POSE, Measured
+from semcal_cli.result.checks import CUES_DISAGREE, FEW_SCENES, OTHER_POSE, Measured, fit_of_rival
 from semcal_cli.result.uncertainty import Uncertainty
 
 NUM_RIVALS, NUM_FRAMES = 16, 5
@@ -71,12 +71,10 @@ def check_rivals(
         zip(sigmas_behind(observations, T_camera_lidar, tops), tops, strict=True),
         key=lambda each: each[0],
     )
-    apart, needed = told_apart(abs(behind), OTHER_POSE.limit(), 1)
-    how = "almost as well, {} standard errors worse" if behind > 0.0 else "better, by {} standard errors"
     away = compare_poses(T_rival, T_camera_lidar)
     found = (
         f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data "
-        f"{how.format(apart)}, needed at least {needed} worse"
+        f"{fit_of_rival(behind, OTHER_POSE.limit(), 1)}"
     )
     return (OTHER_POSE.measured(behind, found),)
 

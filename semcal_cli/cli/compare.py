@@ -76,7 +76,7 @@ def compare(settings: CompareSettings) -> None:
             console.print(_line(axis))
         for name, off, unit, allowed in differences:
             console.print(
-                f"{name.split()[-1]} in all".ljust(18) + f"{off:10.4f} {unit[:3]:<3}   allowed {allowed:g}"
+                f"{name.split()[-1]} overall".ljust(18) + f"{off:10.4f} {unit[:3]:<3}   allowed {allowed:g}"
             )
         line = f"within limits: {error.rotation_deg:.4f} degrees and {error.camera_center_cm:.3f} cm apart"
         if verdict != "pass":

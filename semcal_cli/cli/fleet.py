@@ -210,11 +210,11 @@ def _apart(drive: ComparedDrive) -> str:
 
 def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
     """List the totals and the checks that do not pass, by subject."""
-    from semcal_cli.assessment.limits import IN_ALL
+    from semcal_cli.assessment.limits import OVERALL
     from semcal_cli.cli.tables import COLUMNS
     from semcal_cli.fleet.verdict import check_words
 
-    shown = [check for check in checks if check.name.endswith(IN_ALL) or check.verdict != "pass"]
+    shown = [check for check in checks if check.name.endswith(OVERALL) or check.verdict != "pass"]
     last = None
     for check in shown[:MAX_LINES]:
         told = check_words(check)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from semcal_cli.assessment.limits import IN_ALL, Check, Verdict, together
+from semcal_cli.assessment.limits import OVERALL, Check, Verdict, together
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
 from semcal_cli.result.uncertainty import CHECK_NAMES, widest
@@ -37,7 +37,10 @@ SIGNS = (
 )
 SUBJECTS = {"known to": "how well the pose is known", "drift": "drift, first to last drive"}
 """Subjects of checks in plain words; the others are plain."""
-QUANTITIES = CHECK_NAMES | {"camera centre in all": "camera, distance", "rotation in all": "rotation, angle"}
+QUANTITIES = CHECK_NAMES | {
+    "camera centre overall": "camera, distance",
+    "rotation overall": "rotation, angle",
+}
 """Quantities of checks in plain words."""
 
 
@@ -194,7 +197,7 @@ def check_words(check: Check) -> CheckWords:
 
 def in_all(drive: ComparedDrive, limits: Limits) -> list[CheckWords]:
     """Say how far a drive is off in total: its camera centre and its rotation."""
-    return [check_words(check) for check in drive.offset.judge(limits) if check.name.endswith(IN_ALL)]
+    return [check_words(check) for check in drive.offset.judge(limits) if check.name.endswith(OVERALL)]
 
 
 def title(fleet: Fleet) -> str:

@@ -22,7 +22,6 @@ from semcal_cli.formats.table import all_formats as all_formats
 from semcal_cli.formats.table import find_format as find_format
 from semcal_cli.formats.table import plugin_formats as plugin_formats
 from semcal_cli.geometry.poses import Pose, as_transform
-from semcal_cli.plugins import PluginError
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import offset_words
 
@@ -242,7 +241,7 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     _check_options(format, of_file)
     try:
         content = edited(source, lambda document: put(document, T_camera_lidar, of_file))
-    except (AttributeError, KeyError, TypeError, ValueError, PluginError):
+    except (AttributeError, KeyError, TypeError, ValueError):
         what = "a transform" if format.has_transform else "intrinsics"
         raise InputError(
             f"{path}: found something else where {format.name} files have {what}, needed a file that "

@@ -13,11 +13,11 @@ from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.errors import CalibrationError, told_apart
+from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
 from semcal_cli.initialization.handeye import HandEye
 from semcal_cli.initialization.registration import Candidate, register
-from semcal_cli.result.checks import NOTHING_TO_COMPARE, OTHER_MOUNTING
+from semcal_cli.result.checks import NOTHING_TO_COMPARE, OTHER_MOUNTING, fit_of_rival
 from semcal_cli.result.sections import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 
@@ -129,7 +129,7 @@ def _note(count: int, margin: float | None) -> str:
         return "mounting found, no other one to compare with"
     if margin >= MIN_RUNNER_UP_MARGIN:
         return f"{count} mountings compared, the best one is clear"
-    return f"{count} mountings compared, another one fits almost as well"
+    return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
 
 
 def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
@@ -187,10 +187,9 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
     if other is None:
         return ()
     margin = best.margin(other)
-    apart, least = told_apart(margin, MIN_RUNNER_UP_MARGIN, 2)
     found = (
-        f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well, "
-        f"{apart} standard errors apart, needed at least {least}"
+        f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels "
+        f"{fit_of_rival(margin, MIN_RUNNER_UP_MARGIN, 2)}"
     )
     return OTHER_MOUNTING.measured(margin, found).findings
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from semcal_cli.config import MIN_OVERLAP, PolishConfig, PyramidConfig
+from semcal_cli.errors import told_apart
 from semcal_cli.result.stage import Finding
 
 LIMITS_FILE = Path(__file__).with_name("limits.json")
@@ -91,6 +92,22 @@ def read_limits(text: str) -> dict[str, dict[str, Limit]]:
 
 
 LIMITS = read_limits(LIMITS_FILE.read_text(encoding="utf-8"))
+
+
+def fit_of_rival(behind: float, least: float, digits: int) -> str:
+    """Say how well a rival explains the data, to follow "explains the data".
+
+    Args:
+        behind: Standard errors by which it is worse than what was found; negative if it is better.
+        least: Standard errors by which it would have to be worse.
+        digits: Minimum number of digits after the decimal point.
+    """
+    apart, needed = told_apart(abs(behind), least, digits)
+    better, worse = (
+        f"better, by {apart} standard errors",
+        f"almost as well, only {apart} standard errors worse",
+    )
+    return f"{worse if behind >= 0.0 else better}, needed it to be at least {needed} worse"
 
 
 class Measured(NamedTuple):
