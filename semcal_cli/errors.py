@@ -114,6 +114,11 @@ def _cut(name: str) -> str:
     return name if len(name) <= MAX_LISTED_LENGTH else f"{name[: MAX_LISTED_LENGTH - 3]}..."
 
 
+def reason(error: BaseException) -> str:
+    """Describe on one line why another library failed; some of its errors have no text."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
 def os_reason(error: OSError) -> str:
     """Describe in a few words why a system call failed."""
     return (error.strerror or str(error)).lower()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.drive.camera import ImageSide
@@ -22,6 +22,8 @@ MULTIPLE = 32
 """Sides are rounded up to a multiple of this for networks that take any size: the stride of most encoders."""
 MAX_SIDE = 4096
 """Largest side of an image for networks that take any size."""
+CHANNELS = (1, 3)
+"""Possible numbers of channels of an image."""
 
 Fit: TypeAlias = Literal["stretch", "letterbox", "tiles", "aspect"]
 Color: TypeAlias = Literal["rgb", "bgr", "gray"]
@@ -35,6 +37,15 @@ CloudChannel: TypeAlias = Literal["x", "y", "z", "intensity", "range", "ring"]
 Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 Spread = Annotated[float, Field(gt=0.0, le=1e6)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+
+
+def _check_order(elevation_deg: tuple[float, ...]) -> tuple[float, ...]:
+    if elevation_deg[0] >= elevation_deg[1]:
+        raise mismatch(list(elevation_deg), "the lower border first")
+    return elevation_deg
+
+
+Elevations = Annotated[tuple[Degrees, ...], length(2, 2), AfterValidator(_check_order)]
 Token = Annotated[int, Field(ge=-(1 << 31), lt=1 << 31)]
 ClassName = Annotated[str, Field(min_length=1)]
 
@@ -226,7 +237,7 @@ class PointCard(Card):
     """Rows of the range image."""
     columns: Annotated[int, Field(ge=2, le=0xFFFF)]
     """Columns of the range image."""
-    elevation_deg: Annotated[tuple[Degrees, ...], length(2, 2)]
+    elevation_deg: Elevations
     """Elevations of the lower and the upper border, degrees."""
     azimuth_deg: Annotated[tuple[Degrees, ...], length(2, 2)] = (180.0, -180.0)
     """Azimuths of the left and the right border, degrees, positive to the left."""
@@ -249,12 +260,7 @@ class PointCard(Card):
 
     @model_validator(mode="after")
     def _check_channels(self) -> PointCard:
-        for name in ("mean", "std"):
-            if len(getattr(self, name)) != len(self.channels):
-                needed = f"{len(self.channels)}, one for each channel"
-                raise ValueError(f"{name}: {mismatch(f'{len(getattr(self, name))} numbers', needed)}")
-        if self.elevation_deg[0] >= self.elevation_deg[1]:
-            raise ValueError(f"elevation_deg: {mismatch(list(self.elevation_deg), 'the lower border first')}")
+        _check_lengths(self)
         if not 0.0 < self.azimuth_deg[0] - self.azimuth_deg[1] <= 360.0:
             needed = "the left border first, at most 360 degrees apart"
             raise ValueError(f"azimuth_deg: {mismatch(list(self.azimuth_deg), needed)}")
@@ -281,15 +287,8 @@ class FrustumConfig(StrictModel):
     """Rows of the grid."""
     columns: Annotated[int, Field(ge=2, le=0xFFFF)]
     """Columns of the grid."""
-    elevation_deg: Annotated[tuple[Degrees, ...], length(2, 2)]
+    elevation_deg: Elevations
     """Elevations of the lower and the upper border, degrees; points beyond fall into the outermost rows."""
-
-    @field_validator("elevation_deg")
-    @classmethod
-    def _check_order(cls, elevation_deg: tuple[float, ...]) -> tuple[float, ...]:
-        if elevation_deg[0] >= elevation_deg[1]:
-            raise mismatch(list(elevation_deg), "the lower border first")
-        return elevation_deg
 
 
 class CloudCard(Card):
@@ -312,11 +311,7 @@ class CloudCard(Card):
 
     @model_validator(mode="after")
     def _check_channels(self) -> CloudCard:
-        for name in ("mean", "std"):
-            numbers = getattr(self, name)
-            if numbers is not None and len(numbers) != len(self.channels):
-                needed = f"{len(self.channels)}, one for each channel"
-                raise ValueError(f"{name}: {mismatch(f'{len(numbers)} numbers', needed)}")
+        _check_lengths(self)
         return self
 
     def describe(self) -> list[tuple[str, str]]:
@@ -324,6 +319,14 @@ class CloudCard(Card):
         grid = self.frustum
         cells = "" if grid is None else f", in a grid of {grid.columns} x {grid.rows} cells"
         return [("points", f"{' '.join(self.channels)}{cells}")]
+
+
+def _check_lengths(card: PointCard | CloudCard) -> None:
+    """Check that there is a mean and a standard deviation for each channel."""
+    for name, numbers in (("mean", card.mean), ("std", card.std)):
+        if numbers is not None and len(numbers) != len(card.channels):
+            needed = f"{len(card.channels)}, one for each channel"
+            raise ValueError(f"{name}: {mismatch(f'{len(numbers)} numbers', needed)}")
 
 
 def card_names() -> list[str]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.arrays import Cloud
-from semcal_cli.labelling.card import CloudCard, FrustumConfig
+from semcal_cli.labelling.card import CloudCard, FrustumConfig, PointCard
 from semcal_cli.labelling.model import CELLS, Model
 
 
@@ -42,16 +42,8 @@ class CloudLabeller:
 
     def tensor(self, cloud: Cloud) -> npt.NDArray[np.float32]:
         """Make the network's input (N, C) from the points."""
-        card, columns = self.model.card, []
-        for channel in card.channels:
-            if channel == "range":
-                columns.append(np.linalg.norm(cloud.points.astype(np.float64), axis=1))
-            elif channel in "xyz":
-                columns.append(cloud.points[:, "xyz".index(channel)].astype(np.float64))
-            elif (values := getattr(cloud, channel)) is None:
-                raise InputError(f"found points without {channel}, which {self.model.network.path} needs")
-            else:
-                columns.append(values * (card.intensity_scale if channel == "intensity" else 1.0))
+        card = self.model.card
+        columns = [values_of(cloud, channel, self.model) for channel in card.channels]
         numbers = np.stack(columns, axis=1) - (card.mean or 0.0)
         return np.asarray(numbers / (card.std or 1.0), np.float32)
 
@@ -69,6 +61,22 @@ class CloudLabeller:
                 return np.asarray(found.argmax(axis), np.uint16)
         needed = f"{count} x classes, or {count} ids as whole numbers"
         raise network.unfit(f"output {output.shape} of {output.dtype}", needed)
+
+
+def values_of(cloud: Cloud, channel: str, model: Model[PointCard] | Model[CloudCard]) -> npt.NDArray[Any]:
+    """Compute a channel of a network's input for each point (N,), before normalisation.
+
+    Raises:
+        InputError: the cloud lacks a field that the network needs.
+    """
+    if channel == "range":
+        return np.asarray(np.linalg.norm(cloud.points.astype(np.float64), axis=1))
+    if channel in "xyz":
+        return cloud.points[:, "xyz".index(channel)].astype(np.float64)
+    values: npt.NDArray[Any] | None = getattr(cloud, channel)
+    if values is None:
+        raise InputError(f"found points without {channel}, which {model.network.path} needs")
+    return values * model.card.intensity_scale if channel == "intensity" else values
 
 
 def frustum_cells(

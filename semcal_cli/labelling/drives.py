@@ -202,17 +202,14 @@ def _document(
         frame |= {key: relative(frame[key]) for key in FILES if key in frame}
         frame |= {key: os.path.relpath(str(names[index]), path.parent) for key, names in files.items()}
     parts: dict[str, Any] = {key: document.pop(key, {}) for key in ("ignore", "classes")}
+    networks = document.pop("networks", {})
     for side in sides:
         name = "image" if side.key == "image_labels" else "points"
         parts["classes"][name] = {each: list(ids) for each, ids in side.classes.items()}
         parts["ignore"][name] = list(side.ignore)
-        if name == "image":
-            document.pop("palette", None)
-    networks = dict(document.pop("networks", {}))
-    for side in sides:
-        name = "image" if side.key == "image_labels" else "points"
         networks.pop(name, None)
         if name == "image":
+            document.pop("palette", None)
             networks.pop("second", None)
         if side.network is not None:
             networks[name] = side.network.model_dump(mode="json", exclude_none=True)

@@ -12,7 +12,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
-from semcal_cli.errors import InputError, check_installed, listed
+from semcal_cli.errors import InputError, check_installed, listed, reason
 
 PREFIX = "hf:"
 NAME = re.compile(r"hf:(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?(:(?P<file>[\w./-]+\.onnx))?")
@@ -189,9 +189,8 @@ def _cached(asked: HubName, endpoint: str, error: Exception) -> Path:
         path = huggingface_hub.try_to_load_from_cache(asked.repo, file, revision=asked.revision)
         if isinstance(path, str):
             return Path(path)
-    reason = (" ".join(str(error).split()) or type(error).__name__)[:200]
     needed = "a connection, or a copy from an earlier run"
-    raise asked.error(f"no copy in the cache, and {endpoint} failed ({reason})", needed)
+    raise asked.error(f"no copy in the cache, and {endpoint} failed ({reason(error)[:200]})", needed)
 
 
 @contextmanager
@@ -212,8 +211,7 @@ def _errors_of(asked: HubName) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:  # The connection, the disk or a dependency of the library.
-        reason = (" ".join(str(error).split()) or type(error).__name__)[:300]
-        raise InputError(f"{asked.text}: could not be fetched: {reason}") from None
+        raise InputError(f"{asked.text}: could not be fetched: {reason(error)[:300]}") from None
 
 
 def _bar(doing: str, on_event: Listener) -> type[Any]:

@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from semcal_cli.errors import InputError, mismatch
 from semcal_cli.labelling.card import (
+    CHANNELS,
     MULTIPLE,
     Card,
     CloudCard,
@@ -34,7 +35,6 @@ MAX_SCALED = 2.0
 """Largest plausible mean or standard deviation of pixels from 0 to 1."""
 MAX_NETWORK_PIXELS = 1 << 25
 """Largest number of pixels of a network's image."""
-CHANNELS = (1, 3)
 AXES = {"channels_first": (1, 2, 3), "channels_last": (3, 1, 2)}
 """Axes of the channels, rows and columns in each layout of a batch."""
 PLAIN = ("logits", "output", "out", "output_0", "pred", "prediction", "semantic_logits")
@@ -127,11 +127,7 @@ def point_model(network: Network, card: str | None) -> Model[PointCard]:
     )
     if not fits or not port.dtype.startswith("float"):
         raise network.unfit(f"input {port}", f"{' x '.join(map(str, wanted))} float, as {card_path} says")
-    output = _named_output(network, stated, card_path)
-    if output is None:
-        names = ", ".join(port.name for port in network.outputs)
-        raise wrong_key(card_path, "output", "none", f"one of: {names}")
-    return Model(network, stated, card_path, (output,), *read_classes(stated, card_path))
+    return _with_output(network, stated, card_path)
 
 
 def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
@@ -148,12 +144,7 @@ def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
     port, count = network.points, len(stated.channels)
     if not port.dtype.startswith("float") or len(port.shape) not in (2, 3) or count not in port.shape[-2:]:
         raise network.unfit(f"input {port}", f"any x {count} float, as the channels of {card_path}")
-    output = _named_output(network, stated, card_path)
-    if output is None:
-        raise wrong_key(
-            card_path, "output", "none", f"one of: {', '.join(each.name for each in network.outputs)}"
-        )
-    return Model(network, stated, card_path, (output,), *read_classes(stated, card_path))
+    return _with_output(network, stated, card_path)
 
 
 def card_of(network: Network, name: str | None) -> tuple[AnyStated | None, Path]:
@@ -179,6 +170,15 @@ def _named_output(network: Network, card: Card, card_path: Path) -> str | None:
     if card.output is not None and card.output not in names:
         raise wrong_key(card_path, "output", repr(card.output), f"one of: {', '.join(names)}")
     return card.output or (names[0] if len(names) == 1 else None)
+
+
+def _with_output(network: Network, card: AnyCard, card_path: Path) -> Model[AnyCard]:
+    """Combine a network with its complete card, which need not name the only output."""
+    output = _named_output(network, card, card_path)
+    if output is None:
+        names = ", ".join(port.name for port in network.outputs)
+        raise wrong_key(card_path, "output", "none", f"one of: {names}")
+    return Model(network, card, card_path, (output,), *read_classes(card, card_path))
 
 
 class _Joining:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.errors import InputError, check_installed, mismatch
+from semcal_cli.errors import InputError, check_installed, mismatch, reason
 from semcal_cli.files.reading import open_file
 
 if TYPE_CHECKING:
@@ -141,8 +141,7 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
 
 
 def _reason(error: Exception) -> str:
-    text = " ".join(str(error).split()) or type(error).__name__
-    return re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", text)[:300]
+    return re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", reason(error))[:300]
 
 
 def _port(port: Any) -> Port:

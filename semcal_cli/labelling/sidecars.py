@@ -16,10 +16,11 @@ from semcal_cli.datasets.ontologies import ontology_names, read_ontology
 from semcal_cli.errors import InputError, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import length, validate
-from semcal_cli.labelling.card import ImageCard
+from semcal_cli.labelling.card import CHANNELS, ImageCard
+from semcal_cli.labelling.hub import SIDECARS
 from semcal_cli.labelling.network import Network
 
-CONFIG, PREPROCESSOR, PROCESSOR = "config.json", "preprocessor_config.json", "processor_config.json"
+CONFIG, PREPROCESSOR, PROCESSOR = SIDECARS
 OF_IMAGES = "image_processor"
 """Key of processor_config.json for the image processor."""
 TASK = "task_inputs"
@@ -28,7 +29,6 @@ SEMANTIC = (49406, 518, 10549, 533, 29119, 1550, 49407)
 """Tokens of "the task is semantic" in CLIP's vocabulary, as transformers' OneFormerProcessor; zeros follow."""
 TASK_LENGTH = 77
 """Number of tokens, if the network takes any number: `task_seq_len` in OneFormer's usual config.json."""
-CHANNELS = (1, 3)
 ONNX_FOLDER = "onnx"
 """Folder of the ONNX files in a repository; the sidecars are in the folder above."""
 DENSE = "ForSemanticSegmentation"

@@ -73,10 +73,10 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> S
     Raises:
         InputError: the model cannot be read.
     """
-    model = labeller.model
+    model, network = labeller.model, _record(labeller.model)
     card = model.card
     settings = {
-        "model": hash_model(model.network.path),
+        "model": network.sha256,
         "size": card.size,
         "fit": card.fit,
         **({} if card.short_side is None else {"sides": (card.short_side, card.long_side)}),
@@ -129,7 +129,7 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> S
         label=label,
         is_whole=is_whole,
         origin=hub_name(model.network.path),
-        network=_record(model),
+        network=network,
     )
 
 
@@ -139,14 +139,14 @@ def sweep_side(labeller: SweepLabeller | CloudLabeller) -> Side:
     Raises:
         InputError: the model cannot be read.
     """
-    model = labeller.model
+    model, network = labeller.model, _record(labeller.model)
     settings = {
-        "model": hash_model(model.network.path),
+        "model": network.sha256,
         "card": model.card.model_dump(mode="json", exclude={"classes", "ignore", "licence"}),
     }
     ignore = tuple(dict.fromkeys((*model.ignore, NO_ID)))
     side = _point_side(model.classes, ignore, settings, labeller.ids, no_return=NO_ID)
-    return replace(side, network=_record(model))
+    return replace(side, network=network)
 
 
 def segment_side() -> Side:

@@ -10,10 +10,9 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.drive.cues.segments import SegmentationConfig
-from semcal_cli.errors import InputError
 from semcal_cli.files.arrays import Cloud
 from semcal_cli.labelling.card import CloudCard, NeighborsConfig, PointCard
-from semcal_cli.labelling.clouds import CloudLabeller
+from semcal_cli.labelling.clouds import CloudLabeller, values_of
 from semcal_cli.labelling.model import Model, card_of, cloud_model, point_model
 from semcal_cli.labelling.network import Network
 
@@ -51,9 +50,9 @@ class SweepLabeller:
             InputError: the cloud lacks a field that the network needs, or the network or its output is wrong.
         """
         card = self.model.card
-        rings = self._field(cloud.ring, "ring") if card.row_by == "ring" else None
-        projection = self.view.project(cloud.points, rings)
         network = self.model.network
+        rings = values_of(cloud, "ring", self.model) if card.row_by == "ring" else None
+        projection = self.view.project(cloud.points, rings)
         tensor = self.tensor(cloud, projection.points)
         (output,) = network.run({network.input.name: tensor}, self.model.outputs).values()
         pixels = self._pixels(output)
@@ -65,19 +64,12 @@ class SweepLabeller:
         """Make the network's input (1, C, rows, columns) from the index of the point in each pixel (P,)."""
         card = self.model.card
         is_filled = points != _core.NO_PIXEL
-        taken = points[is_filled]
-        xyz = cloud.points[taken].astype(np.float64)
         planes = np.full((len(card.channels), len(points)), card.empty, np.float32)
         for plane, channel, mean, std in zip(planes, card.channels, card.mean, card.std, strict=True):
             if channel == "mask":
                 plane[:] = is_filled
                 continue
-            if channel == "range":
-                values = np.linalg.norm(xyz, axis=1)
-            elif channel == "intensity":
-                values = self._field(cloud.intensity, "intensity")[taken] * card.intensity_scale
-            else:
-                values = xyz[:, "xyz".index(channel)]
+            values = values_of(cloud, channel, self.model)[points[is_filled]]
             plane[is_filled] = (values - mean) / std
         return planes.reshape(1, len(planes), card.rows, card.columns)
 
@@ -93,11 +85,6 @@ class SweepLabeller:
             return network.as_ids(output).ravel()
         needed = f"1 x classes x {size[0]} x {size[1]}, or ids as whole numbers"
         raise network.unfit(f"output {output.shape} of {output.dtype}", needed)
-
-    def _field(self, values: npt.NDArray[Any] | None, name: str) -> npt.NDArray[Any]:
-        if values is None:
-            raise InputError(f"found points without {name}, which {self.model.network.path} needs")
-        return values
 
 
 def segment_labels(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:

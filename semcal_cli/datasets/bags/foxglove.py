@@ -24,7 +24,7 @@ from semcal_cli.datasets.bags.messages import (
     VIDEO,
     MessageError,
 )
-from semcal_cli.errors import check_installed, describe
+from semcal_cli.errors import check_installed, describe, reason
 
 POINT_FIELD_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
 """Datatype of a sensor_msgs/PointField by that of a PackedElementField."""
@@ -211,8 +211,7 @@ def reader(encoding: str, schema: Schema) -> tuple[str, Callable[[bytes], Any] |
         try:
             found = DecoderFactory().decoder_for(encoding, schema)
         except Exception as error:  # Hostile descriptors raise errors of any kind in the libraries.
-            why = " ".join(str(error).split()) or type(error).__name__
-            return MessageError(f"found a schema {schema.name} that cannot be read: {why[:120]}")
+            return MessageError(f"found a schema {schema.name} that cannot be read: {reason(error)[:120]}")
         return found or MessageError(f"found a schema in {describe(schema.encoding)}, needed 'protobuf'")
 
     def read(raw: bytes) -> Any:
