@@ -136,6 +136,8 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         check_not_newer(document, (DRIVE, TRANSFORM))
     except ValueError as error:
         raise InputError(f"{options.file}: {error}") from None
+    if not document:  # a new file; one that is edited keeps its keys
+        document[TRANSFORM] = 1
     if DRIVE not in document:
         document["T_camera_lidar"] = T_camera_lidar.tolist()
         return
