@@ -27,16 +27,14 @@ from bag_imports import (
     run_cli,
     small,
 )
-from bags import KINDS, NS, START_NS, BagWriter, Messages, write_drive_as_bag
+from bags import KINDS, NS, START_NS, BagWriter, Messages
 
-from semcal_cli.datasets.bags.images import image_file
 from semcal_cli.datasets.bags.importing import import_bag
 from semcal_cli.datasets.bags.messages import Message, Topic
 from semcal_cli.datasets.bags.motion import MotionSource, Trajectory
 from semcal_cli.datasets.bags.topics import Request
-from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_points
-from semcal_cli.errors import InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.geometry.poses import Pose, pose_from_mounting
 
@@ -55,14 +53,6 @@ def test_a_camera_that_changes_is_an_error_that_says_when(
     message = refused(small(tmp_path, kind, count, info=change), tmp_path / "drive")
     when = f"found other intrinsics {changed / 10:.3f} s after the start: K 9.5, 0, 8"
     assert f"/cam/camera_info: {when}" in message
-
-
-def test_a_refused_import_leaves_no_folder_that_it_made(tmp_path: Path) -> None:
-    path, kept = small(tmp_path / "bag", image=image("yuv420")), tmp_path / "kept"
-    kept.mkdir()
-    for out in (tmp_path / "new/drive", tmp_path / "new/drive/front.yaml", kept / "drive", kept):
-        assert "found no usable pair" in refused(path, out)
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["bag", "kept"]
 
 
 def test_rectified_images_use_P(tmp_path: Path) -> None:
@@ -291,20 +281,6 @@ def test_what_is_left_out_adds_up(tmp_path: Path) -> None:
         assert found.written.num_frames <= settings.get("max_frames", 60)
 
 
-def test_an_import_replaces_nothing_that_it_reads(tmp_path: Path) -> None:
-    path, file = small(tmp_path), tmp_path / "camera.yaml"
-    file.write_text("mine")
-    for out, settings in ((path / "metadata.yaml", {}), (file, {"intrinsics": file})):
-        before = out.read_bytes()
-        assert "found a file that this import reads" in refused(path, out, **settings)
-        assert out.read_bytes() == before
-    (tmp_path / "folder.yaml").mkdir()
-    assert "is a folder" in refused(path, tmp_path / "folder.yaml")
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["bag", "camera.yaml", "folder.yaml"]
-    with pytest.raises(InputError, match="found twice among the parts"):
-        import_bag(Request([path, path]), tmp_path / "twice")
-
-
 def test_two_cameras_of_one_recording_share_a_folder(tmp_path: Path) -> None:
     """Whatever their topics are called."""
     names = ["/a/b", "/a_b", "/a.b", "/摄像头/左", "/摄像头/右", "/" + "x" * 300, "/" + "x" * 299 + "y"]
@@ -358,29 +334,3 @@ def test_frames_are_spread_along_the_way(tmp_path: Path) -> None:
     document = imported(path, tmp_path / "drive", max_frames=10)
     stamps = np.array([frame["points_stamp"] - STAMP_S for frame in document["frames"]])
     assert (stamps > 2.95).sum() >= 8
-
-
-def test_an_interrupted_import_leaves_nothing_half_written(
-    synthetic: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write_drive_as_bag(synthetic, tmp_path, "ros1")
-    written = []
-
-    def stop(*arguments: Any) -> Any:
-        written.append(arguments)
-        if len(written) == 3:
-            raise KeyboardInterrupt
-        return image_file(*arguments)
-
-    monkeypatch.setattr("semcal_cli.datasets.bags.frames.image_file", stop)
-    with pytest.raises(KeyboardInterrupt):
-        import_bag(Request([path]), tmp_path / "drive")
-    assert not (tmp_path / "drive/drive.yaml").exists()
-    monkeypatch.undo()
-    imported(path, tmp_path / "drive")
-    imported(path, tmp_path / "whole")
-    names = [
-        sorted(str(file.relative_to(out)) for file in out.rglob("*"))
-        for out in (tmp_path / "drive", tmp_path / "whole")
-    ]
-    assert names[0] == names[1]

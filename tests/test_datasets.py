@@ -58,7 +58,7 @@ def test_frames_of_one_calibration_make_a_drive(tmp_path: Path) -> None:
     most = of.run()
     assert "the 2 frames with the calibration of 000000 are used; --sequence FRAME" in unwrapped(of.stderr, 6)
     assert "selects others: 000002 (1)" in unwrapped(of.stderr, 6)
-    named = of.run("--sequence", "000002")
+    named = of.run("--sequence", "000002", "--force")
     assert [len(drive.frames) for drive in (most, named)] == [2, 1]
     assert [drive.camera.K[0][0] for drive in (most, named)] == [50.0, 60.0]
     folder = of.root / "training"
@@ -70,6 +70,27 @@ def test_frames_of_one_calibration_make_a_drive(tmp_path: Path) -> None:
 
 
 # Options
+
+
+def test_only_a_drive_of_the_same_data_is_replaced(tmp_path: Path) -> None:
+    of = Import("kitti-odometry", tmp_path / "a")
+    of.run()
+    assert len(of.run("--max-frames", 1).frames) == 1
+    path = of.out / "drive.yaml"
+    whole = path.read_text()
+    labelled = whole + "networks: {image: {name: net.onnx, sha256: {}}}\n"
+    other = Import("kitti-object", tmp_path / "b")
+    other.run()
+    for content, found in (
+        ("mine: 1\n", "a file that is not a drive"),
+        (labelled, "a drive with labels of networks"),
+        ((other.out / "drive.yaml").read_text(), "a drive of other data"),
+    ):
+        path.write_text(content)
+        assert of.complaint() == f"{path}: found {found}, needed another -o, or --force"
+        assert path.read_text() == content
+    of.run("--max-frames", 1, "--force")
+    assert path.read_text() == whole
 
 
 def test_frames_are_chosen(tmp_path: Path) -> None:

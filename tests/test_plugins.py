@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
 
@@ -312,8 +313,11 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
             lambda cloud=cloud: recording.Cloud(cloud, None), False, street / "points/000000.bin", True
         )
         frame = recording.SourceFrame(name, points, image=street / "images/000000.png")
+        good = replace(
+            frame, name="1", points=replace(points, cloud=lambda: recording.Cloud(np.ones((2, 4)), None))
+        )
         with pytest.raises(InputError, match=re.escape(said)):
-            write_drive(recording.Recording(camera, [frame]), Options(), tmp_path / "a/b/drive")
+            write_drive(recording.Recording(camera, [good, frame]), Options(), tmp_path / "a/b/drive")
     assert not (tmp_path / "a").exists()
 
 

@@ -105,7 +105,8 @@ def _make(settings: DemoSettings, drive: Path) -> str:
     from semcal_cli.datasets.writing import write_drive
 
     name, request = _found(settings.real)
-    written = write_drive(read_dataset(name, request), Options(max_frames=NUM_REAL_FRAMES), drive)
+    options = Options(max_frames=NUM_REAL_FRAMES)
+    written = write_drive(read_dataset(name, request), options, drive, force=True)
     return f"imported {written.num_frames} frames of {name} from {settings.real} into {drive}"
 
 

@@ -74,6 +74,7 @@ class ImportSettings(QuietSettings):
     max_gap_s: float | None = option(
         "Largest time difference between a sweep and its image, in seconds.", above=0.0, metavar="S"
     )
+    force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
     def write(self, recording: Recording, **others: Any) -> None:
         """Write the drive, and say what was written; `others` are options that have another meaning here."""
@@ -81,7 +82,7 @@ class ImportSettings(QuietSettings):
         from semcal_cli.datasets.writing import write_drive
 
         options = made_of(Options, self, frames=self.frames or slice(None), **others)
-        written = write_drive(recording, options, self.output)
+        written = write_drive(recording, options, self.output, force=self.force)
         if not self.quiet:
             copies = f", {written.num_converted:,} clouds converted" if written.num_converted else ""
             _tell(written, copies)
@@ -228,6 +229,7 @@ class BagSettings(QuietSettings):
         "with the estimate; --motion none ignores all topics.",
         default=False,
     )
+    force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
 
 @import_.command(
@@ -257,7 +259,7 @@ def bag(settings: BagSettings) -> None:
     request = made_of(Request, settings, by_receipt=settings.stamps == "receive")
     assert settings.output is not None  # by a rule
     with Terminal(quiet=settings.quiet) as terminal:
-        done = import_bag(request, settings.output, terminal.on_event)
+        done = import_bag(request, settings.output, terminal.on_event, force=settings.force)
     if settings.quiet:
         return
     rows = done.left_out.most_common()

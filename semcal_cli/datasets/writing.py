@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,12 +15,12 @@ from semcal_cli.datasets.choice import Options, labelled, most_varied, narrowed,
 from semcal_cli.datasets.files import need_file, writable_name
 from semcal_cli.datasets.ontologies import Ontology
 from semcal_cli.datasets.recording import Conversion, Recording, SourceFrame
-from semcal_cli.drive.document import Drive, output_drive_file
+from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.images import holds_colors
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
-from semcal_cli.files.writing import make_folder, write_bytes, write_text
+from semcal_cli.files.writing import removed_if_refused
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 
@@ -44,39 +44,74 @@ class Written:
     """The drive."""
 
 
-def write_drive(recording: Recording, options: Options, out: Path) -> Written:
-    """Write a drive. The drive.yaml is written last, and each file is written as a whole or not at all.
+def write_drive(recording: Recording, options: Options, out: Path, *, force: bool = False) -> Written:
+    """Write a drive. The drive.yaml is written last, and each file as a whole or not at all; errors leave no new file.
 
     Args:
         recording: The sequence of the data set.
         options: The user's labels, classes and choice of frames.
         out: Folder of the drive, or its drive.yaml.
+        force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
 
     Raises:
-        InputError: no frame is left, a file cannot be written, or the recording makes no valid drive.
+        InputError: no frame is left, a file cannot be written, the recording makes no valid drive, or the drive.yaml is
+            there and is not one of these data.
     """
     path = output_drive_file(out)
     tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
     if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
         raise InputError(f"{path}: found a file that this import reads, needed another name")
+    if not force:
+        known = {
+            os.path.realpath(file) for frame in recording.frames if (file := _told_by(frame)) is not None
+        }
+        check_is_replaced(path, lambda file, frame: os.path.realpath(file) in known)
     recording = narrowed(labelled(relabelled(recording, options)), options)
     drive = validate(Drive, _document(recording, path), UNWRITTEN)
     drive._path = path
     chosen = most_varied(drive, recording, options)
-    frames = [frame for frame in chosen if _converted(frame, path.parent)]
-    if not frames:
-        file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
-        raise InputError(f"{file}: found no points for any of {len(chosen):,} frames, needed some")
+    with removed_if_refused() as write:
+        frames = [frame for frame in chosen if _converted(frame, path.parent, write)]
+        if not frames:
+            file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
+            raise InputError(f"{file}: found no points for any of {len(chosen):,} frames, needed some")
+        document = _document(replace(recording, frames=frames), path)
+        drive = validate(Drive, document, UNWRITTEN)
+        drive._path = path
+        write(document_text(document, "yaml").encode(), path)
     remarks = [*recording.remarks]
     if left_out := len(chosen) - len(frames):
         remarks.append(f"{left_out:,} frames without points are left out")
-    document = _document(replace(recording, frames=frames), path)
-    drive = validate(Drive, document, UNWRITTEN)
-    drive._path = path
-    make_folder(path.parent)
-    write_text(document_text(document, "yaml"), path)
     num_converted = sum(isinstance(frame.points, Conversion) for frame in frames)
     return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)), drive)
+
+
+def check_is_replaced(path: Path, is_known: Callable[[Path, Frame], bool]) -> None:
+    """Check that a drive.yaml may be written: there is none, or one that an import of the same data wrote.
+
+    Args:
+        path: The drive.yaml.
+        is_known: Whether a frame of the old drive belongs to the data, by its image, or its sweep without an image.
+
+    Raises:
+        InputError: there is another file.
+    """
+    if not path.is_file():
+        return
+    found = "a file that is not a drive"
+    with suppress(InputError):
+        old, found = read_drive(path), "a drive of other data"
+        names = [frame.image or frame.image_labels or frame.points for frame in old.frames]
+        if old.networks is not None:
+            found = "a drive with labels of networks"
+        elif any(is_known(old.resolve(name), frame) for name, frame in zip(names, old.frames, strict=True)):
+            return
+    raise InputError(f"{path}: found {found}, needed another -o, or --force")
+
+
+def _told_by(frame: SourceFrame) -> Path | None:
+    """Choose the original file by which a frame is known again."""
+    return frame.image or frame.image_labels or (frame.points if isinstance(frame.points, Path) else None)
 
 
 def _document(recording: Recording, path: Path) -> dict[str, Any]:
@@ -152,7 +187,7 @@ def _frame_poses(frames: Sequence[SourceFrame]) -> list[Pose]:
     return [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
 
 
-def _converted(frame: SourceFrame, folder: Path) -> bool:
+def _converted(frame: SourceFrame, folder: Path, write: Callable[[bytes, Path], None]) -> bool:
     """Write the converted cloud of a frame if it needs one; return whether the frame has points."""
     if not isinstance(frame.points, Conversion):
         return True
@@ -167,10 +202,8 @@ def _converted(frame: SourceFrame, folder: Path) -> bool:
         if cloud.labels is None or cloud.labels.shape != shape[:1]:
             found = "no labels" if cloud.labels is None else f"labels of shape {cloud.labels.shape}"
             raise InputError(f"{file}: frame {frame.name!r}: found {found}, needed one label per point")
-        make_folder(labels.parent)
-        write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
-    make_folder(points.parent)
-    write_bytes(cloud.points.astype("<f4").tobytes(), points)
+        write(cloud.labels.astype("<u4").tobytes(), labels)
+    write(cloud.points.astype("<f4").tobytes(), points)
     return True
 
 

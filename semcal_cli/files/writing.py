@@ -10,13 +10,14 @@ import re
 import select
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import takewhile
 from pathlib import Path
 from time import monotonic, sleep
 from typing import BinaryIO
 
-from semcal_cli.errors import InputError, os_reason
+from semcal_cli.errors import InputError, SemcalError, os_reason
 from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, check_own_file, check_size, is_folder, read_reason
 
 STANDARD_INPUT, STANDARD_OUTPUT = Path("/dev/stdin"), Path("/dev/stdout")
@@ -200,6 +201,29 @@ def no_empty_folder(path: Path) -> Iterator[None]:
     except BaseException:
         for folder in missing:
             with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+@contextmanager
+def removed_if_refused() -> Iterator[Callable[[bytes, Path], None]]:
+    """Yield a function that writes a file and its folders; what it added is removed again if the block is refused."""
+    files, folders = list[Path](), list[Path]()
+
+    def write(content: bytes, path: Path) -> None:
+        is_new, missing = not path.exists(), takewhile(lambda folder: not folder.exists(), path.parents)
+        folders.extend([*missing][::-1])
+        make_folder(path.parent)
+        write_bytes(content, path)
+        files.extend([path] * is_new)
+
+    try:
+        yield write
+    except SemcalError:
+        for file in files:
+            file.unlink(missing_ok=True)
+        for folder in reversed(folders):
+            with suppress(OSError):  # others may have written to it
                 folder.rmdir()
         raise
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +22,6 @@ from semcal_cli.datasets.bags.topics import Topics
 from semcal_cli.datasets.odometry import SIGMA, seconds_text
 from semcal_cli.datasets.recording import SourceFrame
 from semcal_cli.drive.events import Listener, Progress
-from semcal_cli.files.writing import make_folder, write_bytes, write_text
 
 MAX_NAME = 100
 """Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
@@ -53,6 +52,7 @@ def write_frames(
     folder: Path,
     on_event: Listener,
     left_out: Counter[str],
+    write: Callable[[bytes, Path], None],
 ) -> list[WrittenFrame]:
     """Write the files of frames, two at a time, in order of time.
 
@@ -64,20 +64,21 @@ def write_frames(
         folder: Folder of the drive.
         on_event: Called with each event.
         left_out: Counts the pairs that cannot be used, by reason.
+        write: Writes the content of a file to its path.
 
     Raises:
         InputError: a file cannot be written.
     """
 
-    def write(candidate: Candidate) -> WrittenFrame | MessageError:
+    def written_frame(candidate: Candidate) -> WrittenFrame | MessageError:
         try:
-            return _write_frame(candidate, spool, camera, topics, folder)
+            return _write_frame(candidate, spool, camera, topics, folder, write)
         except MessageError as error:
             return error
 
     written = []
     with ThreadPoolExecutor(AT_A_TIME) as workers:
-        for index, each in enumerate(workers.map(write, chosen)):
+        for index, each in enumerate(workers.map(written_frame, chosen)):
             on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
             if isinstance(each, MessageError):
                 left_out[f"pairs: {each}"] += 1
@@ -87,9 +88,12 @@ def write_frames(
 
 
 def write_motion(
-    trajectory: Trajectory, written: Sequence[WrittenFrame], drive: Path
+    trajectory: Trajectory,
+    written: Sequence[WrittenFrame],
+    drive: Path,
+    write: Callable[[bytes, Path], None],
 ) -> tuple[dict[str, Any] | None, list[SourceFrame], str]:
-    """Write the poses of the LiDAR, if the points of most frames have times to deskew them by.
+    """Write the poses of the LiDAR with `write`, if the points of most frames have times to deskew them by.
 
     Returns:
         The `motion:` block of the drive, the frames that the poses cover, and a sentence about it; without a block,
@@ -113,8 +117,7 @@ def write_motion(
         return None, [each.source for each in written], f"{told}, but {why}; no motion is written"
     # The poses depend on the chosen frames, so the file belongs to this drive alone.
     path = drive.parent / "poses" / f"{drive.stem}.txt"
-    make_folder(path.parent)
-    write_text(trajectory.tum(), path)
+    write(trajectory.tum().encode(), path)
     block: dict[str, Any] = {"poses": path.relative_to(drive.parent).as_posix(), "point_times": reference}
     if trajectory.source is None:
         block["sigma"] = SIGMA
@@ -122,7 +125,12 @@ def write_motion(
 
 
 def _write_frame(
-    candidate: Candidate, spool: Spool, camera: dict[str, Any], topics: Topics, folder: Path
+    candidate: Candidate,
+    spool: Spool,
+    camera: dict[str, Any],
+    topics: Topics,
+    folder: Path,
+    write: Callable[[bytes, Path], None],
 ) -> WrittenFrame:
     pair = candidate.pair
     sweep_message, image_message = spool.get(candidate)
@@ -133,13 +141,17 @@ def _write_frame(
         found, states = ("{} x {}".format(*size) for size in (file.size, needed))
         raise MessageError(f"found an image of {found} pixels, needed {states}, as its intrinsics state")
     points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
-    image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.image_ns)}{file.suffix}"
-    for path, content in ((points, sweep.pcd()), (image, file.content)):
-        make_folder(path.parent)
-        write_bytes(content, path)
+    image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"
+    write(sweep.pcd(), points)
+    write(file.content, image)
     stamps = pair.sweep_ns / NS, pair.image_ns / NS
     frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
     return WrittenFrame(frame, sweep.times)
+
+
+def image_folder(folder: Path, topics: Topics) -> Path:
+    """Name the folder of the images in the folder of a drive."""
+    return folder / "images" / _slug(topics.image.name)
 
 
 def _slug(topic: str) -> str:

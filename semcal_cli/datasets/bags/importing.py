@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -17,7 +18,7 @@ from semcal_cli.datasets.bags.bag import Bag
 from semcal_cli.datasets.bags.cameras import CameraInfo, camera_block, difference, read_camera_info
 from semcal_cli.datasets.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
 from semcal_cli.datasets.bags.clouds import read_sweep
-from semcal_cli.datasets.bags.frames import WrittenFrame, write_frames, write_motion
+from semcal_cli.datasets.bags.frames import WrittenFrame, image_folder, write_frames, write_motion
 from semcal_cli.datasets.bags.messages import NS, VIDEOS, Message, MessageError, Topic
 from semcal_cli.datasets.bags.motion import Trajectory, find_motion, read_frames
 from semcal_cli.datasets.bags.pairs import Pairing
@@ -28,12 +29,12 @@ from semcal_cli.datasets.choice import Options
 from semcal_cli.datasets.motion_agreement import compare_motions
 from semcal_cli.datasets.odometry import DOUBTFUL_NS, Odometry
 from semcal_cli.datasets.recording import Recording
-from semcal_cli.datasets.writing import Written, write_drive
-from semcal_cli.drive.document import output_drive_file
+from semcal_cli.datasets.writing import Written, check_is_replaced, write_drive
+from semcal_cli.drive.document import Frame, output_drive_file
 from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.reading import is_folder, is_same_file
-from semcal_cli.files.writing import make_folder, no_empty_folder
+from semcal_cli.files.writing import make_folder, no_empty_folder, removed_if_refused
 from semcal_cli.formats.intrinsics import read_intrinsics
 
 AROUND_NS = NS
@@ -57,27 +58,41 @@ class ImportedDrive(NamedTuple):
     """Number of sweeps, images and pairs that were read and left out, by kind and reason."""
 
 
-def import_bag(request: Request, out: Path, on_event: Listener = ignore) -> ImportedDrive:
+def import_bag(
+    request: Request, out: Path, on_event: Listener = ignore, *, force: bool = False
+) -> ImportedDrive:
     """Make a drive of a recording. The drive.yaml is written last, and each file as a whole or not at all.
 
-    Files are named after their topic and stamp, so a second import writes the same files, and several cameras of one
-    recording can share a folder.
+    Errors leave no new file. Files are named after their topic and stamp, so a second import writes the same files, and
+    several cameras of one recording can share a folder.
 
     Args:
         request: The recording, and the user's choices.
         out: Folder of the drive, or its drive.yaml.
         on_event: Called with each event.
+        force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
 
     Raises:
-        InputError: the recording has no usable pairs, or contradicts itself or the request.
+        InputError: the recording has no usable pairs, contradicts itself or the request, or the drive.yaml is there and
+            is not one of this recording.
     """
-    with Bag(request.paths) as bag, no_empty_folder(output_drive_file(out).parent):
-        return _Import(bag, request, out, on_event).run()
+    folder = output_drive_file(out).parent
+    with Bag(request.paths) as bag, no_empty_folder(folder), removed_if_refused() as write:
+        return _Import(bag, request, out, on_event, write, force).run()
 
 
 class _Import:
-    def __init__(self, bag: Bag, request: Request, out: Path, on_event: Listener) -> None:
+    def __init__(
+        self,
+        bag: Bag,
+        request: Request,
+        out: Path,
+        on_event: Listener,
+        write: Callable[[bytes, Path], None],
+        force: bool,
+    ) -> None:
         self.bag, self.request, self.on_event = bag, request, on_event
+        self.write, self.force = write, force
         self.path = output_drive_file(out)
         self.topics = choose_topics(bag, request)
         intrinsics = [] if request.intrinsics is None else [request.intrinsics]
@@ -116,9 +131,11 @@ class _Import:
         try:
             with tempfile.TemporaryFile(dir=self.path.parent) as file:
                 spool = Spool(file, self.video)
-                chosen = choose(self._candidates(spool, wanted), request, self.trajectory, self.left_out)
+                candidates = self._candidates(spool, wanted)
+                self._check_replaced(candidates)
+                chosen = choose(candidates, request, self.trajectory, self.left_out)
                 found = write_frames(
-                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refused
+                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refused, self.write
                 )
         except OSError as error:
             raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
@@ -128,7 +145,7 @@ class _Import:
         self.remarks += list(dict.fromkeys(each.times.remark for each in found if each.times.remark))
         motion, frames = None, [each.source for each in found]
         if self.trajectory is not None:
-            motion, frames, told = write_motion(self.trajectory, found, self.path)
+            motion, frames, told = write_motion(self.trajectory, found, self.path, self.write)
             self.remarks.append(told)
             if odometry is not None and self._poses_topic is not None:
                 self.remarks.append(self._comparison(self._poses_topic.name, odometry, found))
@@ -143,7 +160,7 @@ class _Import:
             read=self.read,
             labels_by=None,
         )
-        written = write_drive(recording, Options(), self.path)
+        written = write_drive(recording, Options(), self.path, force=True)
         return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
 
     def _check_output(self) -> None:
@@ -152,6 +169,21 @@ class _Import:
             raise InputError(f"{self.path}: is a folder, needed a file to write to")
         if any(is_same_file(self.path, file) for file in self.read):
             raise InputError(f"{self.path}: found a file that this import reads, needed another name")
+        if not self.force:
+            check_is_replaced(self.path, lambda file, frame: True)
+
+    def _check_replaced(self, candidates: Sequence[Candidate]) -> None:
+        """Check that a drive.yaml in the place of the new one is of the same topic of images, at the same time."""
+        if self.force:
+            return
+        images = image_folder(self.path.parent, self.topics)
+        stamps = [each.pair.image_ns / NS for each in candidates]
+
+        def is_known(file: Path, frame: Frame) -> bool:
+            is_beside = os.path.realpath(file.parent) == os.path.realpath(images)
+            return is_beside and min(stamps) <= (frame.image_stamp or 0.0) <= max(stamps)
+
+        check_is_replaced(self.path, is_known)
 
     def _no_pair(self, reason: str) -> InputError:
         return self._refusal(f"{self.bag.paths[0]}: found no usable pair of a sweep and an image: {reason}")
