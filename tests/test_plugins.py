@@ -223,6 +223,8 @@ def text(request):
     return recording(request, points="0.bin")
 def conversion(request):
     return recording(request, Conversion(lambda: 1 // 0, False, request.root / "drive.yaml", True))
+def no_cloud(request):
+    return recording(request, Conversion(lambda: None, False, request.root / "drive.yaml", True))
 def remark(request):
     return recording(request, remarks=("dark", 3))
 def late(request):
@@ -250,7 +252,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "wrong_robot.py", CODE)
     write(tmp_path / "w-2.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: w\nVersion: 2.0\n")
     groups = {
-        "datasets": "failing leaving nothing no_frames array text conversion remark late",
+        "datasets": "failing leaving nothing no_frames array text conversion no_cloud remark late",
         "cues": "FEWER WIDE MISNAMED",
         "formats": "ONLY_READ WORDS PUT",
     }
@@ -299,6 +301,9 @@ def test_a_wrong_data_set_names_its_plugin(
 def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Path, tmp_path: Path) -> None:
     found = read_dataset("conversion", recording.Request(street))
     with pytest.raises(PluginError, match="line 27: ZeroDivisionError: "):
+        (found.frames[0].points).cloud()  # type: ignore[union-attr]
+    found = read_dataset("no_cloud", recording.Request(street))
+    with pytest.raises(PluginError, match="TypeError: cloud: found nothing, needed a Cloud"):
         (found.frames[0].points).cloud()  # type: ignore[union-attr]
     camera = read_document(street / "drive.yaml")["camera"]
     for name, cloud, said in (

@@ -275,12 +275,8 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     Raises:
         InputError: a frame has no stamp, a file cannot be read, or the sweeps are not consecutive.
     """
-    odometry, is_absolute, stamps_s, moments_s = (
-        Odometry(),
-        False,
-        dict[str, float](),
-        dict[str, list[float]](),
-    )
+    odometry, is_absolute = Odometry(), False
+    stamps_s, moments_s = dict[str, float](), dict[str, list[float]]()
     for frame in drive.frames:
         if frame.points_stamp is None:
             found = f"{drive.path}: {frame.key('points_stamp')}: found nothing"

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,8 @@ from semcal_cli.datasets.files import need_folder
 from semcal_cli.datasets.ontologies import Ontology
 from semcal_cli.errors import InputError, describe
 from semcal_cli.geometry.poses import Pose
+
+Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True)
@@ -182,36 +184,36 @@ def checked(recording: object, guarded: Callable[[Callable[[], Cloud]], Callable
         TypeError: something is of another type, or a number is not finite.
         ValueError: there is no frame.
     """
-    if not isinstance(recording, Recording):
-        raise TypeError(f"found {describe(recording)}, needed a Recording")
-    _check_types("", recording, Recording)
+    found = _checked("", recording, Recording)
     for key in ("camera", "lidar", "motion"):
-        if (block := getattr(recording, key)) is not None:
+        if (block := getattr(found, key)) is not None:
             _check_block(key, block)
-    if not recording.frames:
+    if not found.frames:
         raise ValueError("frames: found none, needed at least one")
-    return replace(recording, frames=[_checked_frame(*each, guarded) for each in enumerate(recording.frames)])
+    return replace(found, frames=[_checked_frame(*each, guarded) for each in enumerate(found.frames)])
 
 
 def _checked_frame(
     index: int, frame: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]
 ) -> SourceFrame:
-    where = f"frames[{index}]"
-    if not isinstance(frame, SourceFrame):
-        raise TypeError(f"{where}: found {describe(frame)}, needed a SourceFrame")
-    _check_types(f"{where}.", frame, SourceFrame)
-    if not isinstance(frame.points, Conversion):
-        return frame
-    _check_types(f"{where}.points.", frame.points, Conversion)
-    return replace(frame, points=replace(frame.points, cloud=guarded(frame.points.cloud)))
+    found = _checked(f"frames[{index}]", frame, SourceFrame)
+    if not isinstance(found.points, Conversion):
+        return found
+    make = _checked(f"frames[{index}].points", found.points, Conversion).cloud
+    cloud = guarded(lambda: _checked("cloud", make(), Cloud))
+    return replace(found, points=replace(found.points, cloud=cloud))
 
 
-def _check_types(where: str, checked: object, kind: type) -> None:
-    """Check the fields of an object against the annotations of its class."""
-    for key, about in settings_of(kind, with_others=True).items():
-        if not about.allows(value := getattr(checked, key)):
-            needed = about.needed(value) + " or None" * about.is_optional
-            raise TypeError(f"{where}{key}: found {describe(value)}, needed {needed}")
+def _checked(where: str, value: object, kind: type[Kind]) -> Kind:
+    """Check the class of an object, and its fields against the annotations of the class."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{where}: found {describe(value)}, needed a {kind.__name__}".removeprefix(": "))
+    of_kind: type = kind
+    for key, about in settings_of(of_kind, with_others=True).items():
+        if not about.allows(found := getattr(value, key)):
+            needed = about.needed(found) + " or None" * about.is_optional
+            raise TypeError(f"{where}.{key}: found {describe(found)}, needed {needed}".removeprefix("."))
+    return value
 
 
 def _check_block(key: str, block: Mapping[str, Any]) -> None:
