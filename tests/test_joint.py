@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import asdict, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import with_twists
 
 from semcal_cli.assessment.joint import Joint, fit_jointly
-from semcal_cli.assessment.joint_fit import Variables
+from semcal_cli.assessment.joint_fit import LEAST_EVIDENCE, Problem, Variables
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import with_others
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig
@@ -19,6 +21,7 @@ from semcal_cli.drive.motion import delayed
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.result.uncertainty import Uncertainty
@@ -101,6 +104,26 @@ def test_a_camera_that_is_known_exactly_stays(observed: Observations, truth: Pos
     found = fit_jointly(wrong, truth, exact, PolishConfig())
     assert not found.is_kept
     assert np.array_equal(found.T_camera_lidar, truth)
+
+
+def test_coarse_blocks_that_lead_away_are_not_followed(
+    moving: LoadedDrive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, climb = np.array(moving.drive.T_camera_lidar), Problem._climb
+
+    def astray(problem: Problem, T: Pose, variables: Variables, *rest: Any) -> Any:
+        if rest[-1] != LEAST_EVIDENCE:
+            return climb(problem, T, variables, *rest)
+        away = displaced(T, 20.0, 0.1, np.random.default_rng(0))
+        return SimpleNamespace(T_camera_lidar=away, changes=(), offset_s=0.0, moved_px=0.0)
+
+    monkeypatch.setattr(Problem, "_climb", astray)
+    found = Problem(
+        moving.observations, Variables((), True), JointlyConfig(with_delay=True), PolishConfig()
+    ).fit_determined(truth)
+    assert found.variables.with_delay
+    assert abs(found.changes[0]) < MAX_CLOCK_S
+    assert compare_poses(found.T_camera_lidar, truth).rotation_deg < 0.1
 
 
 @pytest.mark.parametrize("late_s", [0.02, -0.05])

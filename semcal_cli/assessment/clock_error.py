@@ -106,8 +106,11 @@ def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, 
                 f"images seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than the drive says, which the "
                 "interval includes: --estimate-delay corrects the pose",
             )
-        is_speed = motion.speed_m_s is not None
-        why = "the drive gives no direction of motion" if is_speed else "all frames have the same motion"
+        why = "all frames have the same motion"
+        if motion.speed_m_s is not None:
+            why = "the drive gives no direction of motion"
+        elif (twists := twists_per_s(data.first_cue)) is not None and differs(twists):
+            why = "the frames do not determine it"
         cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
         return (
             f"the clock was not checked: {why}. If images are {1e3 * clock.sigma_s:.3g} ms off, the camera is "

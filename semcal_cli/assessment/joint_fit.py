@@ -216,7 +216,8 @@ class Problem:
     def _fit(self, T: Pose, variables: Variables) -> Fit:
         """Find the top from the drive's values, from coarse blocks to pixels.
 
-        The weight of the priors is known only there, so the last levels are then climbed again.
+        The weight of the priors is known only there, so the last levels are then climbed again. Coarse blocks may lead
+        away, as edges have a narrow basin: a climb that ends lower than it began starts again on the last levels.
         """
         camera = self.observations.camera
         width = min(camera.width, camera.height * 2)
@@ -224,7 +225,9 @@ class Problem:
         coarsest = max(int(math.log2(max(width / across, 1.0))), FINE_LEVELS)
         at_drive, levels = np.zeros(len(variables.names)), range(coarsest, FINE_LEVELS - 1, -1)
         coarse = self._climb(T, variables, at_drive, levels, LEAST_EVIDENCE)
-        return self.finish(coarse.T_camera_lidar, variables, _changes(coarse, variables))
+        fit = self.finish(coarse.T_camera_lidar, variables, _changes(coarse, variables))
+        is_higher = _information(fit.observations, fit.T_camera_lidar) >= _information(self.observations, T)
+        return fit if fit.variables == variables and is_higher else self.finish(T, variables, at_drive)
 
     def _on_determined_blocks(self, fit: Fit) -> Fit:
         """Take the covariance on the finest blocks of pixels that leave the fewest variables open.
@@ -306,6 +309,12 @@ class Problem:
         basis = directions / scale[:, None]
         covariance = np.asarray(basis / weights @ basis.T)
         return covariance, labels.degrees_of_freedom(covariance)
+
+
+def _information(observations: Observations, T: Pose) -> float:
+    """Compute the mutual information at a pose, nats, without its bias."""
+    agreement = _core.agreement(observations.core, T)
+    return agreement.mutual_information - agreement.bias
 
 
 def _changes(found: _core.JointMaximum, variables: Variables) -> Values:

@@ -8,6 +8,7 @@ weights them by the data. Edges between rings are left out: they are half a ring
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -59,6 +60,9 @@ class EdgesConfig:
     blur_rays: float = 0.5
     """Standard deviation of the blur of an image before and after its gradient is taken, in angles between
     neighbouring rays: a step lies anywhere between two rays."""
+    most_blur_across_deg: float = 0.1
+    """Largest standard deviation of the blur across the scans, degrees: a step is where its ring is, and a blur of a
+    coarse LiDAR's rays moves the top downwards (tests/benchmarks/hand_eye.py)."""
     least_blur_px: float = 0.7
     """Smallest standard deviation of the blur, pixels."""
     surroundings_deg: float = 6.0
@@ -199,13 +203,16 @@ def gradients(
         camera: The camera, whose lens converts angles to pixels.
         grey: (H, W) grey values, 0 to 255.
         seen: (H, W) pixels that the lens reaches.
-        blur_px: Standard deviation of the blur before and after the gradient is taken.
+        blur_px: Standard deviation of the blur before and after the gradient is taken; smaller from top to bottom
+            where it is more than the config allows.
         config: Settings of the cue.
 
     Returns:
         Strength of the gradient (H, W), and whether (H, W) the lens reaches all pixels that it comes from.
     """
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
+    across_px = math.radians(config.most_blur_across_deg) * core_camera(camera).pixels_per_radian
+    across_px = max(min(blur_px, across_px), config.least_blur_px)
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px, sigmaY=across_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
     # The border of the image is not a border of the lens.
     padded = np.pad(seen.astype(np.uint8), 1, mode="edge")
@@ -214,7 +221,7 @@ def gradients(
     mean_around = surroundings(camera, config.surroundings_deg)
     weights = np.maximum(mean_around(is_inside), np.finfo(np.float32).tiny)
     beside = strength / (mean_around(strength) / weights + LEAST_GRADIENT)
-    return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px), np.float32), is_inside
+    return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px, sigmaY=across_px), np.float32), is_inside
 
 
 STARTS = StartsConfig(
