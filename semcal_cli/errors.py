@@ -74,6 +74,12 @@ def describe(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def counted(count: int, noun: str) -> str:
+    """Format a number of things: "1 frame", "2,000 entries"."""
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}es" if noun.endswith("s") else f"{noun}s"
+    return f"{count:,} {noun if count == 1 else plural}"
+
+
 def told_apart(found: float, needed: float, digits: int = 0, unit: str = "") -> tuple[str, str]:
     """Format two numbers with enough digits to tell them apart.
 

@@ -200,7 +200,7 @@ def test_the_frame_is_that_of_the_first_message_that_is_whole(tmp_path: Path) ->
 
     found = done(fill(FoxgloveWriter(tmp_path, "json"), 6, points=points), tmp_path / "drive")
     assert found.written.num_frames == 5
-    assert [why for why in found.left_out if "are not a foxglove.PointCloud" in why]
+    assert [why for why in found.left_out if ", needed a foxglove.PointCloud" in why]
 
 
 def test_a_schema_that_cannot_be_read_is_named(tmp_path: Path) -> None:

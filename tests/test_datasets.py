@@ -127,7 +127,7 @@ def test_labels_of_ones_own_networks(tmp_path: Path) -> None:
         write_labels(tmp_path / f"points/{number:06d}.label", [1, 2, 3])
     folders = ("--image-labels", tmp_path / "image", "--point-labels", tmp_path / "points")
     drive = of.run(*folders, "--image-classes", "cityscapes-train")
-    assert "note: 1 frames without image labels are left out" in of.stderr
+    assert "note: left out 1 frame without image labels" in of.stderr
     assert [Path(frame.points).stem for frame in drive.frames] == ["000104", "000106"]
     assert drive.frames[0].point_labels == "../points/000104.label"
     assert drive.classes
@@ -139,7 +139,7 @@ def test_labels_that_no_frame_has_on_both_sides(tmp_path: Path) -> None:
     write_ids(tmp_path / "image/000001.png")
     folders = ("--image-labels", tmp_path / "image", "--point-labels", tmp_path / "points")
     assert Import("kitti-odometry", tmp_path).complaint(*folders) == (
-        "found 1 frames with point labels and 1 with image labels, none of 3 with both, needed at least one"
+        "found 1 frame with point labels and 1 with image labels, none of 3 with both, needed at least one"
     )
 
 

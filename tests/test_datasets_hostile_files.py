@@ -97,12 +97,12 @@ def test_frames_of_windows_without_points_are_left_out(tmp_path: Path, count: in
     poses.write_text(f"1100 {rows}\n")
     for image in sorted(of.root.rglob("0000000250.png")):
         (image.parent / "0000001100.png").write_bytes(image.read_bytes())
-    said = "found no points for any of 1 frames, needed some"
+    said = "found no points for any of 1 frame, needed some"
     assert of.complaint().removeprefix("{root}/").endswith(f"{empty.name}: {said}")
     poses.write_text(f"250 {rows}\n1100 {rows}\n")
     assert [frame.points for frame in of.run().frames] == ["points/0000000250.bin"]
-    assert "1 frames, 1 clouds converted\n" in of.stderr
-    assert "note: 1 frames without points are left out\n" in of.stderr
+    assert "1 frame, 1 cloud converted\n" in of.stderr
+    assert "note: left out 1 frame without points\n" in of.stderr
     assert [path.name for path in (of.out / "points").iterdir()] == ["0000000250.bin"]
 
 

@@ -122,7 +122,7 @@ def test_own_data(tmp_path: Path) -> None:
     assert drive.frames[0].image_labels == "own/labels/000002.png"
     assert drive.frames[0].points_stamp is None
     np.testing.assert_array_equal(drive.T_camera_lidar, T)
-    assert "note: --image-labels: 2 pairs by name; unpaired: 1 clouds, 1 files\n" in stderr
+    assert "note: --image-labels: 2 pairs by name; unpaired: 1 cloud, 1 file\n" in stderr
 
 
 COUNTS = (
@@ -141,7 +141,7 @@ COUNTS = (
             4,
             "--image-labels",
             "labels/000002.png labels/000003.png",
-            "--image-labels: found no partner, by name, for any of 3 clouds (such as 000001.bin) among 1 files "
+            "--image-labels: found no partner, by name, for any of 3 clouds (such as 000001.bin) among 1 file "
             "(such as 000004.png)",
         ),
     ],

@@ -207,7 +207,7 @@ def test_frames_beside_a_gap_have_poses_and_lone_ones_have_none(street: MovingSt
     assert len(motion.poses) == 4 + 2 + 2 * 2
 
 
-@pytest.mark.parametrize(("every", "reason"), [(10, "1 s apart"), (40, "found 1 sweeps")])
+@pytest.mark.parametrize(("every", "reason"), [(10, "1 s apart"), (40, "found 1 sweep")])
 def test_sweeps_that_do_not_follow_one_another_are_refused(
     every: int, reason: str, street: MovingStreet, tmp_path: Path
 ) -> None:

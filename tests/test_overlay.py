@@ -149,7 +149,7 @@ def test_without_an_image_the_label_image_is_shown(tmp_path: Path) -> None:
     [
         ("small.png", 0, "o.png", r"small.png: found 640 x 100 pixels, needed 640 x 360"),
         ("missing.jpg", 0, "o.png", r"missing.jpg: no such file or folder"),
-        (None, 1, "o.png", r"found 1 frames, needed one numbered 1"),
+        (None, 1, "o.png", r"found 1 frame, needed one numbered 1"),
         (None, 0, "o.jpg", r"o.jpg: found suffix '.jpg', needed .png"),
     ],
 )

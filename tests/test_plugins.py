@@ -329,7 +329,7 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("FEWER", "ValueError: observe: found 1 frames, needed 4, by one cue"),
+        ("FEWER", "ValueError: observe: found 1 frame, needed 4, by one cue"),
         (
             "WIDE",
             "ValueError: frame 0: classes of pixels: found int64 of shape (360, 640), needed uint8 of shape",

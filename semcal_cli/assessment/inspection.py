@@ -25,7 +25,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import motion_error_px, shutter_error_px
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
-from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.errors import CalibrationError, InputError, counted
 from semcal_cli.files.images import read_image, read_size
 from semcal_cli.initialization.search import search_mountings
 from semcal_cli.result.checks import findings_among
@@ -168,21 +168,21 @@ def inspect(drive: Drive) -> DriveReport:
 
 def _advice(num_frames: int, num_scenes: int, across_deg: float) -> tuple[str, ...]:
     """Say if scenes or field of view are probably too few: see docs/benchmarks_stages.md, the initial calibration."""
-    advice, counted = [], f"{num_frames} {'frame' if num_frames == 1 else 'frames'}"
+    advice, shown = list[str](), counted(num_frames, "frame")
     if num_scenes < min(num_frames, USUAL_FRAMES):
-        counted = f"{num_scenes} {'scene' if num_scenes == 1 else 'scenes'}"
+        shown = counted(num_scenes, "scene")
         advice.append(
-            f"the {num_frames} frames show {counted}, and frames of one scene count as one: record while driving, past "
+            f"the {num_frames} frames show {shown}, and frames of one scene count as one: record while driving, past "
             "different objects"
         )
     are = "is" if num_scenes == 1 else "are"
     if num_scenes < FEW_FRAMES:
         advice.append(
-            f"{counted} {are} few: use {FEW_FRAMES} or more to find the mounting, and {USUAL_FRAMES} for accuracy"
+            f"{shown} {are} few: use {FEW_FRAMES} or more to find the mounting, and {USUAL_FRAMES} for accuracy"
         )
     elif across_deg < NARROW_DEG and num_scenes < USUAL_FRAMES:
         seen = f"{across_deg:.0f} degrees across"
-        advice.append(f"{counted} through a lens of {seen} {are} few: {USUAL_FRAMES} or more help")
+        advice.append(f"{shown} through a lens of {seen} {are} few: {USUAL_FRAMES} or more help")
     return tuple(advice)
 
 

@@ -9,7 +9,7 @@ import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, DriveSettings
 from semcal_cli.cli.settings import SettingsCommand, argument, option
-from semcal_cli.errors import check_installed
+from semcal_cli.errors import check_installed, counted
 
 
 @click.group()
@@ -66,4 +66,6 @@ def rerun(settings: RerunSettings) -> None:
         terminal.show("reading frames")
         write_rerun(spec, cameras, settings.output)
     names = f", cameras {', '.join(cameras)}" if cameras else ""
-    terminal.print(*wrapped("", f"wrote {settings.output}: {len(spec.frames)} frames{names}", indent=0))
+    terminal.print(
+        *wrapped("", f"wrote {settings.output}: {counted(len(spec.frames), 'frame')}{names}", indent=0)
+    )

@@ -14,7 +14,7 @@ from semcal_cli.cli.options import QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
 from semcal_cli.datasets import DATASETS, PLUGINS, read_dataset
-from semcal_cli.errors import check_installed, printable
+from semcal_cli.errors import check_installed, counted, printable
 
 if TYPE_CHECKING:
     from semcal_cli.datasets.recording import Recording
@@ -84,7 +84,7 @@ class ImportSettings(QuietSettings):
         options = made_of(Options, self, frames=self.frames or slice(None), **others)
         written = write_drive(recording, options, self.output, force=self.force)
         if not self.quiet:
-            copies = f", {written.num_converted:,} clouds converted" if written.num_converted else ""
+            copies = f", {counted(written.num_converted, 'cloud')} converted" if written.num_converted else ""
             _tell(written, copies)
 
 
@@ -94,7 +94,7 @@ def _tell(written: Written, details: str, lines: tuple[str, ...] = ()) -> None:
     from semcal_cli.result.next_steps import after_import
 
     remarks = (line for remark in written.remarks for line in wrapped("note:", remark, indent=6))
-    wrote = f"wrote {written.path}: {written.num_frames:,} frames{details}"
+    wrote = f"wrote {written.path}: {counted(written.num_frames, 'frame')}{details}"
     for line in (wrote, *lines, *remarks, f"next: {after_import(written.drive)}"):
         click.echo(line, err=True)
 

@@ -13,7 +13,7 @@ import click
 
 from semcal_cli.cli.options import json_flag, max_points
 from semcal_cli.cli.settings import argument, command, option
-from semcal_cli.errors import printable
+from semcal_cli.errors import counted, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -125,7 +125,7 @@ def _content(report: DriveReport) -> list[tuple[str, str]]:
     of_points = _together(frame.point_classes for frame in report.frames)
     none_needed = "; segments and edges need none" if of_points is None else ""
     return [
-        ("drive", f"{len(report.frames):,} frame{'s' * (len(report.frames) != 1)}, {num_points:,} points"),
+        ("drive", f"{counted(len(report.frames), 'frame')}, {counted(num_points, 'point')}"),
         (
             "LiDAR",
             f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth, "

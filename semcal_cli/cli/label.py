@@ -220,7 +220,7 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
     """Label a drive, draw the preview, and report what was done."""
     from semcal_cli.drive.document import output_drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
-    from semcal_cli.errors import InputError
+    from semcal_cli.errors import InputError, counted
     from semcal_cli.labelling.drives import label_drive
     from semcal_cli.labelling.pairs import note_second, second_file
 
@@ -242,7 +242,7 @@ def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> Non
         terminal.print(note_second(path, second.path).sentence)
     reused = f", {done.num_before:,} label files reused" if done.num_before else ""
     terminal.print(
-        f"wrote {done.path}: {done.num_frames:,} frames in {perf_counter() - start:.1f} s{reused}",
+        f"wrote {done.path}: {counted(done.num_frames, 'frame')} in {perf_counter() - start:.1f} s{reused}",
         *(f"failed: {failure}" for failure in failures),
     )
     if failures:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from semcal_cli.cli.options import DriveSettings
 from semcal_cli.cli.settings import command, option
-from semcal_cli.errors import check_installed
+from semcal_cli.errors import check_installed, counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ def odometry(settings: OdometrySettings) -> None:
     compared = compare_with_drive(drive, motion.poses)
     note = f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n"
     write_text(note + tum_text(motion.poses), settings.output)
-    terminal.print(f"wrote {settings.output}: {len(motion.poses):,} poses")
+    terminal.print(f"wrote {settings.output}: {counted(len(motion.poses), 'pose')}")
     if motion.doubtful_ns:
         count, first_s = len(motion.doubtful_ns), motion.doubtful_ns[0] / NS
         terminal.print(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from semcal_cli.errors import printable
+from semcal_cli.errors import counted, printable
 from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.result.camera import clock_sentence, intrinsic_texts, kept_sentence
 from semcal_cli.result.uncertainty import stated_error
@@ -73,8 +73,7 @@ def verdict_lines(calibration: Calibration) -> list[str]:
 def figures(calibration: Calibration) -> str:
     """Say how many doubts there are about a calibration, or else its interval; empty if that is not known."""
     if calibration.status == "not_trusted":
-        count = len(calibration.reasons)
-        return f"{count} doubt{'s' if count > 1 else ''}"
+        return counted(len(calibration.reasons), "doubt")
     known = calibration.believed_uncertainty
     return "" if known is None else stated_error(known, calibration.used_camera)
 

@@ -14,7 +14,7 @@ from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Conversion, Recording, SourceFrame
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 
 SPREAD_FRAMES = 20
 """Number of frames that `spread` chooses by default."""
@@ -125,13 +125,13 @@ def labelled(recording: Recording) -> Recording:
         kept = [frame for frame in frames if getattr(frame, side)]
         if not kept and num_points and num_images:
             raise InputError(
-                f"found {num_points:,} frames with point labels and {num_images:,} with image "
+                f"found {counted(num_points, 'frame')} with point labels and {num_images:,} with image "
                 f"labels, none of {len(recording.frames):,} with both, needed at least one"
             )
         if not kept and recording.labels_by is not None:
             remarks.append(f"no {what}: {WITHOUT[what]}; add your own with {option} {recording.labels_by}")
         elif kept and len(kept) < len(frames):
-            remarks.append(f"{len(frames) - len(kept):,} frames without {what} are left out")
+            remarks.append(f"left out {counted(len(frames) - len(kept), 'frame')} without {what}")
         frames = kept or frames
     return replace(recording, frames=frames, remarks=(*recording.remarks, *remarks))
 
@@ -145,14 +145,16 @@ def narrowed(recording: Recording, options: Options) -> Recording:
     near = [frame for frame in recording.frames if frame.gap_s <= (options.max_gap_s or np.inf)]
     remarks = list(recording.remarks)
     if left_out := len(recording.frames) - len(near):
-        remarks.append(f"{left_out:,} pairs more than {options.max_gap_s} s apart are left out")
+        remarks.append(f"left out {counted(left_out, 'pair')} more than {options.max_gap_s} s apart")
     if not near:
         raise InputError(
-            f"--max-gap-s: found {left_out:,} pairs, none within {options.max_gap_s} s, needed at least one"
+            f"--max-gap-s: found {counted(left_out, 'pair')}, none within {options.max_gap_s} s, needed at least one"
         )
     frames = near[options.frames]
     if not frames:
-        raise InputError(f"--frames: found {len(near):,} frames, none in this slice, needed at least one")
+        raise InputError(
+            f"--frames: found {counted(len(near), 'frame')}, none in this slice, needed at least one"
+        )
     if options.spread:
         frames = _slowest(frames, options.max_frames or SPREAD_FRAMES)
     elif options.max_frames:

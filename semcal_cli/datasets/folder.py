@@ -19,7 +19,7 @@ from semcal_cli.datasets.files import (
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.drive.document import drive_file
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
@@ -92,8 +92,8 @@ def read(folder: Folder) -> Recording:
     if not whole:
         option = "--image-labels" if image_labels.of_cloud else "--images"
         raise InputError(
-            f"--points: found {len(clouds):,} clouds, {len(point_labels.of_cloud):,} with a file of --point-labels, "
-            f"{len(timed.of_cloud):,} with one of {option}, none with both, needed at least one"
+            f"--points: found {counted(len(clouds), 'cloud')}, {len(point_labels.of_cloud):,} with a file of "
+            f"--point-labels, {len(timed.of_cloud):,} with one of {option}, none with both, needed at least one"
         )
     stamps, has_labels = stamps_s(clouds), False
     if not point_labels.of_cloud:
@@ -147,11 +147,12 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
     how = f"by time, within {max_gap_s} s" if by_time(clouds, files) else "by name"
     if not found:
         raise InputError(
-            f"{option}: found no partner, {how}, for any of {len(clouds):,} clouds "
-            f"(such as {clouds[0].name}) among {len(files):,} files (such as {files[0].name})"
+            f"{option}: found no partner, {how}, for any of {counted(len(clouds), 'cloud')} "
+            f"(such as {clouds[0].name}) among {counted(len(files), 'file')} (such as {files[0].name})"
         )
     alone = len(clouds) - len(found), len(files) - len(found)
-    counts = f"{option}: {len(found):,} pairs {how}; unpaired: {alone[0]:,} clouds, {alone[1]:,} files"
+    unpaired = f"{counted(alone[0], 'cloud')}, {counted(alone[1], 'file')}"
+    counts = f"{option}: {counted(len(found), 'pair')} {how}; unpaired: {unpaired}"
     return Partners(found, stamps_s(files), (counts,) if any(alone) else ())
 
 

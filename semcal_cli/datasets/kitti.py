@@ -23,7 +23,7 @@ from semcal_cli.datasets.files import (
 )
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
-from semcal_cli.errors import InputError, listed
+from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.files.reading import is_folder, read_text
 from semcal_cli.formats.kitti import (
     OBJECT_KEY,
@@ -192,7 +192,9 @@ def _speed(packet: Path) -> float:
     """Read the speed at a frame from its inertial packet, in metres per second."""
     values = read_text(packet).split()
     if len(values) <= FORWARD_SPEED:
-        raise InputError(f"{packet}: found {len(values)} values, needed at least {FORWARD_SPEED + 1}")
+        raise InputError(
+            f"{packet}: found {counted(len(values), 'value')}, needed at least {FORWARD_SPEED + 1}"
+        )
     return abs(float(parse_numbers(packet, f"value {FORWARD_SPEED + 1}", values[FORWARD_SPEED], 1)[0]))
 
 

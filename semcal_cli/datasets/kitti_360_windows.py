@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.datasets.recording import Cloud, Conversion
-from semcal_cli.errors import InputError, listed
+from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.files.reading import read_bytes, read_start
 from semcal_cli.geometry.poses import Pose
 
@@ -125,7 +125,9 @@ def read_vertices(path: Path) -> npt.NDArray[Any]:
     count, dtype = _parse_header(path, start[: end.start()].decode("latin-1").splitlines())
     body = memoryview(read_bytes(path, limit=MAX_BYTES))[end.end() :]
     if count * dtype.itemsize > len(body):
-        raise InputError(f"{path}: found {len(body):,} bytes after the header, needed {count:,} vertices")
+        raise InputError(
+            f"{path}: found {counted(len(body), 'byte')} after the header, needed {count:,} vertices"
+        )
     return np.frombuffer(body, dtype, count)
 
 

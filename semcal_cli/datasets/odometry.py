@@ -19,7 +19,7 @@ from semcal_cli import _core
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.events import Listener, Progress, ignore
 from semcal_cli.drive.motion import MAX_SWEEP_S, displacement
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.poses import Pose, orthonormal, quaternion_xyzw
 
@@ -295,7 +295,7 @@ def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
     poses = odometry.poses()
     gaps_s = np.diff([stamp_s for _, stamp_s in ordered])
     if not poses or np.median(gaps_s) > MAX_GAP_NS / NS:
-        found = f"found {len(ordered):,} sweeps" + (
+        found = f"found {counted(len(ordered), 'sweep')}" + (
             f", {np.median(gaps_s):.3g} s apart" if len(gaps_s) else ""
         )
         needed = f"needed consecutive ones, at most {MAX_GAP_NS / NS:g} s apart"

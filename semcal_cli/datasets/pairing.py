@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.datasets.files import stem
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.node import MAX_STAMP_S
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
@@ -52,7 +52,7 @@ def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> b
         return longest == 9 and not padded
     if longest <= 6 or padded:
         raise InputError(
-            f"{odd}: found {len(groups[odd])} digits after the seconds, needed 3, 6 or 9 in every name, or "
+            f"{odd}: found {counted(len(groups[odd]), 'digit')} after the seconds, needed 3, 6 or 9 in every name, or "
             "nanoseconds without leading zeros"
         )
     return True

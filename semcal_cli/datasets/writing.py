@@ -16,7 +16,7 @@ from semcal_cli.datasets.files import need_file, writable_name
 from semcal_cli.datasets.ontologies import Ontology
 from semcal_cli.datasets.recording import Conversion, Recording, SourceFrame
 from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_drive
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.images import holds_colors
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
@@ -74,14 +74,16 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
         frames = [frame for frame in chosen if _converted(frame, path.parent, write)]
         if not frames:
             file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
-            raise InputError(f"{file}: found no points for any of {len(chosen):,} frames, needed some")
+            raise InputError(
+                f"{file}: found no points for any of {counted(len(chosen), 'frame')}, needed some"
+            )
         document = _document(replace(recording, frames=frames), path)
         drive = validate(Drive, document, UNWRITTEN)
         drive._path = path
         write(document_text(document, "yaml").encode(), path)
     remarks = [*recording.remarks]
     if left_out := len(chosen) - len(frames):
-        remarks.append(f"{left_out:,} frames without points are left out")
+        remarks.append(f"left out {counted(left_out, 'frame')} without points")
     num_converted = sum(isinstance(frame.points, Conversion) for frame in frames)
     return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)), drive)
 

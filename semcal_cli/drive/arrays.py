@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import InputError, describe, one_of
+from semcal_cli.errors import InputError, counted, describe, one_of
 from semcal_cli.files.arrays import COLORS, POINTS, Array, Form, check_array
 
 POSES = "poses"
@@ -157,7 +157,7 @@ def _listed(given: ArrayInput, argument: str, count: int) -> Iterator[tuple[int,
         )
     if len(entries) != count:
         raise InputError(
-            f"{argument}: found {len(entries)} entries, needed {count}, one for each entry of points"
+            f"{argument}: found {counted(len(entries), 'entry')}, needed {count}, one for each entry of points"
         )
     yield from (
         (index, entry) for index, entry in enumerate(entries) if entry is not None or argument == "points"

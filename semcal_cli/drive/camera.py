@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator
 from semcal_cli import _core
 from semcal_cli.config import MAX_PIXELS, JointlyConfig
 from semcal_cli.config.synthetic import ReadoutDirection
-from semcal_cli.errors import InputError, describe, mismatch
+from semcal_cli.errors import InputError, counted, describe, mismatch
 from semcal_cli.files.validation import StrictModel, input_error, length
 
 CameraModel: TypeAlias = Literal[
@@ -188,7 +188,7 @@ class Camera(StrictModel):
         lens = CAMERA_MODELS[model]
         if len(distortion) not in lens.counts:
             needed = " or ".join(map(str, lens.counts))
-            raise mismatch(f"{len(distortion)} coefficients", f"{needed} for {model}")
+            raise mismatch(counted(len(distortion), "coefficient"), f"{needed} for {model}")
         for place, interval in lens.angles.items():
             if place < len(distortion):
                 interval.check(f"[{place}]", distortion[place])

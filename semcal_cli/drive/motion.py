@@ -18,7 +18,7 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.drive.observations import LabelledCloud, Observations
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.arrays import Array, Cloud
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.poses import Pose, orthonormal, pose_from_quaternion
@@ -234,7 +234,9 @@ def read_poses(
     for where, values in _rows_of_text(path) if rows is None else rows:
         if len(values) != 8 or not all(map(math.isfinite, values)):
             found = (
-                "found a number that is not finite" if len(values) == 8 else f"found {len(values)} numbers"
+                "found a number that is not finite"
+                if len(values) == 8
+                else f"found {counted(len(values), 'number')}"
             )
             raise InputError(f"{where}: {found}, {A_POSE}")
         try:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.reading import check_size, open_file, size_of
 from semcal_cli.files.writing import write_bytes
 
@@ -144,7 +144,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
     file.seek(0)
     start = file.read(len(PNG))
     if not start.startswith((PNG, JPEG, BMP)):
-        found = f"{num_bytes:,} bytes of an unknown format"
+        found = f"{counted(num_bytes, 'byte')} of an unknown format"
         raise InputError(f"{path}: found {found}, needed a PNG, JPEG or BMP")
     file.seek(0)
     # An endless header would take memory and time.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS
-from semcal_cli.errors import InputError, describe
+from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
 from semcal_cli.formats.format import Source
@@ -63,7 +63,8 @@ def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]
         raise InputError(f"{path}: found model {block['model']!r}, which --model {model} cannot replace")
     distortion, counts = block.get("distortion", []), lenses[model].counts
     if not isinstance(distortion, list) or len(distortion) not in counts:
-        found = len(distortion) if isinstance(distortion, list) else describe(distortion)
+        is_list = isinstance(distortion, list)
+        found = counted(len(distortion), "coefficient") if is_list else describe(distortion)
         needed = " or ".join(map(str, counts))
-        raise InputError(f"{path}: found {found} coefficients, needed {needed} for --model {model}")
+        raise InputError(f"{path}: found {found}, needed {needed} for --model {model}")
     return block | {"model": model}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
-from semcal_cli.errors import InputError, describe
+from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.node import Node
 
@@ -48,7 +48,7 @@ def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intri
     K, distortion = (document.first(NAMES[key]) for key in ("K", "distortion"))
     numbers, coefficients = K.data(), distortion.data()
     if len(numbers) != 9:
-        raise InputError(f"{K.where}: found {len(numbers)} numbers, needed 9 by rows")
+        raise InputError(f"{K.where}: found {counted(len(numbers), 'number')}, needed 9 by rows")
     block = {
         "model": model_of(distortion, len(coefficients)),
         "width": document.first(NAMES["width"]).side(),

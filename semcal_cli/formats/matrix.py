@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frames import turned
 from semcal_cli.formats.kitti import KITTI_360_FILE
@@ -96,7 +96,9 @@ def _make_text(T: Pose, options: FormatOptions) -> bytes:
 def _read_tum(source: Source, options: FormatOptions) -> Pose:
     lines = _lines(source)
     if len(lines) != 1:
-        raise InputError(f"{source.path}: found {len(lines)} lines, needed one: stamp x y z qx qy qz qw")
+        raise InputError(
+            f"{source.path}: found {counted(len(lines), 'line')}, needed one: stamp x y z qx qy qz qw"
+        )
     _, *values = parse_numbers(source.path, "line 1", lines[0], 8).tolist()
     return pose_of(str(source.path), dict(zip(TUM_NUMBERS, values, strict=True)), options)
 

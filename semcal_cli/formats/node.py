@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.errors import InputError, describe, listed, one_of
+from semcal_cli.errors import InputError, counted, describe, listed, one_of
 from semcal_cli.files.validation import key_part, validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
 
@@ -198,7 +198,7 @@ def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
         if _finite(word) is None:
             raise InputError(f"{path}: {key}: found {word[:40]!r}, needed {needed}")
     if len(words) not in counts:
-        raise InputError(f"{path}: {key}: found {len(words)} numbers, needed {needed}")
+        raise InputError(f"{path}: {key}: found {counted(len(words), 'number')}, needed {needed}")
     return np.array([float(word) for word in words])
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.errors import InputError, describe
+from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.files.documents import parse_document
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.lenses import (
@@ -101,7 +101,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     node = _storage(source).at(KEY)
     values = node.data()
     if len(values) not in (12, 16):
-        raise InputError(f"{node.where}: found {len(values)} numbers, needed 16 by rows, or 12")
+        raise InputError(f"{node.where}: found {counted(len(values), 'number')}, needed 16 by rows, or 12")
     return from_rows(node.where, values, options)
 
 
@@ -153,7 +153,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
             raise InputError(f"{storage.where}: {found}, needed --model, such as plumb_bob or fisheye")
         if count not in MODELS:
             counts = ", ".join(map(str, MODELS))
-            raise InputError(f"{distortion.where}: found {count} numbers, needed one of: {counts}")
+            raise InputError(f"{distortion.where}: found {counted(count, 'number')}, needed one of: {counts}")
         return MODELS[count]
 
     if not is_storage(source.start):

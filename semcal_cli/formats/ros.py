@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from semcal_cli.errors import InputError, listed
+from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.formats.documents import under
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frames import CAMERA_WORDS, between, camera_and_lidar, has_word, named, optical_axes
@@ -101,7 +101,7 @@ def _in_order(where: str, words: list[str]) -> dict[str, str]:
     count = next((i for i, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
     names = {6: (*PLACE, *reversed(ANGLES)), 7: (*PLACE, *XYZW)}.get(count)
     if names is None or len(words) < count + 2:
-        raise InputError(f"{where}: found {count} numbers, needed 6 or 7, then parent and child")
+        raise InputError(f"{where}: found {counted(count, 'number')}, needed 6 or 7, then parent and child")
     return dict(zip((*names, *FRAME_NAMES), words, strict=False))
 
 

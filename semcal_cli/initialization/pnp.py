@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from semcal_cli.config import PnpConfig
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, counted
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_motion
 
@@ -78,7 +78,7 @@ def solve_pnp(
 def _solve_wide(points_lidar: npt.NDArray[np.float64], rays: Rays, config: PnpConfig) -> tuple[Pose, int]:
     """Solve PnP in virtual pinhole cameras, refine each pose over all pairs, and take the one with the most inliers."""
     found: list[tuple[Pose, int]] = []
-    failure = f"PnP: found {len(rays)} pairs, needed {config.min_inliers}"
+    failure = f"PnP: found {counted(len(rays), 'pair')}, needed {config.min_inliers}"
     for R_virtual_camera in _views(rays, config):
         T_camera_lidar = np.eye(4)
         try:
@@ -101,7 +101,7 @@ def _solve_pinhole(
     inside = rays[:, 2] > min_depth
     points, rays = points_lidar[inside], rays[inside]
     if len(points) < config.min_inliers:
-        raise CalibrationError(f"PnP: found {len(points)} pairs, needed {config.min_inliers}")
+        raise CalibrationError(f"PnP: found {counted(len(points), 'pair')}, needed {config.min_inliers}")
     image = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
     identity, no_distortion = np.eye(3), np.zeros(4)
     try:
@@ -119,7 +119,7 @@ def _solve_pinhole(
         raise CalibrationError("PnP: the points do not determine a pose") from None
     num_inliers = 0 if inliers is None else len(inliers)
     if not found or num_inliers < config.min_inliers:
-        raise CalibrationError(f"PnP: found {num_inliers} inliers, needed {config.min_inliers}")
+        raise CalibrationError(f"PnP: found {counted(num_inliers, 'inlier')}, needed {config.min_inliers}")
     kept = inliers[:, 0]
     rotation, translation = cv2.solvePnPRefineLM(
         points[kept], image[kept], identity, no_distortion, rotation, translation
@@ -167,7 +167,7 @@ def _refine_angles(
         chords = rays - directions
         kept = np.linalg.norm(chords, axis=1) <= max_chord
         if kept.sum() < config.min_inliers:
-            raise CalibrationError(f"PnP: found {kept.sum()} inliers, needed {config.min_inliers}")
+            raise CalibrationError(f"PnP: found {counted(kept.sum(), 'inlier')}, needed {config.min_inliers}")
         slopes = _direction_slopes(directions[kept], ranges[kept]).reshape(-1, 6)
         # The pseudo-inverse of the normal equations does not change the pose along undetermined directions.
         twist, *_ = np.linalg.lstsq(slopes.T @ slopes, slopes.T @ chords[kept].ravel(), rcond=None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from semcal_cli.errors import InputError, mismatch
+from semcal_cli.errors import InputError, counted, mismatch
 from semcal_cli.labelling.card import (
     CHANNELS,
     MULTIPLE,
@@ -282,7 +282,7 @@ class _Joining:
             return 1.0, (0.0,), (1.0,)
         for name, numbers in (("mean", card.mean), ("std", card.std)):
             if numbers is not None and len(numbers) not in (1, num_channels):
-                raise self._wrong(name, f"{len(numbers)} numbers", num_channels)
+                raise self._wrong(name, counted(len(numbers), "number"), num_channels)
             if numbers is not None and card.scale is None and max(numbers) > MAX_SCALED:
                 needed = (
                     f"at most {MAX_SCALED:g} for pixels from 0 to 1, or scale: 1.0 for pixels from 0 to 255"

@@ -21,7 +21,7 @@ from semcal_cli.drive.cues.segments import SegmentationConfig
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
@@ -173,7 +173,7 @@ class Overlays:
         observations = self.observations
         if not 0 <= frame < observations.num_frames:
             raise InputError(
-                f"{self.drive.path}: found {observations.num_frames} frames, needed one numbered {frame}"
+                f"{self.drive.path}: found {counted(observations.num_frames, 'frame')}, needed one numbered {frame}"
             )
         background = self._background(frame)
         images: dict[str, Image] = {}

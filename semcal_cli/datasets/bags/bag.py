@@ -19,7 +19,7 @@ from semcal_cli.datasets.bags.messages import NS, Message, Span, Topic
 from semcal_cli.datasets.bags.ros1_file import Ros1File
 from semcal_cli.datasets.bags.sqlite_file import SqliteFile
 from semcal_cli.datasets.bags.unpacking import ZSTD_MAGIC, unpack
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.reading import is_folder, is_same_file, open_file, read_start, read_text
 from semcal_cli.formats.node import Node
@@ -189,7 +189,7 @@ def _open(path: Path, stack: ExitStack) -> Storage:
         start = read_start(source, max(map(len, FORMATS)))
     known = next((each for magic, each in FORMATS.items() if start.startswith(magic)), None)
     if known is None:
-        found = f"{path.stat().st_size:,} bytes of an unknown format"
+        found = f"{counted(path.stat().st_size, 'byte')} of an unknown format"
         raise InputError(f"{path}: found {found}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
     try:
         return known.reader(source, stack)

@@ -25,7 +25,7 @@ from semcal_cli.datasets.bags.messages import (
     Message,
     MessageError,
 )
-from semcal_cli.errors import listed
+from semcal_cli.errors import counted, listed
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
@@ -116,7 +116,7 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
         raise MessageError(f"found several numbers in field {several[0]!r}, needed one")
     has_range = _has_range(records)
     if not has_range.any():
-        raise MessageError(f"found {records.size:,} points, none with a range")
+        raise MessageError(f"found {counted(records.size, 'point')}, none with a range")
     return _with_readable_times(records, has_range, stamp_ns)
 
 
@@ -147,7 +147,7 @@ def _point_cloud2(message: Message) -> npt.NDArray[np.void]:
         raise MessageError(f"found row_step {row:,}, needed {width * step:,} or more for {width:,} points")
     needed = (height - 1) * row + width * step
     if len(cloud.data) < needed:
-        raise MessageError(f"found {len(cloud.data):,} bytes of points, needed {needed:,}")
+        raise MessageError(f"found {counted(len(cloud.data), 'byte')} of points, needed {needed:,}")
     points: npt.NDArray[np.void] = np.ndarray((height, width), layout, cloud.data.tobytes(), 0, (row, step))
     return points.astype([(name, layout[name].newbyteorder("<")) for name in layout.names or ()])
 
@@ -190,13 +190,13 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
         place += (CDR_BYTES - place) % 8
     place += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
     if place + 4 > len(raw):
-        raise MessageError(f"found {len(raw):,} bytes that are not a {message.topic.type}")
+        raise MessageError(f"found {counted(len(raw), 'byte')}, needed a {message.topic.type}")
     (count,) = struct.unpack_from(f"{order}I", raw, place)
     if count == 0:
         raise MessageError("found a cloud without points")
     # The last point has no padding after it.
     if count > MAX_POINTS or place + 4 + (count - 1) * layout.itemsize + packed.itemsize > len(raw):
-        raise MessageError(f"found {count:,} points in {len(raw):,} bytes")
+        raise MessageError(f"found {counted(count, 'point')} in {counted(len(raw), 'byte')}")
     padded = raw[place + 4 :] + bytes(layout.itemsize - packed.itemsize)
     return np.frombuffer(padded, layout, count).astype(packed).reshape(1, count)
 
@@ -216,7 +216,7 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
     if not scan.packets:
         raise MessageError("found a cloud without points")
     if len(scan.packets) * PACKET_POINTS > MAX_POINTS:
-        found = f"found {len(scan.packets):,} packets"
+        found = f"found {counted(len(scan.packets), 'packet')}"
         raise MessageError(f"{found}, needed at most {MAX_POINTS // PACKET_POINTS:,}")
     stamps_ns = [each.stamp.sec * NS + each.stamp.nanosec for each in scan.packets]
     # The library does not accept negative times.
@@ -229,7 +229,9 @@ def _velodyne(message: Message, stamp_ns: int) -> npt.NDArray[np.void]:
         decoder = velodyne_decoder.ScanDecoder(velodyne_decoder.Config())
         stamp, points = decoder.decode(packets, as_pcl_structs=True)
     except Exception as error:  # Hostile bytes raise errors of several kinds in the library.
-        raise MessageError(f"found {len(scan.packets):,} packets that cannot be decoded: {error}") from None
+        raise MessageError(
+            f"found {counted(len(scan.packets), 'packet')} that cannot be decoded: {error}"
+        ) from None
     points["time"] += np.float32(stamp.host + (begin_ns - stamp_ns) / NS)
     layout: np.dtype[Any] = points.dtype
     packed: npt.NDArray[np.void] = points.astype([(name, layout[name]) for name in layout.names or ()])

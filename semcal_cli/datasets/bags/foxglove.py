@@ -24,7 +24,7 @@ from semcal_cli.datasets.bags.messages import (
     VIDEO,
     MessageError,
 )
-from semcal_cli.errors import check_installed, describe, reason
+from semcal_cli.errors import check_installed, counted, describe, reason
 
 POINT_FIELD_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
 """Datatype of a sensor_msgs/PointField by that of a PackedElementField."""
@@ -125,7 +125,7 @@ def _camera_calibration(message: Any) -> SimpleNamespace:
     for name, counts in CAMERA_NUMBERS.items():
         values = getattr(message, name, ())
         if len(values) not in counts:
-            raise MessageError(f"found {len(values):,} numbers in {name}, needed {max(counts)}")
+            raise MessageError(f"found {counted(len(values), 'number')} in {name}, needed {max(counts)}")
         numbers[name] = [float(each) for each in values]
     region = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
     # R and P stay zero if they are left out.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.datasets.bags.messages import COMPRESSED, Message, MessageError
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 from semcal_cli.files.images import Size, stated_size
 
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -118,11 +118,15 @@ def _compressed(message: Message) -> ImageFile:
     suffix = {b"\x89PNG": ".png", b"\xff\xd8\xff\xe0": ".jpg"}.get(content[:4])
     suffix = suffix or (".jpg" if content.startswith(b"\xff\xd8\xff") else None)
     if suffix is None or kind == "compressedDepth":
-        raise MessageError(f"found {len(content):,} bytes of format {kind!r}, needed a JPEG or a PNG")
+        raise MessageError(
+            f"found {counted(len(content), 'byte')} of format {kind!r}, needed a JPEG or a PNG"
+        )
     try:
         size = stated_size(Path("image"), BytesIO(content))
     except InputError:
-        raise MessageError(f"found {len(content):,} bytes of a damaged {suffix[1:].upper()}") from None
+        raise MessageError(
+            f"found {counted(len(content), 'byte')} of a damaged {suffix[1:].upper()}"
+        ) from None
     _check_size(*size)
     return ImageFile(content, suffix, size)
 
@@ -140,9 +144,11 @@ def _pixels(message: Message) -> Pixels:
     if step < row:
         raise MessageError(f"found step {step:,}, needed {row:,} or more for {width:,} columns")
     if len(image.data) < (height - 1) * step + row:
-        raise MessageError(f"found {len(image.data):,} bytes of pixels, needed {(height - 1) * step + row:,}")
+        raise MessageError(
+            f"found {counted(len(image.data), 'byte')} of pixels, needed {(height - 1) * step + row:,}"
+        )
     if encoding.conversion in (_UYVY, _YUYV) and width % 2:
-        raise MessageError(f"found {width} columns of {image.encoding}, needed an even number")
+        raise MessageError(f"found {counted(width, 'column')} of {image.encoding}, needed an even number")
     shape = (height, width, encoding.channels)
     strides = (step, encoding.channels * scalar.itemsize, scalar.itemsize)
     stored = np.ndarray(shape, scalar, image.data.tobytes(), 0, strides)

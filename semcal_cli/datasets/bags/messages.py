@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from semcal_cli.errors import counted
+
 CLOUD = "sensor_msgs/msg/PointCloud2"
 LIVOX = ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg")
 VELODYNE = "velodyne_msgs/msg/VelodyneScan"
@@ -142,7 +144,9 @@ class Message:
         except MessageError:
             raise
         except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
-            raise MessageError(f"found {len(self.raw):,} bytes that are not a {self.topic.type}") from error
+            raise MessageError(
+                f"found {counted(len(self.raw), 'byte')}, needed a {self.topic.type}"
+            ) from error
 
     @cached_property
     def _header(self) -> tuple[int, int, str]:
@@ -151,7 +155,9 @@ class Message:
             header = self.content.header
             return header.stamp.sec, header.stamp.nanosec, header.frame_id
         if len(self.raw) < HEADER_BYTES:
-            raise MessageError(f"found {len(self.raw)} bytes, needed a header of {HEADER_BYTES} or more")
+            raise MessageError(
+                f"found {counted(len(self.raw), 'byte')}, needed a header of {HEADER_BYTES} or more"
+            )
         is_ros1 = self.topic.is_ros1
         # A CompressedVideo of ROS 1 does not begin with a sequence number.
         start = 0 if is_ros1 and self.is_a(VIDEO) else 4

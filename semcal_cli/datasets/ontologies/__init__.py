@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import Field, field_validator, model_validator
 
 from semcal_cli.drive.document import Color, Ids
-from semcal_cli.errors import InputError, describe
+from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import StrictModel, check_distinct, validate
 
@@ -71,7 +71,7 @@ class Ontology(StrictModel):
         for name, named in self.classes.items():
             if len(named.ids) != 1:
                 raise InputError(
-                    f"class {name!r}: found {len(named.ids)} ids, needed one: "
+                    f"class {name!r}: found {counted(len(named.ids), 'id')}, needed one: "
                     "the label images are colours, and a palette has one colour per class"
                 )
             if named.ids[0] > MAX_RED:

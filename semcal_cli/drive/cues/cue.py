@@ -12,7 +12,7 @@ import numpy as np
 from semcal_cli.config import StartsConfig
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.observations import NO_CLASS, FrameObservation, Observations
-from semcal_cli.errors import describe, listed
+from semcal_cli.errors import counted, describe, listed
 from semcal_cli.files.point_clouds import Sweeps
 
 Observe: TypeAlias = Callable[[Drive, Sweeps | None, bool], Observations]
@@ -72,7 +72,7 @@ def _check(found: Observations, drive: Drive) -> None:
         raise TypeError(f"observe: found {describe(found)}, needed Observations")
     if len(found.frame_observations) != len(drive.frames) or found.num_cues != 1:
         raise ValueError(
-            f"observe: found {len(found.frame_observations)} frames, needed {len(drive.frames)}, by one cue"
+            f"observe: found {counted(len(found.frame_observations), 'frame')}, needed {len(drive.frames)}, by one cue"
         )
     for side in ("point_class_names", "image_class_names"):
         names = getattr(found, side)

@@ -20,7 +20,7 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
-from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.errors import CalibrationError, InputError, counted
 from semcal_cli.files.arrays import Cloud
 from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
 from semcal_cli.files.reading import map_array
@@ -65,7 +65,9 @@ def observe_features(
         for frame, found in zip(drive.frames, vectors, strict=True):
             if found.shape[-1] != vectors[0].shape[-1]:
                 where = drive.resolve(str(getattr(frame, key)))
-                raise InputError(f"{where}: found {found.shape[-1]} channels, needed {vectors[0].shape[-1]}")
+                raise InputError(
+                    f"{where}: found {counted(found.shape[-1], 'channel')}, needed {vectors[0].shape[-1]}"
+                )
     labelled = [
         LabelledCloud(sweep.points, codes, vectors=scaled)
         for sweep, (scaled, codes) in zip(moved, _coded("points", of_points, config), strict=True)
