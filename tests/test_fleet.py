@@ -46,6 +46,13 @@ def test_scatter_beyond_what_is_stated_is_found_even_where_the_rig_changed() -> 
         assert found == pytest.approx(np.full(6, extra), rel=0.15, abs=0.5)
 
 
+def test_drives_that_agree_to_the_bit_have_no_extra_scatter() -> None:
+    _, covariances, series = fleet(np.random.default_rng(1), 5)
+    scatter = extra_scatter(np.zeros_like(series), covariances)
+    assert np.array_equal(scatter.variances, np.zeros(6))
+    assert np.array_equal(scatter.degrees_of_freedom, np.full(6, 4.0))
+
+
 def test_a_change_is_found_where_it_happened() -> None:
     _, covariances, series = fleet(np.random.default_rng(2), 60)
     series[20:, 4] += np.radians(0.2)

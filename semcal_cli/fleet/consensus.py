@@ -84,8 +84,9 @@ def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
     found = _solve(
         stated[is_near], squared[is_near], lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean
     )
-    share = np.maximum(found / (found + variances.mean(axis=0)), np.finfo(float).tiny)
-    # Even an extra variance of zero is known no better than this number of differences allows.
+    # Even an extra variance of zero is known no better than this number of differences allows; the least share has a
+    # square.
+    share = np.maximum(found / (found + variances.mean(axis=0)), 1e-3)
     return Scatter(found, np.minimum(EFFICIENCY * len(is_near) / share**2, len(is_near)))
 
 
