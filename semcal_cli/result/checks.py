@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -126,7 +127,7 @@ class Measured(NamedTuple):
         return () if self.finding is None else (self.finding,)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Check:
     """A check of a pose against a limit, and what to do if it fails."""
 
@@ -171,127 +172,101 @@ def findings_among(measured: Iterable[Measured]) -> tuple[Finding, ...]:
     return tuple(finding for each in measured for finding in each.findings)
 
 
+SETTING = partial(Limit, source="a setting")
+ELSEWHERE = "add frames from other places"
+BY_HAND = f"{ELSEWHERE}, or measure the mounting by hand and give it with --init"
+NEARER = "add frames, or start nearer with --init"
+GIVE_MOTION = "give motion.poses or motion.twist in the drive, or record at lower speed"
+
 # The mounting is not clear.
-OTHER_MOUNTING = Check(
-    topic="other-mounting",
-    advice="add frames from other places, or measure the mounting by hand and give it with --init",
-)
-NOTHING_TO_COMPARE = Check(
-    topic="nothing-to-compare",
-    advice="add frames from other places, or measure the mounting by hand and give it with --init",
-)
-OTHER_AZIMUTH = Check(
-    topic="other-azimuth",
-    advice="add frames from other places, or measure the mounting by hand and give it with --init",
-)
-OTHER_POSE = Check(topic="other-pose", advice="add frames from other places")
-FEW_SCENES = Check(topic="few-scenes", advice="add frames from other places")
+OTHER_MOUNTING = Check("other-mounting", BY_HAND)
+NOTHING_TO_COMPARE = Check("nothing-to-compare", BY_HAND)
+OTHER_AZIMUTH = Check("other-azimuth", BY_HAND)
+OTHER_POSE = Check("other-pose", ELSEWHERE)
+FEW_SCENES = Check("few-scenes", ELSEWHERE)
 CUES_DISAGREE = Check(
-    topic="cues-disagree",
-    advice="add frames from other places, or check with `semcal overlay --by edge` whether edges line up",
+    "cues-disagree", f"{ELSEWHERE}, or check with `semcal overlay --by edge` whether edges line up"
 )
 CAMERA_MOTION = Check(
-    topic="camera-motion",
-    advice="check with `semcal overlay` whether points lie on their objects, and check K, the clocks and the motion",
+    "camera-motion",
+    "check with `semcal overlay` whether points lie on their objects, and check K, the clocks and the motion",
 )
 # The labels do not determine the pose.
 NOT_DETERMINED = Check(
-    topic="not-determined",
-    advice="record frames with near and far objects on both sides of the image, or give a measured position "
-    "with --prior-translation-m",
+    "not-determined",
+    "record frames with near and far objects on both sides of the image, or give a measured position with "
+    "--prior-translation-m",
 )
 NOT_DETERMINED_TOGETHER = Check(
-    topic="not-determined-together",
-    advice="record frames with near and far objects, or give more with --prior-translation-m and "
-    "--prior-rotation-deg",
+    "not-determined-together",
+    "record frames with near and far objects, or give more with --prior-translation-m and --prior-rotation-deg",
 )
-WIDE_INTERVAL = Check(
-    topic="wide-interval", advice="add frames with near and far objects, recorded while driving"
-)
-NO_DIRECTION = Check(
-    topic="no-direction", advice="record frames with more classes, such as poles, cars and kerbs"
-)
-ONE_CLASS = Check(topic="one-class", advice="record frames with more kinds of objects, or label more classes")
-NOTHING_LABELLED = Check(topic="nothing-labelled", advice="label them, or check which ids the drive ignores")
+WIDE_INTERVAL = Check("wide-interval", "add frames with near and far objects, recorded while driving")
+NO_DIRECTION = Check("no-direction", "record frames with more classes, such as poles, cars and kerbs")
+ONE_CLASS = Check("one-class", "record frames with more kinds of objects, or label more classes")
+NOTHING_LABELLED = Check("nothing-labelled", "label them, or check which ids the drive ignores")
 OVERLAP = Check(
-    topic="overlap",
-    advice="label more points, or check which ids the drive ignores",
-    settings={"": Limit(at_least=MIN_OVERLAP, unit="%", source="a setting")},
+    "overlap",
+    "label more points, or check which ids the drive ignores",
+    {"": SETTING(at_least=MIN_OVERLAP, unit="%")},
 )
-CHANCE = Check(topic="chance", advice="check that the labels belong to these sweeps and images")
+CHANCE = Check("chance", "check that the labels belong to these sweeps and images")
 # The search for the pose did not converge.
 REFINEMENT_NOT_SETTLED = Check(
-    topic="refinement-not-settled",
-    advice="add frames, or start nearer with --init",
-    settings={"": Limit(at_most=PyramidConfig.max_final_drift, unit="blocks", source="a setting")},
+    "refinement-not-settled", NEARER, {"": SETTING(at_most=PyramidConfig.max_final_drift, unit="blocks")}
 )
 POLISH_NOT_SETTLED = Check(
-    topic="polish-not-settled",
-    advice="add frames, or start nearer with --init",
-    settings={"": Limit(at_most=PolishConfig.settled_px, unit="pixels", source="a setting")},
+    "polish-not-settled", NEARER, {"": SETTING(at_most=PolishConfig.settled_px, unit="pixels")}
 )
 POLISH_REJECTED = Check(
-    topic="polish-rejected",
-    advice="check with `semcal inspect` that sweeps, images and labels belong together, or add frames",
-    settings={
-        "": Limit(at_most=PolishConfig.max_loss, unit="standard errors", source="a setting"),
-        "several starts": Limit(
-            at_most=PolishConfig.max_loss_of_tops, unit="standard errors", source="a setting"
-        ),
+    "polish-rejected",
+    "check with `semcal inspect` that sweeps, images and labels belong together, or add frames",
+    {
+        "": SETTING(at_most=PolishConfig.max_loss, unit="standard errors"),
+        "several starts": SETTING(at_most=PolishConfig.max_loss_of_tops, unit="standard errors"),
     },
 )
-POLISH_NOT_TESTED = Check(topic="polish-not-tested", advice="add frames, or label more pixels")
-FUSION_NOT_SETTLED = Check(topic="fusion-not-settled", advice="add frames, or start nearer with --init")
-SEEDS = Check(topic="seeds", advice="add frames from other places")
-SOIC = Check(topic="soic", advice="start nearer with --init")
+POLISH_NOT_TESTED = Check("polish-not-tested", "add frames, or label more pixels")
+FUSION_NOT_SETTLED = Check("fusion-not-settled", NEARER)
+SEEDS = Check("seeds", ELSEWHERE)
+SOIC = Check("soic", "start nearer with --init")
 # Files do not belong together.
 WRONG_PAIRING = Check(
-    topic="wrong-pairing", advice="compare times and names to check that sweeps and images belong together"
+    "wrong-pairing", "compare times and names to check that sweeps and images belong together"
 )
-ODD_FRAMES = Check(
-    topic="odd-frames", advice="check the times and names of the files, or remove these frames"
-)
+ODD_FRAMES = Check("odd-frames", "check the times and names of the files, or remove these frames")
 SHIFTED_POINT_LABELS = Check(
-    topic="shifted-point-labels",
-    advice="check that no points were skipped when they were written, and label these sweeps again",
+    "shifted-point-labels",
+    "check that no points were skipped when they were written, and label these sweeps again",
 )
 SHIFTED_LABEL_IMAGES = Check(
-    topic="shifted-label-images",
-    advice="check that they were made from these images at the same size, and label them again",
+    "shifted-label-images",
+    "check that they were made from these images at the same size, and label them again",
 )
 LEAKED_LABELS = Check(
-    topic="leaked-labels",
-    advice="label the points without the images, or calibrate with --cue segments,edges",
+    "leaked-labels", "label the points without the images, or calibrate with --cue segments,edges"
 )
 OWN_DRIVE = Check(
-    topic="own-drive",
-    advice="check it on another drive, because a transform always agrees with the drive that it was calibrated on",
+    "own-drive",
+    "check it on another drive, because a transform always agrees with the drive that it was calibrated on",
 )
 FRAMES_DISAGREE = Check(
-    topic="frames-disagree",
-    advice="check the times of sweeps and images, the motion and the labels, or remove these frames",
+    "frames-disagree",
+    "check the times of sweeps and images, the motion and the labels, or remove these frames",
 )
-MOVED_CAMERA = Check(
-    topic="moved-camera", advice="calibrate each part with `semcal calibrate --split`, or record again"
-)
+MOVED_CAMERA = Check("moved-camera", "calibrate each part with `semcal calibrate --split`, or record again")
 # Camera, clocks and motion.
-WRONG_FOCAL_LENGTH = Check(
-    topic="focal-length", advice="check fx and fy in K, and that K belongs to images of this size"
-)
+WRONG_FOCAL_LENGTH = Check("focal-length", "check fx and fy in K, and that K belongs to images of this size")
 WRONG_INTRINSICS = Check(
-    topic="intrinsics",
-    advice="check K and the distortion, and that K belongs to images of this size, or calibrate the lens again",
+    "intrinsics",
+    "check K and the distortion, and that K belongs to images of this size, or calibrate the lens again",
 )
-WRONG_CLOCKS = Check(topic="clocks", advice="check the clocks of camera and LiDAR, and correct image_stamp")
-MOTION = Check(
-    topic="motion", advice="give motion.poses or motion.twist in the drive, or record at lower speed"
-)
-SHUTTER = Check(
-    topic="shutter", advice="give motion.poses or motion.twist in the drive, or record at lower speed"
-)
-FAR_CAMERA = Check(topic="baseline", advice="give a larger --max-baseline-m if the camera is farther away")
+WRONG_CLOCKS = Check("clocks", "check the clocks of camera and LiDAR, and correct image_stamp")
+MOTION = Check("motion", GIVE_MOTION)
+SHUTTER = Check("shutter", GIVE_MOTION)
+FAR_CAMERA = Check("baseline", "give a larger --max-baseline-m if the camera is farther away")
 # What you stated contradicts the data.
-PRIOR = Check(topic="prior", advice="measure it again, or give a larger SIGMA")
+PRIOR = Check("prior", "measure it again, or give a larger SIGMA")
 
 CHECKS = {check.topic: check for check in vars().copy().values() if isinstance(check, Check)}
 """All checks by topic."""
