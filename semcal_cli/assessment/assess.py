@@ -32,9 +32,10 @@ from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import intrinsic_value, sigma_of, with_intrinsics
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.errors import counted
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER, Measured
-from semcal_cli.result.uncertainty import Uncertainty, as_entries
+from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
 
 NOTHING = NOT_DETERMINED.finding(
@@ -90,10 +91,8 @@ def assess(
         )
         found = replace(found, findings=advised)
     stages = replace(stages, assessment=found)
-    count = len(stages.findings)
-    doubts = {0: "no doubts", 1: "1 doubt"}.get(count, f"{count} doubts")
-    note = f"{doubts} about the pose"
-    on_event(StageDone("assessed", perf_counter() - start, note))
+    doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
+    on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
     return stages
 
 
@@ -221,11 +220,10 @@ def _uncertainty(answer: _Answer, *, with_label_bleed: bool) -> Uncertainty | No
         found = estimate_uncertainty(observations, T, edge_band_px=config.edge_band_px, of_others=of_others)
     if found is None:
         return None
+    of_K = answer.of_intrinsics
     parts = {
         "label_bleed": label_bleed(observations, T, config, answer.label_gain) if with_label_bleed else None,
-        "covariance_of_intrinsics": None
-        if answer.of_intrinsics is None
-        else as_entries(answer.of_intrinsics),
+        "covariance_of_intrinsics": None if of_K is None else tuple(map(tuple, of_K.tolist())),
     }
     return found.model_copy(update=parts)
 
@@ -260,18 +258,16 @@ def _compare_frames(answer: _Answer) -> Assessment:
     measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
     num_scenes = len(set(observations.scenes))
     if data.is_refined_by_edges:
-        compared = f"edges were compared in {num_scenes} scene{'s' * (num_scenes > 1)}"
+        compared = f"edges were compared in {counted(num_scenes, 'scene')}"
         measured.append(FEW_SCENES.measured(num_scenes, f"{compared}, needed at least {MIN_SCENES}"))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
-        count, same = f"{num_scenes} frames", "the others show the same scenes"
+        same = "the others show the same scenes"
         if num_scenes == 1:
-            count, same = (
-                "1 frame",
-                "all show the same scene, so whether sweeps and images belong together cannot be checked",
-            )
+            same = "all show the same scene, so whether sweeps and images belong together cannot be checked"
         notes.append(
-            f"the {observations.num_frames} frames count as {count}, because {same}: add frames recorded while driving"
+            f"the {observations.num_frames} frames count as {counted(num_scenes, 'frame')}, because {same}: add frames "
+            "recorded while driving"
         )
     if not answer.is_clock_estimated:
         notes += notes_on_clock(data, answer.clock)

@@ -64,10 +64,8 @@ class Comparison:
 
 def describe_cameras(a: Extrinsic, b: Extrinsic) -> str | None:
     """Say how the cameras of two transforms differ if either was estimated; None if there is nothing to say."""
-    refined = [
-        each.record.camera for each in (a, b) if each.record is not None and each.record.camera is not None
-    ]
-    if a.camera is None or b.camera is None or not any(each.is_kept for each in refined):
+    has_found = any(each.record is not None and each.record.has_found_camera for each in (a, b))
+    if a.camera is None or b.camera is None or not has_found:
         return None
     differences = camera_differences(a.camera, b.camera, "B")
     return f"that of A has {', '.join(differences)}" if differences else None

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.information import compared_by, information_by_squares, paired_gain
+from semcal_cli.assessment.information import compared_by, entropy, information_by_squares, paired_gain
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.alike import ranges_of, shares_alike
 from semcal_cli.drive.camera import core_camera
@@ -110,9 +110,8 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> Measure
     counts = np.sum([np.bincount(each, minlength=NO_CLASS + 1) for each in ids], axis=0)[:NO_CLASS]
     if not counts.any():
         return NOTHING_LABELLED.without_value(f"none of the {name} are labelled")
-    shares = counts[counts > 0] / counts.sum()
     # The number of equally frequent classes that would have the same entropy.
-    effective = float(np.exp(-np.sum(shares * np.log(shares))))
+    effective = float(np.exp(entropy(counts)))
     like, least = told_apart(effective, ONE_CLASS.limit(), 2)
     found = (
         f"nearly all {name} have the same class, equivalent to {like} equally frequent classes, needed at least "

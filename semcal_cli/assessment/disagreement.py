@@ -222,12 +222,10 @@ class _Suspicion:
 
 def _compare(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
     """Compare the frames with one pose; None if they have no scores."""
-    count, px_per_deg = (
-        observations.num_frames,
-        math.radians(core_camera(observations.camera).pixels_per_radian),
-    )
+    count = observations.num_frames
     if count < 2:
         return None
+    px_per_deg = math.radians(core_camera(observations.camera).pixels_per_radian)
     fine = int(np.clip(round(FINE_DEG * px_per_deg), *FINE_PX))
     blocks_px = fine, max(round(COARSE_DEG * px_per_deg), fine + 1)
     found = [score_frames(observations, T_camera_lidar, block_px) for block_px in blocks_px]

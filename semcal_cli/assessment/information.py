@@ -8,6 +8,7 @@ carry no more information than null partitions, and 1 where they determine every
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -51,14 +52,6 @@ class InformationBySquares:
         return np.asarray((self.sums - self.mean * self.weights) / max(self.weights.sum(), 1.0))
 
     @property
-    def sigma(self) -> float:
-        """Standard error of the mean over independent squares; infinite with fewer than two."""
-        count = len(self.sums)
-        if count < 2:
-            return float("inf")
-        return float(np.sqrt((self.influence**2).sum() * count / (count - 1)))
-
-    @property
     def weight_by_frame(self) -> npt.NDArray[np.float64]:
         """(F,) weight of the points of each frame."""
         return np.asarray(np.bincount(self.frames, self.weights, self.num_frames), np.float64)
@@ -72,10 +65,8 @@ class InformationBySquares:
     @property
     def sigma_by_frame(self) -> npt.NDArray[np.float64]:
         """(F,) standard error of each frame's mean over independent squares; infinite with fewer than two."""
-        weights, counts = (
-            np.maximum(self.weight_by_frame, 1.0),
-            np.bincount(self.frames, minlength=self.num_frames),
-        )
+        weights = np.maximum(self.weight_by_frame, 1.0)
+        counts = np.bincount(self.frames, minlength=self.num_frames)
         influence = (self.sums - self.by_frame[self.frames] * self.weights) / weights[self.frames]
         squares = np.bincount(self.frames, influence**2, self.num_frames)
         return np.where(counts > 1, np.sqrt(squares * counts / np.maximum(counts - 1, 1)), np.inf)
@@ -120,3 +111,9 @@ def pointwise_information(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.floa
     seen = joint > 0.0
     ratio = np.divide(joint, expected, out=np.ones_like(joint), where=seen)
     return np.asarray(np.log(ratio))
+
+
+def entropy(counts: npt.NDArray[Any]) -> float:
+    """Compute the entropy of classes, nats, from how often they come up."""
+    shares = counts[counts > 0] / max(counts.sum(), 1)
+    return float(-(shares * np.log(shares)).sum())

@@ -133,6 +133,7 @@ def inspect(drive: Drive) -> DriveReport:
     few = _loaded(probed)
     motion = report_motion(drive)
     num_scenes = len(set(alike_frames([ranges[index] for index in readable])))
+    median_range_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
     elevations, azimuths = _field_of_points(points)
     field_of_view = _field_of_view(drive)
     point_names = _names(frame.point_classes for frame in frames)
@@ -145,7 +146,7 @@ def inspect(drive: Drive) -> DriveReport:
         azimuths_deg=azimuths,
         field_of_view_deg=field_of_view,
         shared_classes=tuple(name for name in point_names or () if name in (pixel_names or ())),
-        median_range_m=float(np.median(np.linalg.norm(np.concatenate(points), axis=1))),
+        median_range_m=median_range_m,
         span_s=motion.span_s,
         speeds_m_s=motion.speeds_m_s,
         fastest_turn_deg_s=motion.fastest_turn_deg_s,
@@ -153,7 +154,7 @@ def inspect(drive: Drive) -> DriveReport:
             *implausible_intrinsics(drive.camera).values(),
             *[NO_VIEW] * (min(field_of_view) < MIN_VIEW_DEG),
             *_check_images(drive),
-            *_check_scale(points, few),
+            *_check_scale(median_range_m, few),
             *_check_classes(point_names, pixel_names),
             *motion.suspicions,
             *_check_motion(drive, motion_error_px(probed, clouds), points),
@@ -199,11 +200,8 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
     ranges, kinds = np.empty(0, np.float32), tuple[str, ...]()
     try:
         (cloud,) = read_clouds(alone)
-        num_points, num_no_returns, ranges = (
-            len(cloud.points),
-            cloud.num_no_returns,
-            nearest_ranges(cloud.points),
-        )
+        num_points, num_no_returns = len(cloud.points), cloud.num_no_returns
+        ranges = nearest_ranges(cloud.points)
         labels = cloud.labels if cloud.label_shares is None else cloud.label_shares
         if labels is not None:
             point_classes, points_ignored = count_labels(drive, "points", labels)
@@ -300,11 +298,10 @@ def _field_of_view(drive: Drive) -> tuple[float, float]:
     return left + right, top + bottom
 
 
-def _check_scale(points: Sequence[Points], few: Observations | None) -> list[str]:
-    middle_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
-    if middle_m > MAX_RANGE_M:
-        return [f"half of the points are {middle_m:,.0f} m away or more: clouds must be in the LiDAR frame"]
-    return judge_scale(middle_m) if few is None else check_scale(few)
+def _check_scale(median_m: float, few: Observations | None) -> list[str]:
+    if median_m > MAX_RANGE_M:
+        return [f"half of the points are {median_m:,.0f} m away or more: clouds must be in the LiDAR frame"]
+    return judge_scale(median_m) if few is None else check_scale(few)
 
 
 def _check_images(drive: Drive) -> list[str]:

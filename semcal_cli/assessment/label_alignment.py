@@ -26,13 +26,14 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.information import entropy
 from semcal_cli.assessment.pairing import frame_list
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
-from semcal_cli.errors import InputError, told_apart
+from semcal_cli.errors import InputError, counted, told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.checks import (
     LEAKED_LABELS,
@@ -243,8 +244,8 @@ def _moves(
 
 
 def _entries_words(entries: float) -> str:
-    count = f"{abs(entries)} {'entry' if abs(entries) == 1 else 'entries'}"
-    return f"shifted by {count} towards the {'start' if entries < 0 else 'end'} of the file"
+    side = "start" if entries < 0 else "end"
+    return f"shifted by {counted(abs(int(entries)), 'entry')} towards the {side} of the file"
 
 
 def _move_words(right_px: float, down_px: float, scale: float) -> str:
@@ -266,7 +267,7 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
         T_camera_lidar: (4, 4) pose, metres.
     """
     hidden, visible = _joints(few_frames(observations, NUM_FRAMES), T_camera_lidar)
-    if hidden.sum() < LEAST_POINTS or _entropy(hidden.sum(axis=1)) < np.log(LEAST_CLASSES):
+    if hidden.sum() < LEAST_POINTS or entropy(hidden.sum(axis=1)) < np.log(LEAST_CLASSES):
         return ()
     # At a wrong pose, pixels say little about any point, and by chance as much about both kinds.
     share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
@@ -297,14 +298,8 @@ def _joints(
 
 def _share_explained(joint: npt.NDArray[np.float64]) -> float:
     """Compute the fraction of the entropy of the points' classes that the pixels explain, from joint counts."""
-    points_nats, pixels_nats = _entropy(joint.sum(axis=1)), _entropy(joint.sum(axis=0))
+    points_nats, pixels_nats = entropy(joint.sum(axis=1)), entropy(joint.sum(axis=0))
     num_points, num_pixels = (np.count_nonzero(joint.any(axis=axis)) for axis in (1, 0))
     # Miller's correction: the information that chance adds for few points.
     by_chance = (num_points - 1) * (num_pixels - 1) / (2.0 * max(joint.sum(), 1.0))
-    return float((points_nats + pixels_nats - _entropy(joint.ravel()) - by_chance) / max(points_nats, 1e-9))
-
-
-def _entropy(counts: npt.NDArray[np.float64]) -> float:
-    """Compute the entropy of classes, nats, from how often they come up."""
-    shares = counts[counts > 0.0] / max(counts.sum(), 1.0)
-    return float(-(shares * np.log(shares)).sum())
+    return float((points_nats + pixels_nats - entropy(joint.ravel()) - by_chance) / max(points_nats, 1e-9))

@@ -9,7 +9,7 @@ import numpy as np
 
 from semcal_cli.drive.document import Drive, Motion
 from semcal_cli.drive.motion import read_trajectory
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 
 LEAST_SPREAD_M_S, LEAST_TURN_DEG_S = 2.0, 5.0
 """Difference of speeds and fastest turn; below both, all frames move much alike. A clock that is 20 ms off shifts
@@ -48,7 +48,10 @@ def report_motion(drive: Drive) -> MotionReport:
         twists, missed = _twists(drive, drive.motion)
     except InputError as error:
         return found._replace(suspicions=(str(error),))
-    suspicions = (_missed(missed),) if missed else ()
+    suspicions: tuple[str, ...] = ()
+    if missed:
+        frames = f"{counted(len(missed), 'frame')}{', first' * (len(missed) > 1)} {missed[0]}"
+        suspicions = (f"the poses do not cover the images of {frames}",)
     if not len(twists):
         return found._replace(suspicions=suspicions)
     speeds = np.linalg.norm(twists[:, :3], axis=1)
@@ -77,8 +80,3 @@ def _twists(drive: Drive, motion: Motion) -> tuple[np.ndarray, list[str]]:
         except ValueError:
             missed.append(frame.points)
     return np.array(twists).reshape(-1, 6), missed
-
-
-def _missed(sweeps: list[str]) -> str:
-    counted = "1 frame" if len(sweeps) == 1 else f"{len(sweeps):,} frames, first"
-    return f"the poses do not cover the images of {counted} {sweeps[0]}"

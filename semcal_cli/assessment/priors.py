@@ -23,7 +23,7 @@ from semcal_cli.assessment.sensitivity import Matrix, Measurement, Sensitivity, 
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
 from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import counted, told_apart
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
 from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
 from semcal_cli.result.checks import FUSION_NOT_SETTLED, PRIOR
@@ -297,22 +297,22 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
     far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
     found_chi2, most_chi2 = told_apart(chi2, most)
     found = (
-        f"{prior.name} is {far} from the pose that labels alone give, chi-square {found_chi2} with {num_axes} "
-        f"degree{'s' * (num_axes > 1)} of freedom, needed at most {most_chi2}"
+        f"{prior.name} is {far} from the pose that labels alone give, chi-square {found_chi2} with "
+        f"{counted(num_axes, 'degree')} of freedom, needed at most {most_chi2}"
     )
     return [PRIOR.finding(found)]
 
 
 def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
-    deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
-    worst = int(deviations.argmax())
-    far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))
-    off, most = told_apart(float(deviations[worst]), PRIOR.limit("one axis"), 1)
+    residual = prior.residual(T_camera_lidar)
+    deviations = np.abs(residual) / np.maximum(prior.sigmas, EXACT)
+    worst, farthest = int(deviations.argmax()), float(deviations.max())
+    off, most = told_apart(farthest, PRIOR.limit("one axis"), 1)
     found = (
-        f"{prior.name} is {far} from the pose that everything else gives, {off} standard deviations, "
-        f"needed at most {most}"
+        f"{prior.name} is {_length(worst, residual[worst])} from the pose that everything else gives, {off} standard "
+        f"deviations, needed at most {most}"
     )
-    return [*PRIOR.measured(float(deviations[worst]), found, "one axis").findings]
+    return [*PRIOR.measured(farthest, found, "one axis").findings]
 
 
 def _length(axis: int, off: float) -> str:

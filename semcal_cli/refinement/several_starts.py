@@ -182,13 +182,10 @@ def _tops(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:
     """Drop the ends that are at the same maximum as a better one, best first."""
     kept: list[_core.Aligned] = []
     for end in ends:
-        if not any(_is_at(end.T_camera_lidar, better.T_camera_lidar) for better in kept):
+        poses = [better.T_camera_lidar for better in kept]
+        if not any(_is_within(end.T_camera_lidar, T, MEETING_DEG, MEETING_M) for T in poses):
             kept.append(end)
     return kept
-
-
-def _is_at(T_camera_lidar: Pose, T_other: Pose) -> bool:
-    return _is_within(T_camera_lidar, T_other, MEETING_DEG, MEETING_M)
 
 
 def _is_within(T_camera_lidar: Pose, T_other: Pose, angle_deg: float, distance_m: float) -> bool:

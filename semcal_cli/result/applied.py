@@ -14,7 +14,7 @@ from semcal_cli.drive.cues.table import allowed, recorded
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.motion import delayed, twists_per_s
 from semcal_cli.drive.observations import Observations
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration import Calibration, with_estimates
 from semcal_cli.result.camera import camera_differences, offset_words
 
 
@@ -100,13 +100,10 @@ def as_begun(record: Calibration | None, drive: Drive) -> Drive:
     """
     if record is None or not _fits(record, drive):
         return drive
-    changes: dict[str, object] = {}
-    if record.has_found_camera and _is_of_same_images(record.input.camera, drive.camera):
-        shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
-        changes["camera"] = record.input.camera.model_copy(update=shutter)
-    if record.has_found_clock and record.clock is not None and record.clock.given_s is not None:
-        changes["time_offset_s"] = record.clock.given_s
-    return drive.model_copy(update=changes)
+    # The estimated camera, which fits, is of the same images as that of the input.
+    camera = record.input.camera if record.has_found_camera else None
+    given_s = record.clock.given_s if record.clock and record.clock.is_kept else None
+    return with_estimates(drive, camera, given_s)
 
 
 def seen_as(observations: Observations, own: Drive, other: Drive) -> Observations:

@@ -210,20 +210,11 @@ class Calibration(StrictModel):
 
     def applied_to(self, drive: Drive) -> Drive:
         """Give a drive the camera and the clock that were estimated together with the transform."""
-        changes: dict[str, object] = {}
-        if self.camera is not None and self.camera.is_kept:
-            shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
-            changes["camera"] = self.camera.found.model_copy(update=shutter)
-        if self.clock is not None and self.clock.is_kept:
-            changes["time_offset_s"] = self.clock.time_offset_s
-        return drive.model_copy(update=changes)
+        camera = self.used_camera if self.has_found_camera else None
+        return with_estimates(drive, camera, self.used_offset_s if self.has_found_clock else None)
 
     @classmethod
-    def from_pose(
-        cls,
-        T_camera_lidar: Pose,
-        **parts: Any,
-    ) -> "Calibration":
+    def from_pose(cls, T_camera_lidar: Pose, **parts: Any) -> "Calibration":
         """Make a calibration and derive the other forms of its pose.
 
         Args:
@@ -233,12 +224,24 @@ class Calibration(StrictModel):
         Raises:
             CalibrationError: the pose is not finite or not rigid.
         """
-        T = _finite_rigid(T_camera_lidar)
-        return cls(
-            semcal_calibration=1,
-            **pose_forms(T),
-            **parts,
-        )
+        if not np.isfinite(T_camera_lidar).all():
+            raise CalibrationError("T_camera_lidar is not finite")
+        try:
+            check_rigid(T_camera_lidar)
+        except ValueError as error:
+            raise CalibrationError(f"T_camera_lidar: {error}") from None
+        return cls(semcal_calibration=1, **pose_forms(nearest_rigid(T_camera_lidar)), **parts)
+
+
+def with_estimates(drive: Drive, camera: Camera | None, time_offset_s: float | None) -> Drive:
+    """Give a drive another camera with the shutter of its own, and another time offset, where they are not None."""
+    changes: dict[str, object] = {}
+    if camera is not None:
+        shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
+        changes["camera"] = camera.model_copy(update=shutter)
+    if time_offset_s is not None:
+        changes["time_offset_s"] = time_offset_s
+    return drive.model_copy(update=changes)
 
 
 def calibration_text(calibration: Calibration, format: Format) -> str:
@@ -303,13 +306,3 @@ def _agree(key: str, part: str, stated: ArrayLike, derived: NDArray[np.float64])
     if not difference <= AGREEMENT_TOLERANCE:
         needed = f"{part} of T_camera_lidar within {AGREEMENT_TOLERANCE:g}"
         raise mismatch(f"{key} off by {difference:.3g}", needed)
-
-
-def _finite_rigid(T: Pose) -> Pose:
-    if not np.isfinite(T).all():
-        raise CalibrationError("T_camera_lidar is not finite")
-    try:
-        check_rigid(T)
-    except ValueError as error:
-        raise CalibrationError(f"T_camera_lidar: {error}") from None
-    return nearest_rigid(T)

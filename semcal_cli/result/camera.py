@@ -10,11 +10,10 @@ from pydantic import AfterValidator, Field, model_validator
 from semcal_cli.drive.camera import OF_K, Camera, intrinsic_names, intrinsic_value, without_last_zeros
 from semcal_cli.errors import describe, listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
-from semcal_cli.result.uncertainty import check_covariance, figure
+from semcal_cli.result.uncertainty import Variance, check_covariance, figure
 
 OF_DRIVE = "the transform belongs to the camera of the drive"
 
-JointEntry = Annotated[float, Field(ge=-1e40, le=1e40)]
 Offset = Annotated[float, Field(ge=-2.0, le=2.0)]
 """Time offset, seconds: twice the range that a drive may state."""
 JointRows: TypeAlias = tuple[tuple[float, ...], ...]
@@ -77,7 +76,7 @@ class RefinedCamera(StrictModel):
     """Estimates by name: fx, fy, cx, cy in pixels, and coefficients of the lens."""
     joint_covariance: (
         Annotated[
-            tuple[Annotated[tuple[JointEntry, ...], length(7, 32)], ...],
+            tuple[Annotated[tuple[Variance, ...], length(7, 32)], ...],
             length(7, 32),
             AfterValidator(_check_joint),
         ]
@@ -95,9 +94,8 @@ class RefinedCamera(StrictModel):
                 f"intrinsics {listed(unknown)}", f"names of {self.found.model}: {', '.join(known)}"
             )
         for name, each in self.intrinsics.items():
-            if not math.isclose(
-                value := intrinsic_value(self.found, name), each.found, rel_tol=1e-9, abs_tol=1e-9
-            ):
+            value = intrinsic_value(self.found, name)
+            if not math.isclose(value, each.found, rel_tol=1e-9, abs_tol=1e-9):
                 raise mismatch(f"{name} {value} of the camera and {each.found} of its estimate", "one value")
         return self
 
@@ -123,7 +121,7 @@ class Clock(StrictModel):
     """The offset in words, without its interval."""
     joint_covariance: (
         Annotated[
-            tuple[Annotated[tuple[JointEntry, ...], length(7, 7)], ...],
+            tuple[Annotated[tuple[Variance, ...], length(7, 7)], ...],
             length(7, 7),
             AfterValidator(check_covariance),
         ]
@@ -198,12 +196,8 @@ def clock_sentence(clock: Clock) -> str:
     """Say how far the clock of the images is off, with the 95 % interval."""
     if not clock.is_determined or clock.half_width_95_s is None:
         return clock.meaning
-    interval = f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms"
-    return (
-        interval
-        if clock.is_kept
-        else f"{interval}; not kept: the transform belongs to the stamps of the drive"
-    )
+    not_kept = "" if clock.is_kept else "; not kept: the transform belongs to the stamps of the drive"
+    return f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms{not_kept}"
 
 
 def offset_words(time_offset_s: float) -> str:

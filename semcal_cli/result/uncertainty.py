@@ -37,7 +37,7 @@ T_camera_lidar does; the camera itself turns the other way."""
 AXIS_NAMES = *PLACES, *TURNS
 CHECK_NAMES = dict(
     zip(
-        (*(f"camera centre {axis}" for axis in "xyz"), *(f"rotation {axis}" for axis in "xyz")),
+        [f"{part} {axis}" for part in ("camera centre", "rotation") for axis in "xyz"],
         AXIS_NAMES,
         strict=True,
     )
@@ -199,11 +199,6 @@ def normal_half_widths(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the half widths (6,) of the 95 % intervals of a known covariance (6, 6), metres and degrees."""
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return np.concatenate([NORMAL_95 * sigmas[:3], NORMAL_95 * np.degrees(sigmas[3:])])
-
-
-def as_entries(covariance: NDArray[np.float64]) -> CovarianceEntries:
-    """Write a covariance (6, 6) as a result stores it."""
-    return tuple(tuple(row) for row in covariance.tolist())
 
 
 def wide_directions(
