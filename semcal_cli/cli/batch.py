@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from semcal_cli.cli import EXIT_STOPPED
 from semcal_cli.cli.calibrate import CalibrateSettings, calibrate
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, MAX_THREADS, QuietSettings
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Verdict
     from semcal_cli.batches.tasks import Outcome, Task
 
-EXIT_STOPPED = 130
 COMMANDS: dict[str, SettingsCommand[Any]] = {"calibrate": calibrate, "verify": verify}
 OURS = (
     *("-o", "--log", "--threads", "--quiet", "--report", "--overlay", "--json", "--junit", "--inconclusive"),

@@ -202,7 +202,6 @@ def calibrate(settings: CalibrateSettings) -> None:
     DRIVE may be a rig.yaml, which lists the drives of several cameras with one LiDAR. All of them are calibrated. -o is
     then a folder, for the result of each camera and for rig_calibration.yaml, which relates the cameras to each other.
     """
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.rig.document import find_rig
 
     settings.check_estimator()
@@ -212,7 +211,7 @@ def calibrate(settings: CalibrateSettings) -> None:
 
         sys.exit(calibrate_rig(rig, settings))
     if settings.image_model:
-        with Terminal(quiet=settings.quiet, verbose=settings.verbose) as terminal:
+        with settings.terminal() as terminal:
             drive = label_on_the_way(
                 settings.drive, settings, settings.max_frames, settings.max_points, terminal
             )
@@ -225,7 +224,6 @@ def _calibrate_drive(settings: CalibrateSettings) -> int:
     from semcal_cli.assessment.disagreement import MAX_PARTS
     from semcal_cli.cli.outputs import exit_code, loaded_drive
     from semcal_cli.cli.tables import labelled
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.pipeline.parts import split
 
     outputs, initial_pose = settings.outputs, settings.initial_pose
@@ -249,15 +247,7 @@ def _calibrate_drive(settings: CalibrateSettings) -> int:
     for number, (part, each) in enumerate(zip(parts, of_parts, strict=False), start=1):
         frames, name = part.drive.frames, f"part {number}"
         title = f"{name}: {len(frames)} frames, {frames[0].points} to {frames[-1].points}"
-        jobs.append(
-            Job(
-                name,
-                title,
-                partial(run, part),
-                each,
-                Terminal(quiet=settings.quiet, verbose=settings.verbose),
-            )
-        )
+        jobs.append(Job(name, title, partial(run, part), each, settings.terminal()))
     found, failures = calibrate_each(jobs, settings.threads)
     if failures:
         raise CalibrationError(failure_sentence(failures, len(parts), "parts"))

@@ -71,8 +71,7 @@ class CiReport:
     @property
     def exit_code(self) -> int:
         """The exit code of the verdict."""
-        is_open = self.verdict == "inconclusive"
-        return INCONCLUSIVE_CODES[self.inconclusive] if is_open else EXIT_CODES[self.verdict]
+        return (EXIT_CODES | {"inconclusive": INCONCLUSIVE_CODES[self.inconclusive]})[self.verdict]
 
     def junit(self) -> str:
         """Make JUnit XML with a test case for each check, and the reasons as the suite's output."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
+from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, json_flag, limit
 from semcal_cli.cli.settings import argument, command
 from semcal_cli.config import Limits
@@ -42,13 +42,11 @@ class CompareSettings:
 )
 def compare(settings: CompareSettings) -> None:
     """Compare two transforms."""
-    from rich.console import Console
-
     from semcal_cli.assessment.comparison import compare as difference
     from semcal_cli.assessment.comparison import describe_cameras
     from semcal_cli.assessment.limits import together
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.cli.terminal import COLORS
+    from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_extrinsic
 
     known_a, known_b = read_extrinsic(settings.a), read_extrinsic(settings.b)
@@ -70,7 +68,7 @@ def compare(settings: CompareSettings) -> None:
         more = {"same": verdict == "pass", "verdict": verdict}
         click.echo(json.dumps(asdict(found) | more, allow_nan=False))
     else:
-        console = Console(highlight=False, soft_wrap=True, emoji=False)
+        console = make_console(stderr=False)
         console.print(f"{'':<18}{'A minus B':>14}   {'95 % of A':<12}95 % of B")
         for axis in found.axes:
             console.print(_line(axis))
@@ -84,7 +82,7 @@ def compare(settings: CompareSettings) -> None:
             line = f"{'beyond limits' if verdict == 'fail' else 'undecided'}: {'; '.join(told)}"
         console.print(line, style=COLORS[verdict])
     report.tell_github()
-    sys.exit(EXIT_CODES[report.verdict])
+    sys.exit(report.exit_code)
 
 
 def _figures(found: Comparison, off: float, unit: str, allowed: float) -> str:

@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from semcal_cli.cli.experiment_options import measures, out_options, print_table, rows_option, seeds_options
-from semcal_cli.cli.options import (
-    KNOWN_TRANSFORMS,
-    PATH,
-    drive_argument,
-    max_frames_option,
-    max_points_option,
+from semcal_cli.cli.experiment_options import (
+    measures,
     number_option,
+    out_options,
+    print_table,
+    rows_option,
+    seeds_options,
 )
-from semcal_cli.config import Estimator
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, MANY_POINTS, MAX_MAX_POINTS
+from semcal_cli.cli.settings import PATH
+from semcal_cli.config import MAX_FRAMES, MAX_POINTS, CalibrationConfig, Estimator
+from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import check_torch
 
 if TYPE_CHECKING:
@@ -176,7 +178,7 @@ def gradient(out: Path, seeds: range) -> Experiment[Any, Any]:
 
 
 @experiment.command()
-@drive_argument
+@click.argument("drive", type=PATH)
 @click.option(
     "--reference",
     type=PATH,
@@ -195,8 +197,8 @@ def gradient(out: Path, seeds: range) -> Experiment[Any, Any]:
     default=0,
     help="Frame that the images show, counted from 0 among the frames used.",
 )
-@max_frames_option
-@max_points_option
+@number_option("--max-frames", default=MAX_FRAMES, help=settings_of(CalibrationConfig)["max_frames"].help)
+@number_option("--max-points", most=MAX_MAX_POINTS, default=MAX_POINTS, help=MANY_POINTS)
 @out_options
 def table(
     drive: Path,
@@ -218,7 +220,7 @@ def table(
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.stages import read_initial_pose
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig
+    from semcal_cli.config import MAX_BASELINE_M
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.loading import load
     from semcal_cli.experiments.experiment import prepare_folder

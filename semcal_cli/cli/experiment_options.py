@@ -7,20 +7,44 @@ from functools import wraps
 from importlib import import_module
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from rich.console import Console
 from rich.text import Text
 
 from semcal_cli.batches.pace import Pace
-from semcal_cli.cli.options import PATH, Command, number_option
+from semcal_cli.cli.settings import PATH
 from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 from semcal_cli.config import MAX_SEED
 
 if TYPE_CHECKING:
     from semcal_cli.experiments.experiment import Experiment
     from semcal_cli.experiments.page_tables import Place
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def number_option(
+    *names: str, least: int = 1, most: int | None = None, default: int | None = None, help: str
+) -> Callable[[Command], Command]:
+    """Make an integer option whose help shows its default.
+
+    Args:
+        names: Names of the option, and of its parameter if that differs.
+        least: Smallest value.
+        most: Largest value; None for any.
+        default: Default value, if there is one.
+        help: Help text.
+    """
+    return click.option(
+        *names,
+        type=click.IntRange(least, most),
+        default=default,
+        show_default=default is not None,
+        metavar="N",
+        help=help,
+    )
 
 
 def _find_place(context: click.Context, parameter: click.Parameter, into: str | None) -> Place | None:
@@ -106,7 +130,7 @@ def measures(declare: Callable[..., Experiment[Any, Any]]) -> Callable[..., None
             first_seed = options.pop("first_seed")
             options["seeds"] = range(first_seed, first_seed + options["seeds"])
         experiment = declare(out=out, **options)
-        console = make_console(quiet=False)
+        console = make_console()
         progress = Progress(console, jobs or 1)
         with live_lines(console, progress.lines):
             table = experiment.measure(jobs, progress)

@@ -55,8 +55,7 @@ class FleetSettings(LimitSettings, QuietSettings):
         """
         from semcal_cli.cli.outputs import check_page
 
-        if self.page is not None:
-            check_page(self.page)
+        check_page(self.page)
         if self.plot is not None and self.plot.suffix.lower() not in PLOTS:
             raise InputError(f"{self.plot}: found suffix {self.plot.suffix!r}, needed {' or '.join(PLOTS)}")
 

@@ -46,6 +46,11 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
         return slice(*parts)
 
 
+def _max_gap(default: float | None = None, **most: float) -> Any:
+    text = "Largest time difference between a sweep and its image, in seconds."
+    return option(text, default=default, above=0.0, metavar="S", **most)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ImportSettings(QuietSettings):
     """Options of every import of files."""
@@ -71,9 +76,7 @@ class ImportSettings(QuietSettings):
         "Classes of the point labels: a table such as semantickitti, or a file with lines such as `road: [40]`.",
         metavar="NAME|FILE",
     )
-    max_gap_s: float | None = option(
-        "Largest time difference between a sweep and its image, in seconds.", above=0.0, metavar="S"
-    )
+    max_gap_s: float | None = _max_gap()
     force: bool = option("Replace a drive.yaml, even of other data.", default=False)
 
     def write(self, recording: Recording, **others: Any) -> None:
@@ -107,8 +110,6 @@ class DatasetSettings(ImportSettings):
     sequence: str | None = option("Name of the sequence; needed if there are several.", metavar="NAME")
     image_labels: Path | None = option("Take the label images from this folder.", metavar="DIR")
     point_labels: Path | None = option("Take the point labels from this folder.", metavar="DIR")
-    version: str | None = None
-    rectified: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,13 +211,7 @@ class BagSettings(QuietSettings):
     stamps: Literal["header", "receive"] = option(
         "Times of sweeps and images: from their headers, or when they were received.", default="header"
     )
-    max_gap_s: float = option(
-        "Largest time difference between a sweep and its image, in seconds.",
-        default=0.05,
-        above=0.0,
-        most=1e3,
-        metavar="S",
-    )
+    max_gap_s: float = _max_gap(0.05, most=1e3)
     motion: str | None = option(
         "Topic of the LiDAR's motion: Odometry, PoseStamped or /tf. Needed if there are several.",
         metavar="TOPIC|none",
@@ -334,12 +329,7 @@ class FolderSettings(ImportSettings):
         "Camera model, if the intrinsics file names none or the wrong one.", metavar="NAME"
     )
     reference: Path | None = option("T_camera_lidar to compare with, in any known format.", metavar="FILE")
-    max_gap_s: float = option(
-        "Largest time difference between a sweep and its image, in seconds.",
-        default=0.05,
-        above=0.0,
-        metavar="S",
-    )
+    max_gap_s: float = _max_gap(0.05)
     max_points: int = max_points()
 
 

@@ -73,11 +73,10 @@ def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
 
     The table of frames is as wide as the terminal, or as COLUMNS; without both, rows are not wrapped.
     """
-    from rich.console import Console
-
     from semcal_cli.cli.tables import wrapped
+    from semcal_cli.cli.terminal import make_console
 
-    console = Console(highlight=False, soft_wrap=True, emoji=False)
+    console = make_console(stderr=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = WIDE
 

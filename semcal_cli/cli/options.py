@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import click
 
-from semcal_cli.cli.settings import PATH as PATH
 from semcal_cli.cli.settings import Names, argument, option, output_file, setting_of
-from semcal_cli.config import AUTO, MAX_FRAMES, MAX_POINTS, CalibrationConfig, CueName, Limits
+from semcal_cli.config import AUTO, MAX_POINTS, CalibrationConfig, CueName, Limits
 from semcal_cli.config.cues import PLUGINS
 from semcal_cli.files.writing import descriptor
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+if TYPE_CHECKING:
+    from semcal_cli.cli.terminal import Terminal
+
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 
 MAX_THREADS = 1024
@@ -116,6 +116,12 @@ class RunSettings(DriveSettings, ThreadSettings):
     verbose: bool = False
     """Whether to show expert figures, too."""
 
+    def terminal(self) -> Terminal:
+        """Make the terminal that shows what the command does."""
+        from semcal_cli.cli.terminal import Terminal
+
+        return Terminal(quiet=self.quiet, verbose=self.verbose)
+
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateSettings(RunSettings):
@@ -142,34 +148,3 @@ class LimitSettings:
 
     max_translation_m: float = limit("camera", Limits.translation_m, "M", above=0.0)
     max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", above=0.0)
-
-
-def number_option(
-    *names: str, least: int = 1, most: int | None = None, default: int | None = None, help: str
-) -> Callable[[Command], Command]:
-    """Make an integer option whose help shows its default.
-
-    Args:
-        names: Names of the option, and of its parameter if that differs.
-        least: Smallest value.
-        most: Largest value; None for any.
-        default: Default value, if there is one.
-        help: Help text.
-    """
-    return click.option(
-        *names,
-        type=click.IntRange(least, most),
-        default=default,
-        show_default=default is not None,
-        metavar="N",
-        help=help,
-    )
-
-
-drive_argument = click.argument("drive", type=PATH)
-max_frames_option = number_option(
-    "--max-frames",
-    default=MAX_FRAMES,
-    help="Use at most N frames of a longer drive, those whose label images differ most.",
-)
-max_points_option = number_option("--max-points", most=MAX_MAX_POINTS, default=MAX_POINTS, help=MANY_POINTS)

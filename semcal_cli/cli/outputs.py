@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
+    from semcal_cli.rig.calibration import RigCalibration
 
 EXIT_NOT_TRUSTED = 3
 MAX_IMAGES = 20
@@ -106,8 +107,7 @@ class Outputs:
             InputError: an output cannot be written to its path.
         """
         read = files_read(drive, None if initial_pose is None else initial_pose.source)
-        if self.page is not None:
-            check_page(self.page)
+        check_page(self.page)
         if self.images is not None:
             check_image_folder(self.images, MAX_IMAGES, read)
         if self.output is None or self.as_json:
@@ -213,9 +213,9 @@ def _report(calibration: Calibration, written_to: str) -> CiReport:
     return CiReport(command, written_to, verdict, [case], calibration.reasons)
 
 
-def exit_code(calibration: Calibration) -> int:
-    """Give the exit code of a written calibration: 3 if it is not trusted."""
-    return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
+def exit_code(result: Calibration | RigCalibration) -> int:
+    """Give the exit code of a written result: 3 if it is not trusted."""
+    return EXIT_NOT_TRUSTED if result.status == "not_trusted" else 0
 
 
 def folder_of(output: Path | None) -> Path:
@@ -271,13 +271,13 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
             raise InputError(f"{path}: found a folder, needed a place for an image")
 
 
-def check_page(path: Path) -> None:
-    """Check the suffix of a page; a descriptor such as /dev/stdout needs none.
+def check_page(path: Path | None) -> None:
+    """Check the suffix of a page, if there is one; a descriptor such as /dev/stdout needs none.
 
     Raises:
         InputError: the suffix is not .html.
     """
-    if not path.suffix and descriptor(path) is not None:
+    if path is None or (not path.suffix and descriptor(path) is not None):
         return
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .html")
@@ -311,7 +311,7 @@ def loaded_drive(
     spec = read_drive(settings.drive, settings.max_points)
     outputs.check(spec, initial_pose, parts)
     set_num_threads(settings.threads)
-    with Terminal(quiet=settings.quiet, verbose=settings.verbose) as terminal:
+    with settings.terminal() as terminal:
         if as_result_sees and initial_pose is not None:
             applied = apply_result(initial_pose.record, spec, initial_pose.name)
             terminal.print_changes(applied.changes)

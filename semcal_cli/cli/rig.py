@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
-from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page, files_read
+from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
 from semcal_cli.cli.rules import refuse
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
 from semcal_cli.cli.terminal import Terminal
@@ -70,8 +70,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
     drives = rig.read_drives(settings.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
-        if page is not None:
-            check_page(page)
+        check_page(page)
         read = [rig.path, *(file for drive in drives.values() for file in files_read(drive))]
         check_outputs(read, *(each.output for each in outputs.values()), result, settings.log, page)
         for name, drive in drives.items():
@@ -83,9 +82,8 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
     def run(drive: Drive, on_event: Callable[[Event], None]) -> Calibration:
         return calibrate(load(drive, config, on_event, sweeps), on_event=on_event)
 
-    shown = {"quiet": settings.quiet, "verbose": settings.verbose}
     jobs = [
-        Job(name, name, partial(run, drive), outputs[name], Terminal(**shown))
+        Job(name, name, partial(run, drive), outputs[name], settings.terminal())
         for name, drive in drives.items()
     ]
     cameras, failures = calibrate_each(jobs, settings.threads)
@@ -106,7 +104,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
     _print_verdict(found, terminal)
     if failures:
         raise CalibrationError(failure_sentence(failures, len(drives), "cameras"))
-    return EXIT_NOT_TRUSTED if found.status == "not_trusted" else 0
+    return exit_code(found)
 
 
 @contextmanager

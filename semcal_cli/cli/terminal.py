@@ -104,9 +104,9 @@ class Terminal:
         return {"stages": stages, "host": host, "threads": num_threads}
 
 
-def make_console(quiet: bool) -> Console:
-    """Make a console on stderr that neither wraps nor highlights lines, so that a pipe gets them plain."""
-    return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True, emoji=False)
+def make_console(quiet: bool = False, *, stderr: bool = True) -> Console:
+    """Make a console that neither wraps nor highlights lines, so that a pipe gets them plain."""
+    return Console(stderr=stderr, quiet=quiet, highlight=False, soft_wrap=True, emoji=False)
 
 
 @contextmanager

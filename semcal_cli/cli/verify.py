@@ -149,11 +149,9 @@ def _illustrate(
 
 
 def _print(found: Verification) -> None:
-    from rich.console import Console
-
     from semcal_cli.assessment.limits import offsets_in_all
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.cli.terminal import COLORS
+    from semcal_cli.cli.terminal import COLORS, make_console
 
     for check in found.checks:
         click.echo(_check_line(check))
@@ -164,7 +162,7 @@ def _print(found: Verification) -> None:
     decisive = (
         f"{num} reason{'s' * (num > 1)}, see above" if found.is_reasoned else offsets_in_all(found.checks)[0]
     )
-    console = Console(highlight=False, soft_wrap=True, emoji=False)
+    console = make_console(stderr=False)
     console.print(f"{found.verdict}: {decisive}", style=COLORS[found.verdict], markup=False)
 
 

@@ -66,14 +66,12 @@ def read_extrinsic(
         T_camera_lidar = format.read(source, options or FormatOptions())
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply, needed a transform") from None
-    except _UnknownFormatError as error:
-        if options is not None and direction_option is None:
-            raise
-        found = str(error).partition(" in a format of --from")[0]
-        raise InputError(f"{found} in a format that `semcal convert --formats` lists") from None
     except InputError as error:
         if options is not None and direction_option is None:
             raise
+        if isinstance(error, _UnknownFormatError):
+            found = str(error).partition(" in a format of --from")[0]
+            raise InputError(f"{found} in a format that `semcal convert --formats` lists") from None
         # Commands that read a transform as one input of several have at most one of these options.
         before, found, after = str(error).partition("--direction" if direction_option else "\0")
         convert = "; `semcal convert` takes this option" if OPTION.search(before + after) else ""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
@@ -63,9 +64,9 @@ def _keys(source: Source) -> set[str]:
     return set(keyed(source.path, source.start).value)
 
 
-def _row(T: Pose) -> str:
-    """Write the first 12 numbers of a transform, by rows."""
-    return " ".join(map(repr, T[:3].ravel().tolist()))
+def _row(values: npt.NDArray[np.float64]) -> str:
+    """Write numbers by rows on one line."""
+    return " ".join(map(repr, values.ravel().tolist()))
 
 
 def beside_camera0(projection: Node) -> Pose:
@@ -126,22 +127,25 @@ def raw_pose(
 
 
 def _read_raw(source: Source, options: FormatOptions) -> Pose:
-    if options.camera not in (None, *RAW_CAMERAS):
-        raise InputError(f"--camera: found {options.camera!r}, needed one of: {', '.join(RAW_CAMERAS)}")
-    if options.camera is not None and descriptor(source.path) is not None:
-        raise InputError(
-            f"{source.path}: found a stream, needed a file with {RAW_CAMERAS_FILE} next to it for --camera"
-        )
-    cameras = None if options.camera is None else read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
+    cameras = None
+    if options.camera is not None:
+        _check_camera(options.camera, RAW_CAMERAS)
+        if descriptor(source.path) is not None:
+            raise InputError(
+                f"{source.path}: found a stream, needed a file with {RAW_CAMERAS_FILE} next to it for --camera"
+            )
+        cameras = read_keyed(source.path.with_name(RAW_CAMERAS_FILE))
     return raw_pose(keyed(source.path, source.text), cameras, options.camera, options)
 
 
 def _make_raw(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     _check_no_camera(options)
-    turn, shift = (
-        " ".join(map(repr, each.ravel().tolist())) for each in (T_camera_lidar[:3, :3], T_camera_lidar[:3, 3])
-    )
-    return f"R: {turn}\nT: {shift}\n".encode()
+    return f"R: {_row(T_camera_lidar[:3, :3])}\nT: {_row(T_camera_lidar[:3, 3])}\n".encode()
+
+
+def _check_camera(camera: str, known: tuple[str, ...]) -> None:
+    if camera not in known:
+        raise InputError(f"--camera: found {camera!r}, needed one of: {', '.join(known)}")
 
 
 def _check_no_camera(options: FormatOptions) -> None:
@@ -156,25 +160,19 @@ def _kitti(name: str, equation: str, key: str, first_line: str = "") -> Format:
         T = camera0_pose(lines, key, options)
         if options.camera is None:
             return T
-        if options.camera not in CAMERAS:
-            raise InputError(f"--camera: found {options.camera!r}, needed one of: {', '.join(CAMERAS)}")
+        _check_camera(options.camera, CAMERAS)
         return beside_camera0(lines.at(options.camera)) @ T
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         _check_no_camera(options)
-        return f"{first_line}{key}: {_row(T_camera_lidar)}\n".encode()
+        return f"{first_line}{key}: {_row(T_camera_lidar[:3])}\n".encode()
 
     equation = f"p_camera0 = {equation} p_velo; --camera P2 for another camera"
     return Format(name, equation, lambda source: key in _keys(source), read, make, asks=("camera",))
 
 
 ODOMETRY = _kitti("kitti-odometry", "Tr", ODOMETRY_KEY)
-OBJECT = _kitti(
-    "kitti-object",
-    "R0_rect Tr_velo_to_cam",
-    OBJECT_KEY,
-    f"{RECTIFICATION}: {' '.join(map(repr, np.eye(3).ravel().tolist()))}\n",
-)
+OBJECT = _kitti("kitti-object", "R0_rect Tr_velo_to_cam", OBJECT_KEY, f"{RECTIFICATION}: {_row(np.eye(3))}\n")
 RAW = Format(
     "kitti-raw",
     "p_camera0 = T p_velo: calib_velo_to_cam.txt, camera 0 before rectification; --camera image_02 for a rectified "
@@ -189,12 +187,12 @@ KITTI_360 = Format(
     "p_velo = T p_camera0: calib_cam_to_velo.txt, recognised by its name; camera 0 before rectification",
     lambda source: source.path.name == KITTI_360_FILE,
     lambda source, options: unrectified_camera0_pose(source.path, source.text, options),
-    lambda T_camera_lidar, options: f"{_row(inverse(T_camera_lidar))}\n".encode(),
+    lambda T_camera_lidar, options: f"{_row(inverse(T_camera_lidar)[:3])}\n".encode(),
 )
 OPENCALIB = Format(
     "opencalib",
     "p_camera = T p_lidar: T of calib.txt",
     lambda source: {"T"} <= _keys(source) <= {"K", "D", "T"},
     lambda source, options: from_line(keyed(source.path, source.text).at("T"), options),
-    lambda T_camera_lidar, options: f"T: {_row(T_camera_lidar)}\n".encode(),
+    lambda T_camera_lidar, options: f"T: {_row(T_camera_lidar[:3])}\n".encode(),
 )

@@ -21,6 +21,8 @@ from semcal_cli.errors import InputError, counted, describe, listed, one_of
 from semcal_cli.files.validation import key_part, validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
 
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+"""A number in a text."""
 MAX_SIDE = 0xFFFF
 """Maximum number of pixels along a side of an image in a drive."""
 MAX_STAMP_S = 1e10

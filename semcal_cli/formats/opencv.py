@@ -32,7 +32,7 @@ from semcal_cli.formats.lenses import (
     refuse_camera,
 )
 from semcal_cli.formats.matrix import directed
-from semcal_cli.formats.node import Node
+from semcal_cli.formats.node import NUMBER, Node
 from semcal_cli.formats.pose import from_rows
 from semcal_cli.geometry.poses import Pose
 
@@ -45,7 +45,6 @@ OF_STANDARD_YAML = (
     (re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>"), ""),
     (re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE), r"\1: "),
 )
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 def is_storage(text: str) -> bool:

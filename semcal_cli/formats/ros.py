@@ -10,7 +10,6 @@ child is a camera's optical frame (apollo, modules/drivers/camera/params).
 
 from __future__ import annotations
 
-import re
 import shlex
 from dataclasses import replace
 from typing import Any
@@ -20,7 +19,7 @@ from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.formats.documents import under
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frames import CAMERA_WORDS, between, camera_and_lidar, has_word, named, optical_axes
-from semcal_cli.formats.node import Node, parse_number
+from semcal_cli.formats.node import NUMBER, Node, parse_number
 from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, Numbers, numbers_of, pose_of
 from semcal_cli.geometry.poses import Pose, inverse
 
@@ -28,7 +27,6 @@ PUBLISHER = "static_transform_publisher"
 USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}
 """Defaults of the arguments."""
 FRAME_NAMES = ("frame-id", "child-frame-id")
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 def _read_command(source: Source, options: FormatOptions) -> Pose:
@@ -39,7 +37,7 @@ def _read_command(source: Source, options: FormatOptions) -> Pose:
 
 
 def _read_launch(source: Source, options: FormatOptions) -> Pose:
-    nodes = [node for node in source.xml.iter("node") if _is_publisher(node.attrib)]
+    nodes = [each for each in source.xml.iter("node") if PUBLISHER in (each.get("exec"), each.get("type"))]
     where = f"{source.path}: {PUBLISHER}"
     return _one_of(where, [_words(where, node.get("args", "")) for node in nodes], options)
 
@@ -62,10 +60,6 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
             f"{where}: found transforms {found}, needed --camera and --lidar to name the two frames of one of them"
         )
     return _transform(where, candidates[0], options)
-
-
-def _is_publisher(attributes: dict[str, str]) -> bool:
-    return PUBLISHER in (attributes.get("exec"), attributes.get("type"))
 
 
 def _words(where: str, text: str) -> list[str]:

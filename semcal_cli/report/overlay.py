@@ -209,7 +209,9 @@ class Overlays:
         classes = self.observations.clouds[frame].classes[seen.indices]
         shown = shown[classes[shown] != NO_CLASS]
         if self.by == "edge":
-            shown = shown[edges_by_strength(classes[shown])]
+            # Steps in intensity come first, then those in range; the strongest of each are drawn last.
+            shown = shown[is_edge(classes[shown])]
+            shown = shown[np.argsort(classes[shown], kind="stable")]
         return seen.pixels[shown], palette.colors[classes[shown]], palette.legend(classes[shown])
 
     @cached_property
@@ -241,12 +243,6 @@ def _dimmed(image: Image) -> Image:
     mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
     dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
     return dimmed
-
-
-def edges_by_strength(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.intp]:
-    """Indices of the points with an edge: steps in intensity, then in range, the strongest of each last."""
-    found = np.flatnonzero(is_edge(classes))
-    return found[np.argsort(classes[found], kind="stable")]
 
 
 def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) -> Image:
