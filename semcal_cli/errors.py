@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import gc
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -111,9 +111,13 @@ def one_of(wanted: str, known: Iterable[str]) -> str:
 
 def listed(names: Iterable[object]) -> str:
     """List names found in a file, and count those beyond the first `MAX_LISTED`."""
-    first = [_cut(str(name)) for name in names]
-    more = [f"and {len(first) - MAX_LISTED:,} more"] if len(first) > MAX_LISTED else []
-    return ", ".join(first[:MAX_LISTED] + more) or "none"
+    return ", ".join(first_of([_cut(str(name)) for name in names], MAX_LISTED)) or "none"
+
+
+def first_of(lines: Sequence[str], most: int) -> list[str]:
+    """Keep the first lines; if there are more, another line says how many."""
+    more = [f"and {len(lines) - most:,} more"] if len(lines) > most else []
+    return [*lines[:most], *more]
 
 
 def _cut(name: str) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import click
 
-from semcal_cli.errors import InputError, SemcalError, os_reason
+from semcal_cli.errors import InputError, SemcalError, first_of, os_reason
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check, Verdict
@@ -82,9 +82,8 @@ class CiReport:
     def tell_github(self) -> None:
         """In a GitHub job, print an annotation and add a table to the job summary."""
         same = [case for case in self.cases if case.verdict == self.verdict != "pass"]
-        named = [f"{case.name} {case.figures}".strip() for case in same[:MAX_CASES]]
-        more = [f"and {len(same) - MAX_CASES:,} more"] if len(same) > MAX_CASES else []
-        annotate(self.command, LEVELS[self.verdict], "; ".join([self.verdict, *named, *more, *self.reasons]))
+        named = first_of([f"{case.name} {case.figures}".strip() for case in same], MAX_CASES)
+        annotate(self.command, LEVELS[self.verdict], "; ".join([self.verdict, *named, *self.reasons]))
         rows = [f"| {_cell(case.name)} | {_cell(case.figures)} | {case.verdict} |" for case in self.cases]
         table = ["", "| | found | verdict |", "|---|---|---|", *rows] if rows else []
         reasons = ["", *(f"- {_cell(reason)}" for reason in self.reasons)]
@@ -106,10 +105,8 @@ def errors_reported(command: str, subject: str, junit: Path | None, read: Sequen
 
         if junit is not None and _may_replace(junit, read):
             with suppress(InputError):
-                content = _suite(
-                    command, subject, [("result", "error", str(error))], (), perf_counter() - start
-                )
-                write_text(content, junit)
+                cases = [("result", "error", str(error))]
+                write_text(_suite(command, subject, cases, (), perf_counter() - start), junit)
         raise
 
 

@@ -26,25 +26,19 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def number_option(
-    *names: str, least: int = 1, most: int | None = None, default: int | None = None, help: str
+    *names: str, default: int, help: str, least: int = 1, most: int | None = None
 ) -> Callable[[Command], Command]:
     """Make an integer option whose help shows its default.
 
     Args:
-        names: Names of the option, and of its parameter if that differs.
+        names: Names of the option.
+        default: Default value.
+        help: Help text.
         least: Smallest value.
         most: Largest value; None for any.
-        default: Default value, if there is one.
-        help: Help text.
     """
-    return click.option(
-        *names,
-        type=click.IntRange(least, most),
-        default=default,
-        show_default=default is not None,
-        metavar="N",
-        help=help,
-    )
+    kind = click.IntRange(least, most)
+    return click.option(*names, type=kind, default=default, show_default=True, metavar="N", help=help)
 
 
 def _find_place(context: click.Context, parameter: click.Parameter, into: str | None) -> Place | None:

@@ -167,7 +167,7 @@ def _print(found: Fleet, written: Sequence[Path], *, quiet: bool) -> None:
     """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
     from semcal_cli.cli.tables import matrix_lines, wrapped
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.errors import printable
+    from semcal_cli.errors import first_of, printable
     from semcal_cli.fleet.verdict import title
     from semcal_cli.result.uncertainty import intervals
 
@@ -180,9 +180,10 @@ def _print(found: Fleet, written: Sequence[Path], *, quiet: bool) -> None:
     order = "in the order of their stamps" if found.order == "stamp" else "in the order of their names"
     last = found.parts[-1]
     show("drives", [f"{num_used:,} of {num_all:,} used, {order}"])
-    show("left out", _first([f"{member.drive}: {member.left_out}" for member in found.left_out]))
+    left_out = [f"{member.drive}: {member.left_out}" for member in found.left_out]
+    show("left out", first_of(left_out, MAX_LINES))
     show("note", found.notes)
-    show("apart", _first(list(map(_apart, _worst_first(found.drives)))))
+    show("apart", first_of([*map(_apart, _worst_first(found.drives))], MAX_LINES))
     terminal.print(*map(printable, _check_lines(found.checks)))
     show("reasons", found.reasons)
     show("T_camera_lidar", matrix_lines(found.T_camera_lidar))
@@ -224,11 +225,6 @@ def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
         yield f"{found} allowed {told.allowed:<7}{check.verdict}"
     if len(shown) > MAX_LINES:
         yield f"  and {len(shown) - MAX_LINES:,} more"
-
-
-def _first(lines: list[str]) -> list[str]:
-    more = [f"and {len(lines) - MAX_LINES:,} more"] if len(lines) > MAX_LINES else []
-    return [*lines[:MAX_LINES], *more]
 
 
 def _rows(label: str, lines: Iterable[str]) -> Iterator[str]:

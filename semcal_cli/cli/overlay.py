@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, DriveSettings, cue_list
+from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.settings import argument, command, option
 from semcal_cli.config import AUTO, LABELS, CueName
 
@@ -64,8 +65,7 @@ def overlay(settings: OverlaySettings) -> None:
         overlays = _overlays(read_drive(settings.drive, settings.max_points), settings, terminal)
         terminal.print(*map(str, overlays.write_all(output)))
         return
-    if settings.against is not None:
-        raise click.UsageError(f"--against is for one camera, but {rig} is a rig.")
+    refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig))
     found, drives, read = read_rig_files(rig, settings.calibration, settings.max_points)
     drives = {name: _few(each, settings, output / name, read) for name, each in drives.items()}
     make_folder(output)

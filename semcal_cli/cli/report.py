@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, RunSettings
+from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file
 
 
@@ -47,8 +48,7 @@ def report(settings: ReportSettings) -> None:
     terminal = Terminal(quiet=settings.quiet)
     rig = find_rig(settings.drive)
     if rig is not None:
-        if against is not None:
-            raise click.UsageError(f"--against is for one camera, but {rig} is a rig.")
+        refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig))
         found, drives, read = read_rig_files(rig, calibration, settings.max_points)
     else:
         drive = read_drive(settings.drive, settings.max_points)

@@ -14,13 +14,13 @@ import click
 
 from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
-from semcal_cli.cli.rules import refuse
+from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.events import Event
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.files.documents import document_text
+from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.writing import make_folder, write_text
@@ -43,7 +43,6 @@ OF_ONE_CAMERA = (
     *("--to", "--overlay", "--split", "--json", "--image-model"),
 )
 """Options of `calibrate` that make sense for a single camera only."""
-SUFFIXES = (".yaml", ".yml", ".json")
 
 
 def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
@@ -61,7 +60,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    refuse(click.get_current_context(), OF_ONE_CAMERA, f"is for one camera, but {path} is a rig")
+    refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(path))
     if (folder := settings.output) is None:
         raise click.UsageError(
             f"-o: {path} is a rig, whose results are several files; give a folder for them"
@@ -110,7 +109,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
     """Create the results folder, and remove it again if the work in it fails."""
-    if folder.suffix.lower() in SUFFIXES and not is_folder(folder):
+    if folder.suffix.lower() in FORMATS and not is_folder(folder):
         raise InputError(
             f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
         )

@@ -15,6 +15,9 @@ import click
 
 COMMANDLINE, DEFAULT_MAP = click.core.ParameterSource.COMMANDLINE, click.core.ParameterSource.DEFAULT_MAP
 
+FOR_ONE_CAMERA = "is for one camera, but {} is a rig"
+"""Why an option is refused with a rig."""
+
 
 def given_parameters(context: click.Context) -> list[click.Parameter]:
     """List the parameters that are given on the command line."""

@@ -16,7 +16,7 @@ from rich.text import Text
 from semcal_cli.batches.pace import Pace
 from semcal_cli.cli.tables import labelled, wrapped
 from semcal_cli.drive.events import Event, Progress, StageDone, movement
-from semcal_cli.errors import printable
+from semcal_cli.errors import first_of, printable
 
 STAGE_WIDTH = 20
 """Columns for the name and the time of a stage."""
@@ -128,10 +128,8 @@ def live_lines(console: Console, lines: Callable[[], Sequence[Text]]) -> Iterato
 
 def running_lines(pace: Pace) -> list[Text]:
     """List the running items, each with the time since it began."""
-    running = pace.running()
-    lines = [Text(f"  {clock_time(elapsed_s):>8}  {printable(name)}") for name, elapsed_s in running]
-    more = [Text(f"and {len(lines) - MAX_RUNNING:,} more")] if len(lines) > MAX_RUNNING else []
-    return [*lines[:MAX_RUNNING], *more]
+    lines = [f"  {clock_time(elapsed_s):>8}  {printable(name)}" for name, elapsed_s in pace.running()]
+    return [*map(Text, first_of(lines, MAX_RUNNING))]
 
 
 def time_left(pace: Pace) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError, describe, listed
+from semcal_cli.files.documents import FORMATS as DOCUMENTS
 from semcal_cli.files.reading import is_same_file
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import bases, semcal
@@ -25,7 +26,6 @@ from semcal_cli.geometry.poses import Pose, as_transform
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import offset_words
 
-DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 DOUBTED = "{}: the transform is not trusted; see its reasons"
 """Warning about a transform that is written nevertheless."""
@@ -250,12 +250,9 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     if content != source.content:
         write_bytes(content, path)
     if of_file.time_offset_s is not None:
-        is_set = semcal.DRIVE in source.mapping
-        place = (
-            f"set the time offset in {path}"
-            if is_set
-            else f"left out the time offset: {path} has no key for it"
-        )
+        place = f"left out the time offset: {path} has no key for it"
+        if semcal.DRIVE in source.mapping:
+            place = f"set the time offset in {path}"
         of_file.note(f"{place}; {offset_words(of_file.time_offset_s)}")
     return format
 

@@ -47,12 +47,9 @@ class _Part(StrictModel):
     @model_validator(mode="before")
     @classmethod
     def _keep_known(cls, document: Any) -> Any:
-        known = cls.model_fields
-        return (
-            {key: document[key] for key in known if key in document}
-            if isinstance(document, dict)
-            else document
-        )
+        if not isinstance(document, dict):
+            return document
+        return {key: document[key] for key in cls.model_fields if key in document}
 
 
 class _Widths(_Part):

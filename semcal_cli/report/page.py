@@ -18,7 +18,7 @@ from semcal_cli.assessment.pairing import frame_names
 from semcal_cli.config import LABELS
 from semcal_cli.drive.cues.table import files_of
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.files.documents import document_text
+from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.report import words
@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 
 SCRIPTS = tuple(f"report/{name}.js" for name in ("image", "images", "cloud"))
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
-RESULTS = (".yaml", ".yml", ".json")
-"""Suffixes of calibrations."""
 FOUND = "found on this drive"
 """Caption of the pose that a verification found."""
 BEYOND, FARTHEST = 1.25, 6.0
@@ -111,7 +109,7 @@ def write_report(
 
 def _next_steps(report: ReportInput) -> Rows:
     """Say what to do with a calibration; empty for another file, or on other frames."""
-    if report.record is None or not report.is_of_record or Path(report.name).suffix not in RESULTS:
+    if report.record is None or not report.is_of_record or Path(report.name).suffix not in FORMATS:
         return []
     return after_calibration(report.record, Path(report.name))
 
