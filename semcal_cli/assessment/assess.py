@@ -271,9 +271,8 @@ def _compare_frames(answer: _Answer) -> Assessment:
         )
     if not answer.is_clock_estimated:
         notes += notes_on_clock(data, answer.clock)
-    if any(frame.image_labels is not None for frame in frames) and all(
-        frame.image is None for frame in frames
-    ):
+    has_labels = any(frame.image_labels is not None for frame in frames)
+    if has_labels and all(frame.image is None for frame in frames):
         notes.append("labels were not checked against images: the drive has no images")
     if "labels" in data.cues:
         measured += check_leaks(data.of_cue("labels"), T)

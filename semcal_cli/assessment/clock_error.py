@@ -96,30 +96,28 @@ def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tupl
 def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
     """Say what the frames show of the clock, or that it was not checked, and what that may cost."""
     motion = data.drive.motion
-    if clock is not None and motion is not None:
-        if clock.is_exact or (clock.is_checked and abs(clock.offset_s) <= 2.0 * clock.sigma_s):
-            return ()
-        if clock.is_checked:
-            offset_ms, sigma_ms = 1e3 * abs(clock.offset_s), 1e3 * clock.sigma_s
-            later = "later" if clock.offset_s > 0.0 else "earlier"
-            return (
-                f"images seem to be {offset_ms:.1f} +- {sigma_ms:.1f} ms {later} than the drive says, which the "
-                "interval includes: --estimate-delay corrects the pose",
-            )
-        why = "all frames have the same motion"
-        if motion.speed_m_s is not None:
-            why = "the drive gives no direction of motion"
-        elif (twists := twists_per_s(data.first_cue)) is not None and differs(twists):
-            why = "the frames do not determine it"
-        cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
-        return (
-            f"the clock was not checked: {why}. If images are {1e3 * clock.sigma_s:.3g} ms off, the camera is "
-            f"{cost_cm:.2g} cm off at {clock.speed_m_s:.3g} m/s, which the interval includes",
-        )
-    if motion is not None:
+    if motion is None:
+        note = "the clock was not checked: the drive gives no motion"
+        has_stamps = all(None not in (frame.points_stamp, frame.image_stamp) for frame in data.drive.frames)
+        if has_stamps and len(set(data.observations.scenes)) > 1:
+            note += "; give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
+        return (note,)
+    if clock is None or clock.is_exact or (clock.is_checked and abs(clock.offset_s) <= 2.0 * clock.sigma_s):
         return ()
-    note = "the clock was not checked: the drive gives no motion"
-    has_stamps = all(None not in (frame.points_stamp, frame.image_stamp) for frame in data.drive.frames)
-    if has_stamps and len(set(data.observations.scenes)) > 1:
-        note += "; give motion.poses, or motion.speed_m_s for an interval that includes clock errors"
-    return (note,)
+    sigma_ms = 1e3 * clock.sigma_s
+    if clock.is_checked:
+        later = "later" if clock.offset_s > 0.0 else "earlier"
+        return (
+            f"images seem to be {1e3 * abs(clock.offset_s):.1f} +- {sigma_ms:.1f} ms {later} than the drive says, "
+            "which the interval includes: --estimate-delay corrects the pose",
+        )
+    why = "all frames have the same motion"
+    if motion.speed_m_s is not None:
+        why = "the drive gives no direction of motion"
+    elif (twists := twists_per_s(data.first_cue)) is not None and differs(twists):
+        why = "the frames do not determine it"
+    cost_cm = 100.0 * clock.sigma_s * clock.speed_m_s
+    return (
+        f"the clock was not checked: {why}. If images are {sigma_ms:.3g} ms off, the camera is {cost_cm:.2g} cm off at "
+        f"{clock.speed_m_s:.3g} m/s, which the interval includes",
+    )

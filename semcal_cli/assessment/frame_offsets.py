@@ -51,10 +51,7 @@ class Part:
 
 
 def fit_part(
-    observations: Observations,
-    frames: range,
-    T_start: Pose,
-    pyramid: PyramidConfig = FAR_PYRAMID,
+    observations: Observations, frames: range, T_start: Pose, pyramid: PyramidConfig = FAR_PYRAMID
 ) -> Part | None:
     """Refine and polish the pose of some frames; None if they do not determine one."""
     few = observations.of_frames(frames)

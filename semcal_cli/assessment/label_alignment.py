@@ -35,12 +35,7 @@ from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError, counted, told_apart
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks import (
-    LEAKED_LABELS,
-    SHIFTED_LABEL_IMAGES,
-    SHIFTED_POINT_LABELS,
-    Measured,
-)
+from semcal_cli.result.checks import LEAKED_LABELS, SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS, Measured
 from semcal_cli.threads import thread_pool
 
 Image = npt.NDArray[np.uint8]

@@ -53,12 +53,11 @@ def disagreement(found: HandEye, stages: Stages) -> Measured:
     of_pose = None if stages.uncertainty is None else np.array(stages.uncertainty.covariance)
     sigmas = standard_errors(found, stages.T_camera_lidar, of_pose)
     off_deg = rotation_error_deg(stages.T_camera_lidar, found.T_camera_lidar)
-    most = f"needed at most {CAMERA_MOTION.limit():g}"
-    return CAMERA_MOTION.measured(
-        sigmas,
-        f"the motion of camera and LiDAR gives a rotation {off_deg:.2f} degrees away, {sigmas:.1f} standard "
-        f"errors, {most}",
+    found_by_motion = (
+        f"the motion of camera and LiDAR gives a rotation {off_deg:.2f} degrees away, {sigmas:.1f} standard errors, "
+        f"needed at most {CAMERA_MOTION.limit():g}"
     )
+    return CAMERA_MOTION.measured(sigmas, found_by_motion)
 
 
 def standard_errors(found: HandEye, T_camera_lidar: Pose, of_pose: Matrix | None = None) -> float:

@@ -153,8 +153,7 @@ def compare_seeds(
     )
     findings = []
     if found.num_failed:
-        sentence = f"{found.num_failed} of {found.num_seeds} seeds failed"
-        findings.append(SEEDS.finding(sentence))
+        findings.append(SEEDS.finding(f"{found.num_failed} of {found.num_seeds} seeds failed"))
     if uncertainty is not None:
         # Errors of K, of the clock and of the motion move all seeds alike.
         squared = np.square(uncertainty.half_widths) - np.square(uncertainty.half_widths_of_intrinsics)

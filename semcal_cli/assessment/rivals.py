@@ -68,8 +68,7 @@ def check_rivals(
     if not tops:
         return ()
     behind, T_rival = min(
-        zip(sigmas_behind(observations, T_camera_lidar, tops), tops, strict=True),
-        key=lambda each: each[0],
+        zip(sigmas_behind(observations, T_camera_lidar, tops), tops, strict=True), key=lambda each: each[0]
     )
     away = compare_poses(T_rival, T_camera_lidar)
     found = (
@@ -88,10 +87,7 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> M
         T_initial: (4, 4) pose from which edges started.
     """
     rng = np.random.default_rng(0)
-    others = [
-        T_initial,
-        *(displaced(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS)),
-    ]
+    others = [T_initial, *(displaced(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS))]
     behind = sigmas_behind(guide, T_camera_lidar, others)
     best = int(np.argmin(behind))
     away = compare_poses(others[best], T_camera_lidar)

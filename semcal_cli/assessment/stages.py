@@ -178,15 +178,11 @@ class Stages:
             # A pose that is polished or fused need not have settled before.
             is_last = fused is None and (polished is None or not polished.is_accepted)
             later += [self.refined if is_last else None, fused]
+        later.append(self.assessment)
         return (
             *self.initial.findings,
             *self.of_data,
-            *(
-                finding
-                for stage in (*later, self.assessment)
-                if stage is not None
-                for finding in stage.findings
-            ),
+            *(finding for stage in later if stage is not None for finding in stage.findings),
             *self.of_comparison,
             *check_pose(self.T_camera_lidar, self.last.agreement, self.max_baseline_m),
         )

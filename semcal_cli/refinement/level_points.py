@@ -68,10 +68,7 @@ class LabelledPoints:
     """
 
     def __init__(
-        self,
-        points: _core.AnchoredPoints,
-        network: StatisticsNetwork,
-        device: torch.device,
+        self, points: _core.AnchoredPoints, network: StatisticsNetwork, device: torch.device
     ) -> None:
         """Take the points of a level.
 

@@ -17,12 +17,7 @@ from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.checks import (
-    NO_DIRECTION,
-    POLISH_NOT_SETTLED,
-    POLISH_NOT_TESTED,
-    POLISH_REJECTED,
-)
+from semcal_cli.result.checks import NO_DIRECTION, POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
 from semcal_cli.result.sections import HeldOut
 from semcal_cli.result.stage import Finding, StageResult
 
@@ -72,21 +67,20 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
         held_out_gain_nats=gain,
         held_out_sigma_nats=sigma if math.isfinite(sigma) else None,
     )
-    moved_px = polished.moved_px
-    is_settled = moved_px <= config.settled_px
+    is_settled = polished.moved_px <= config.settled_px
     note = "not better, so the previous pose is kept"
     if is_accepted:
         note = "kept" if is_settled else "kept, still moving at the end"
     return Polish(
         T_camera_lidar=T_polished,
         agreement=_core.agreement(observations.core, T_polished),
-        findings=_findings(check, max_loss, moved_px, config),
+        findings=_findings(check, max_loss, polished.moved_px, config),
         settings={"polish": asdict(config)},
         note=note,
-        details=f"held out {gain:+.4f} +- {sigma if math.isfinite(sigma) else math.inf:.4f} {observations.unit}",
+        details=f"held out {gain:+.4f} +- {sigma:.4f} {observations.unit}",
         held_out=check,
         is_settled=is_settled,
-        moved_px=moved_px,
+        moved_px=polished.moved_px,
     )
 
 

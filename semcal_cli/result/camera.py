@@ -134,9 +134,7 @@ class Clock(StrictModel):
     @model_validator(mode="after")
     def _check_determined(self) -> Clock:
         _check_interval(
-            is_determined=self.is_determined,
-            sigma_s=self.sigma_s,
-            half_width_95_s=self.half_width_95_s,
+            is_determined=self.is_determined, sigma_s=self.sigma_s, half_width_95_s=self.half_width_95_s
         )
         if self.is_determined:
             return self

@@ -104,11 +104,10 @@ def fit_of_rival(behind: float, least: float, digits: int) -> str:
         digits: Minimum number of digits after the decimal point.
     """
     apart, needed = told_apart(abs(behind), least, digits)
-    better, worse = (
-        f"better, by {apart} standard errors",
-        f"almost as well, only {apart} standard errors worse",
-    )
-    return f"{worse if behind >= 0.0 else better}, needed it to be at least {needed} worse"
+    how = f"almost as well, only {apart} standard errors worse"
+    if behind < 0.0:
+        how = f"better, by {apart} standard errors"
+    return f"{how}, needed it to be at least {needed} worse"
 
 
 class Measured(NamedTuple):
