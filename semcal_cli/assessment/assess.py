@@ -29,7 +29,7 @@ from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sum_of
 from semcal_cli.assessment.stages import Assessment, Stages
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
 from semcal_cli.config import PolishConfig, RefinementConfig
-from semcal_cli.drive.camera import intrinsic_value, sigma_of, with_intrinsics
+from semcal_cli.drive.camera import OF_K, sigma_of
 from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import counted
@@ -145,9 +145,9 @@ class _Answer:
         camera, joint = self.data.observations.camera, self.stages.joint
         if joint is not None and joint.camera is not None:
             # An estimate states the errors of the intrinsics that it found.
-            stating = camera.model_copy(update={"intrinsics_sigma": sigma_of(camera)})
-            found = {name: intrinsic_value(camera, name) for name in joint.camera.intrinsics}
-            camera = with_intrinsics(stating, found)
+            found = {name: 0.0 for name in joint.camera.intrinsics if name in OF_K}
+            stated = sigma_of(camera).model_copy(update=found)
+            camera = camera.model_copy(update={"intrinsics_sigma": stated})
         return covariance_of_intrinsics(self.shift, camera)
 
     @property

@@ -18,6 +18,8 @@ from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 
+Numbers = npt.NDArray[np.float64]
+
 
 def compared_by(observations: Observations) -> str:
     """Name what points are compared by, as in the names of limits: `segments` or `labels`."""
@@ -30,9 +32,9 @@ class InformationBySquares:
 
     squares: npt.NDArray[np.intp]
     """(parts, 3) frame, row and column of each square of the images."""
-    sums: npt.NDArray[np.float64]
+    sums: Numbers
     """(parts,) sum over the visible points of each square."""
-    weights: npt.NDArray[np.float64]
+    weights: Numbers
     """(parts,) weight of these points."""
     num_frames: int
 
@@ -47,23 +49,23 @@ class InformationBySquares:
         return float(self.sums.sum() / max(self.weights.sum(), 1.0))
 
     @property
-    def influence(self) -> npt.NDArray[np.float64]:
+    def influence(self) -> Numbers:
         """(parts,) pull of each square on the mean."""
         return np.asarray((self.sums - self.mean * self.weights) / max(self.weights.sum(), 1.0))
 
     @property
-    def weight_by_frame(self) -> npt.NDArray[np.float64]:
+    def weight_by_frame(self) -> Numbers:
         """(F,) weight of the points of each frame."""
         return np.asarray(np.bincount(self.frames, self.weights, self.num_frames), np.float64)
 
     @property
-    def by_frame(self) -> npt.NDArray[np.float64]:
+    def by_frame(self) -> Numbers:
         """(F,) mean over the points of each frame."""
         sums = np.bincount(self.frames, self.sums, self.num_frames)
         return np.asarray(sums / np.maximum(self.weight_by_frame, 1.0))
 
     @property
-    def sigma_by_frame(self) -> npt.NDArray[np.float64]:
+    def sigma_by_frame(self) -> Numbers:
         """(F,) standard error of each frame's mean over independent squares; infinite with fewer than two."""
         weights = np.maximum(self.weight_by_frame, 1.0)
         counts = np.bincount(self.frames, minlength=self.num_frames)
@@ -92,9 +94,7 @@ def paired_gain(before: InformationBySquares, after: InformationBySquares) -> _c
     )
 
 
-def information_by_frame(
-    joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def information_by_frame(joints: Numbers, table: Numbers) -> Numbers:
     """Compute the mean pointwise information (F,) of the pairs of each frame from a common table, nats.
 
     Args:
@@ -105,7 +105,7 @@ def information_by_frame(
     return np.asarray((joints * table).sum(axis=(1, 2)) / weights)
 
 
-def pointwise_information(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def pointwise_information(joint: Numbers) -> Numbers:
     """Compute the pointwise mutual information of a histogram (X, Y), nats; zero for pairs that were never seen."""
     expected = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
     seen = joint > 0.0

@@ -306,15 +306,16 @@ def _check_scale(median_m: float, few: Observations | None) -> list[str]:
 
 def _check_images(drive: Drive) -> list[str]:
     named = [frame.image for frame in drive.frames if frame.image is not None]
-    found, needed = [], (drive.camera.width, drive.camera.height)
+    found, needed = [], drive.camera.size
     for name in evenly_spaced(named, NUM_PROBED):
         try:
             width, height = read_size(drive.resolve(name))
             if (width, height) == needed:
                 read_image(drive.resolve(name), needed)
             else:
-                size = f"{needed[0]} x {needed[1]}"
-                found.append(f"{name} is {width} x {height}, the camera's images are {size}")
+                found.append(
+                    f"{name} is {width} x {height}, the camera's images are {needed[0]} x {needed[1]}"
+                )
         except InputError as error:
             found.append(str(error))
     return found

@@ -246,11 +246,10 @@ class Problem:
 
     def _left_open(self, fit: Fit) -> list[str]:
         """List the variables that the data do not determine better than the priors."""
+        fitted = zip(fit.variables.names, fit.sigmas, self._known(fit.variables), strict=True)
         return [
             name
-            for name, sigma, before in zip(
-                fit.variables.names, fit.sigmas, self._known(fit.variables), strict=True
-            )
+            for name, sigma, before in fitted
             if not sigma <= (MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * before)
         ]
 

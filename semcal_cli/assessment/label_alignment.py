@@ -274,9 +274,7 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
     return (LEAKED_LABELS.measured(share, found),)
 
 
-def _joints(
-    observations: Observations, T_camera_lidar: Pose
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _joints(observations: Observations, T_camera_lidar: Pose) -> tuple[Numbers, Numbers]:
     """Count the classes of hidden and of visible points, and of the pixels that they land on (C, C) each."""
     camera, counts = core_camera(observations.camera), np.zeros((2, NO_CLASS + 1, NO_CLASS + 1))
     height, width = observations.images[0].classes.shape
@@ -291,7 +289,7 @@ def _joints(
     return hidden, visible
 
 
-def _share_explained(joint: npt.NDArray[np.float64]) -> float:
+def _share_explained(joint: Numbers) -> float:
     """Compute the fraction of the entropy of the points' classes that the pixels explain, from joint counts."""
     points_nats, pixels_nats = entropy(joint.sum(axis=1)), entropy(joint.sum(axis=0))
     num_points, num_pixels = (np.count_nonzero(joint.any(axis=axis)) for axis in (1, 0))

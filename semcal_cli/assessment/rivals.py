@@ -61,10 +61,10 @@ def check_rivals(
     """
     tops, near = _tops(observations, T_camera_lidar)
     if observations.starts is None and uncertainty is not None:
-        finished = [newton(observations, top, PolishConfig()).T_camera_lidar for top in near]
-        offsets = [compare_poses(top, T_camera_lidar).offsets for top in finished]
-        is_outside = [(np.abs(each) > uncertainty.half_widths).any() for each in offsets]
-        tops += [top for top, is_out in zip(finished, is_outside, strict=True) if is_out]
+        for top in near:
+            T_top = newton(observations, top, PolishConfig()).T_camera_lidar
+            if (np.abs(compare_poses(T_top, T_camera_lidar).offsets) > uncertainty.half_widths).any():
+                tops.append(T_top)
     if not tops:
         return ()
     behind, T_rival = min(

@@ -172,6 +172,7 @@ def findings_among(measured: Iterable[Measured]) -> tuple[Finding, ...]:
 
 
 SETTING = partial(Limit, source="a setting")
+# What several checks advise.
 ELSEWHERE = "add frames from other places"
 BY_HAND = f"{ELSEWHERE}, or measure the mounting by hand and give it with --init"
 NEARER = "add frames, or start nearer with --init"

@@ -39,7 +39,6 @@ def describe_input(
     Raises:
         InputError: a file cannot be read.
     """
-    frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
     known, arrays = {} if known is None else known, drive.arrays
     names = [getattr(frame, key) for frame in drive.frames for key in keys]
     if drive.motion is not None:
@@ -55,7 +54,7 @@ def describe_input(
     return Input(
         drive=os.path.relpath(drive.path, relative_to) if arrays is None else str(drive.path),
         camera=drive.camera,
-        frames=tuple(frames),
+        frames=tuple(InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames),
         sha256=hashes,
         networks=_networks(drive, keys),
     )
