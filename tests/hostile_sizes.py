@@ -137,7 +137,7 @@ SIZES: dict[str, Hostile] = {
         error("drive/drive.yaml: camera.height: found 65,535 x 65,535 pixels, needed at most 100,000,000"),
     ),
     "a label image of 20,000 squared pixels": Hostile(
-        named("image_labels", "a.png", partial(png, 20_000, 20_000)),
+        named("image_labels", "a.png", partial(png, 20_000, 20_000, num_lines=100)),
         CALIBRATE,
         error("drive/a.png: is 20000 x 20000, the camera is 320 x 180"),
     ),

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from batches import NUM_DRIVES, QUICK, SEMCAL, command, make_drives, run, summary
+from click.testing import Result
 from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
 from refined import with_camera
@@ -39,26 +40,33 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_drives(tmp_path_factory.mktemp("drives"))
 
 
+@pytest.fixture(scope="module")
+def whole(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+    """A batch that nothing happens to, and its results, which tests do not write to."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    return run(command(drives, out)), out
+
+
 @pytest.fixture
 def copies(drives: Path, tmp_path: Path) -> Path:
     shutil.copytree(drives, tmp_path / "drives")
     return tmp_path / "drives"
 
 
-def test_drives_in_a_row_and_two_at_a_time(drives: Path, tmp_path: Path) -> None:
-    found = run(command(drives, tmp_path / "one"))
+def test_drives_in_a_row_and_two_at_a_time(drives: Path, whole: tuple[Result, Path], tmp_path: Path) -> None:
+    found, one = whole
     assert found.exit_code in (0, 3), found.output
     assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: " in found.stderr
-    assert f"summary          {tmp_path}/one/summary.csv," in found.stderr
-    outcomes = summary(tmp_path / "one")
+    assert f"summary          {one}/summary.csv," in found.stderr
+    outcomes = summary(one)
     assert [outcome["drive"] for outcome in outcomes] == [str(drives / f"{n:03d}") for n in range(NUM_DRIVES)]
     for outcome in outcomes:
-        T = read_transform(tmp_path / "one" / outcome["result"])
+        T = read_transform(one / outcome["result"])
         assert outcome["T_camera_lidar"] == T.tolist()
         assert compare_poses(T, read_transform(Path(outcome["drive"]))).rotation_deg < 2.0
     assert found.exit_code == worst(outcome["exit_code"] for outcome in outcomes)
     assert [worst(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [])] == [1, 3, 4, 0]
-    with (tmp_path / "one/summary.csv").open() as file:
+    with (one / "summary.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["translation_x_m"]) for row in rows] == [o["T_camera_lidar"][0][3] for o in outcomes]
     alone = [
@@ -73,7 +81,7 @@ def test_drives_in_a_row_and_two_at_a_time(drives: Path, tmp_path: Path) -> None
     assert outcomes[1]["T_camera_lidar"] == read_transform(tmp_path / "c.yaml").tolist()
     run(command(drives, tmp_path / "two", "--jobs", "2"))
     for name in ("summary.csv", "summary.jsonl"):
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+        assert (one / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
 def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
@@ -166,9 +174,8 @@ def test_more_time_is_a_reason_to_try_again(copies: Path, tmp_path: Path) -> Non
     assert run(hurried).exit_code in (0, 3)  # done is done
 
 
-def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
+def test_killed_at_any_moment_it_goes_on(drives: Path, whole: tuple[Result, Path], tmp_path: Path) -> None:
     """kill -9 at some moments: the summary at the end is that of a batch that nothing happened to."""
-    run(command(drives, tmp_path / "whole", "--jobs", "2"))
     rng = np.random.default_rng(5)
     for _ in range(4):
         process = subprocess.Popen(
@@ -183,7 +190,7 @@ def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
     assert (tmp_path / "killed").exists()
     assert run(command(drives, tmp_path / "killed", "--jobs", "2")).exit_code in (0, 3)
     for name in ("summary.csv", "summary.jsonl"):
-        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "killed" / name).read_bytes()
+        assert (whole[1] / name).read_bytes() == (tmp_path / "killed" / name).read_bytes()
     assert not list((tmp_path / "killed").rglob("*.part"))
 
 
@@ -282,15 +289,17 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
         yield json.loads(file.read_text())["address"], workers
     finally:
         for process in (*workers, scheduler):
-            process.terminate()
+            process.kill()  # the process of a nanny ends with it; asked to, they would wait for one another
             process.wait()
 
 
 def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
-    drives: Path, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+    drives: Path,
+    whole: tuple[Result, Path],
+    tmp_path: Path,
+    cluster: tuple[str, list[subprocess.Popen]],
 ) -> None:
     address, workers = cluster
-    run(command(drives, tmp_path / "local"))
     process = subprocess.Popen(
         [*SEMCAL, *command(drives, tmp_path / "cluster", "--dask", address)],
         cwd=tmp_path,
@@ -304,7 +313,7 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
     assert process.returncode in (0, 3), rest
     assert f"{NUM_DRIVES} of {NUM_DRIVES} drives" in rest
     for name in ("summary.csv", "summary.jsonl"):
-        assert (tmp_path / "local" / name).read_bytes() == (tmp_path / "cluster" / name).read_bytes()
+        assert (whole[1] / name).read_bytes() == (tmp_path / "cluster" / name).read_bytes()
     from distributed import Client
 
     with Client(address) as client:

@@ -12,8 +12,6 @@ from refined import clock, refined_camera
 from test_calibration import POSE, make_calibration
 from test_hostile_commands import SMALL
 
-from semcal_cli import pipeline
-from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
@@ -46,12 +44,9 @@ def test_a_clock_that_is_not_determined(tmp_path: Path, cli: Cli, motion: str, n
 @pytest.mark.parametrize(
     "options",
     [
-        ("--split",),
-        ("--repeat", "2"),
+        ("--split", "--repeat", "2", "--intrinsics-sigma", "1e3", "1e3"),
         ("--cue", "segments", "--max-frames", "2"),
-        ("--estimator", "mine"),
-        ("--intrinsics-sigma", "1e3", "1e3"),
-        ("--intrinsics-sigma", "1e-9", "1e-9"),
+        ("--estimator", "mine", "--intrinsics-sigma", "1e-9", "1e-9"),
     ],
 )
 def test_options_that_go_together(street: Path, tmp_path: Path, cli: Cli, options: tuple[str, ...]) -> None:
@@ -75,25 +70,6 @@ def test_cameras_of_a_rig_have_intrinsics_of_their_own(rig: Path, tmp_path: Path
         camera = read_calibration(path).camera
         assert camera is not None
         assert list(camera.intrinsics) == ["fx", "fy", "k1"]
-
-
-@pytest.mark.parametrize(
-    ("jointly", "message"),
-    [
-        (JointlyConfig(("k9",)), r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy, "),
-        (
-            JointlyConfig(with_delay=True),
-            r"motion: found no direction of motion, needed poses or a twist for ",
-        ),
-    ],
-)
-def test_what_cannot_be_estimated_is_told_before_the_search(
-    street: Path, monkeypatch: pytest.MonkeyPatch, jointly: JointlyConfig, message: str
-) -> None:
-    monkeypatch.setattr(pipeline.calibration, "initialize", lambda *_: pytest.fail("searched"))
-    config = CalibrationConfig(refinement=RefinementConfig(jointly=jointly))
-    with pytest.raises(InputError, match=message):
-        pipeline.calibrate(street, config)
 
 
 def test_several_that_are_not_determined_are_listed(tmp_path: Path, cli: Cli) -> None:

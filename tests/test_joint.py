@@ -13,7 +13,7 @@ from semcal_cli.assessment.joint import Joint, fit_jointly
 from semcal_cli.assessment.joint_fit import LEAST_EVIDENCE, Problem, Variables
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.assessment.uncertainty import with_others
-from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig
+from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -23,7 +23,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import assess, refine_and_polish, start_at
+from semcal_cli.pipeline import assess, calibration, refine_and_polish, start_at
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, synthesize
 
@@ -59,6 +59,13 @@ def moving(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
     folder = tmp_path_factory.mktemp("moving") / "drive"
     synthesize(MOVING, folder)
     return load(folder)
+
+
+@pytest.fixture(scope="module")
+def late(moving: LoadedDrive) -> Joint:
+    """What is found where images are 20 ms late, of the clock alone."""
+    seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
+    return fit_jointly(seen, truth, JointlyConfig(with_delay=True), PolishConfig())
 
 
 def spoiled(camera: Camera, share: float, pixels: float) -> Camera:
@@ -127,10 +134,11 @@ def test_coarse_blocks_that_lead_away_are_not_followed(
 
 
 @pytest.mark.parametrize("late_s", [0.02, -0.05])
-def test_late_images_are_found(moving: LoadedDrive, late_s: float) -> None:
-    truth = np.array(moving.drive.T_camera_lidar)
-    late = delayed(moving.observations, -late_s)
-    found = fit_jointly(late, truth, JointlyConfig(with_delay=True), PolishConfig())
+def test_late_images_are_found(moving: LoadedDrive, late: Joint, late_s: float) -> None:
+    found = late
+    if late_s < 0.0:
+        seen, truth = delayed(moving.observations, -late_s), np.array(moving.drive.T_camera_lidar)
+        found = fit_jointly(seen, truth, JointlyConfig(with_delay=True), PolishConfig())
     assert found.is_kept
     assert found.clock is not None
     assert abs(found.clock.time_offset_s - late_s) < MAX_CLOCK_S
@@ -138,11 +146,14 @@ def test_late_images_are_found(moving: LoadedDrive, late_s: float) -> None:
 
 
 @pytest.mark.parametrize("names", [(), ("fx", "fy")])
-def test_a_clock_tells_how_it_goes_with_the_pose(moving: LoadedDrive, names: tuple[str, ...]) -> None:
+def test_a_clock_tells_how_it_goes_with_the_pose(
+    moving: LoadedDrive, late: Joint, names: tuple[str, ...]
+) -> None:
     """Also where nothing but the clock is estimated; its row is the last one, in seconds."""
-    truth = np.array(moving.drive.T_camera_lidar)
-    late = delayed(moving.observations, -0.02)
-    found = fit_jointly(late, truth, JointlyConfig(names, with_delay=True), PolishConfig())
+    found = late
+    if names:
+        seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
+        found = fit_jointly(seen, truth, JointlyConfig(names, with_delay=True), PolishConfig())
     assert found.clock is not None
     assert found.uncertainty is not None
     covariance = np.array(found.clock.joint_covariance)
@@ -156,17 +167,13 @@ def test_a_clock_tells_how_it_goes_with_the_pose(moving: LoadedDrive, names: tup
         assert np.array_equal(covariance, of_all[np.ix_(places, places)])
 
 
-def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive) -> None:
-    truth = np.array(moving.drive.T_camera_lidar)
-    late = delayed(moving.observations, -0.02)
-    config = JointlyConfig(with_delay=True)
-    alone, added = (
-        fit_jointly(late, truth, config, PolishConfig(), before_s).clock for before_s in (0.0, 0.3)
-    )
-    assert alone is not None
+def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive, late: Joint) -> None:
+    seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
+    added = fit_jointly(seen, truth, JointlyConfig(with_delay=True), PolishConfig(), 0.3).clock
+    assert late.clock is not None
     assert added is not None
-    assert added.time_offset_s == pytest.approx(alone.time_offset_s + 0.3)
-    assert (alone.given_s, added.given_s) == (0.0, 0.3)
+    assert added.time_offset_s == pytest.approx(late.clock.time_offset_s + 0.3)
+    assert (late.clock.given_s, added.given_s) == (0.0, 0.3)
 
 
 def assessed(data: LoadedDrive, T: Pose, jointly: JointlyConfig) -> Stages:
@@ -265,15 +272,19 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
         ),
     ],
 )
-def test_what_the_drive_does_not_allow_for_is_refused(
-    synthetic_eight: LoadedDrive, truth: Pose, jointly: JointlyConfig, complaint: str
+def test_what_the_drive_does_not_allow_for_is_refused_before_the_search(
+    synthetic_eight: LoadedDrive,
+    truth: Pose,
+    monkeypatch: pytest.MonkeyPatch,
+    jointly: JointlyConfig,
+    complaint: str,
 ) -> None:
+    monkeypatch.setattr(calibration, "initialize", lambda *_: pytest.fail("searched"))
+    config = RefinementConfig(jointly=jointly)
     with pytest.raises(InputError, match=complaint):
-        refine_and_polish(
-            synthetic_eight,
-            start_at(synthetic_eight, InitialPose(truth, "truth")),
-            RefinementConfig(jointly=jointly),
-        )
+        calibration.calibrate(synthetic_eight, CalibrationConfig(refinement=config))
+    with pytest.raises(InputError, match=complaint):
+        refine_and_polish(synthetic_eight, start_at(synthetic_eight, InitialPose(truth, "truth")), config)
 
 
 @pytest.mark.parametrize("lens", LENSES)
