@@ -15,7 +15,7 @@ import click
 from semcal_cli.cli import EXIT_STOPPED
 from semcal_cli.cli.calibrate import CalibrateSettings, calibrate
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, MAX_THREADS, QuietSettings
+from semcal_cli.cli.options import MAX_THREADS, QuietSettings
 from semcal_cli.cli.rules import given, refuse
 from semcal_cli.cli.settings import SettingsCommand, argument, command, option
 from semcal_cli.cli.verify import VerifySettings, verify
@@ -81,10 +81,9 @@ class BatchSettings(QuietSettings):
         return self.threads or (1 if self.dask is not None else max(num_cores() // (self.jobs or 1), 1))
 
 
-@command(
-    BatchSettings,
-    cls=WithRest,
-    help=f"""Calibrate many DRIVES, or verify one transform on them.
+@command(BatchSettings, cls=WithRest)
+def batch(settings: BatchSettings) -> None:
+    """Calibrate many DRIVES, or verify one transform on them.
 
     DRIVES are folders, drive files, quoted patterns, text files (.txt) with one of these per line, or - for standard
     input. Everything after -- goes to the command: semcal batch 'drives/*' -o results -- --estimator mine
@@ -98,10 +97,7 @@ class BatchSettings(QuietSettings):
     Exit code: the worst of all drives; from worst to best, these are 1, 3, 4 and 0.
 
     --calibration accepts {KNOWN_TRANSFORMS}.
-    """,
-)
-def batch(settings: BatchSettings) -> None:
-    """Run a command on many drives."""
+    """
     from semcal_cli.batches.cluster import connect, execute_on
     from semcal_cli.batches.records import worst
     from semcal_cli.batches.run import execute_here, run_batch

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, json_flag, limit
+from semcal_cli.cli.options import json_flag, limit
 from semcal_cli.cli.settings import argument, command
 from semcal_cli.config import Limits
 from semcal_cli.errors import told_apart
@@ -31,17 +31,14 @@ class CompareSettings:
     as_json: bool = json_flag()
 
 
-@command(
-    CompareSettings,
-    help=f"""Compare two transforms, A and B. Each is {KNOWN_TRANSFORMS}.
+@command(CompareSettings)
+def compare(settings: CompareSettings) -> None:
+    """Compare two transforms, A and B. Each is {KNOWN_TRANSFORMS}.
 
     The difference along each axis of the camera is printed next to the 95 % interval of each transform.
 
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
-    """,
-)
-def compare(settings: CompareSettings) -> None:
-    """Compare two transforms."""
+    """
     from semcal_cli.assessment.comparison import compare as difference
     from semcal_cli.assessment.comparison import describe_cameras
     from semcal_cli.assessment.limits import together

@@ -16,8 +16,8 @@ from semcal_cli.cli.experiment_options import (
     rows_option,
     seeds_options,
 )
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, MANY_POINTS, MAX_MAX_POINTS
-from semcal_cli.cli.settings import PATH
+from semcal_cli.cli.options import MANY_POINTS, MAX_MAX_POINTS
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, PATH
 from semcal_cli.config import MAX_FRAMES, MAX_POINTS, CalibrationConfig, Estimator
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import check_torch

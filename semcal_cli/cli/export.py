@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, DriveSettings
-from semcal_cli.cli.settings import SettingsCommand, argument, option
+from semcal_cli.cli.options import DriveSettings
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, SettingsCommand, argument, option
 from semcal_cli.errors import check_installed, counted
 
 

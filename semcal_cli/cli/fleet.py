@@ -14,7 +14,6 @@ import click
 
 from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.options import (
-    KNOWN_TRANSFORMS,
     LimitSettings,
     QuietSettings,
     inconclusive_choice,
@@ -60,9 +59,9 @@ class FleetSettings(LimitSettings, QuietSettings):
             raise InputError(f"{self.plot}: found suffix {self.plot.suffix!r}, needed {' or '.join(PLOTS)}")
 
 
-@command(
-    FleetSettings,
-    help=f"""Combine the drives of one rig: what they agree on, which disagree, and whether the rig moved.
+@command(FleetSettings)
+def fleet(settings: FleetSettings) -> None:
+    """Combine the drives of one rig: what they agree on, which disagree, and whether the rig moved.
 
     RESULTS are folders written by semcal batch, or single calibrations. Drives are ordered by the stamps of
     their first frames if these are seconds since 1970, otherwise by name. Drives that are not trusted are named and
@@ -72,10 +71,7 @@ class FleetSettings(LimitSettings, QuietSettings):
     them. 3: the whole 95 % interval of one of these is beyond its limit. 4: the drives are inconclusive.
 
     --reference accepts {KNOWN_TRANSFORMS}.
-    """,
-)
-def fleet(settings: FleetSettings) -> None:
-    """Combine the drives of a rig."""
+    """
     from semcal_cli.batches.records import JSONL
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.config import Limits

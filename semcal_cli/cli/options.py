@@ -24,7 +24,6 @@ MAX_MAX_POINTS = 2**32 - 1
 MAX_LIMIT = 1e6
 """Largest limit in metres, degrees or milliseconds: no two transforms are farther apart."""
 
-KNOWN_TRANSFORMS = "a calibration, a drive with a reference, or any format that `convert --formats` lists"
 CUES = Names(PLUGINS.taken, alone=("features", "auto"), plugins=PLUGINS)
 MANY_POINTS = "Refuse sweeps with more than N points, and cloud files with more than 64 N bytes."
 

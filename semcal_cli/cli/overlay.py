@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, DriveSettings, cue_list
+from semcal_cli.cli.options import DriveSettings, cue_list
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.settings import argument, command, option
 from semcal_cli.config import AUTO, LABELS, CueName
@@ -42,16 +42,13 @@ class OverlaySettings(DriveSettings):
     max_frames: int = option("Draw at most N evenly spaced frames.", default=20, least=1)
 
 
-@command(
-    OverlaySettings,
-    help=f"""Draw the points of DRIVE on its images, at the transform in CALIBRATION.
+@command(OverlaySettings)
+def overlay(settings: OverlaySettings) -> None:
+    """Draw the points of DRIVE on its images, at the transform in CALIBRATION.
 
     CALIBRATION is {KNOWN_TRANSFORMS}. For a rig.yaml, it is the folder that semcal calibrate wrote, and each camera
     gets a folder of images. Points that the camera cannot see are left out, or grey with --by agreement.
-    """,
-)
-def overlay(settings: OverlaySettings) -> None:
-    """Draw points on images."""
+    """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.writing import make_folder

@@ -6,8 +6,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, ResultSettings
-from semcal_cli.cli.settings import command, option
+from semcal_cli.cli.options import ResultSettings
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, command, option
 from semcal_cli.cli.stages import RefinementSettings
 from semcal_cli.config import CalibrationConfig
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, RunSettings
+from semcal_cli.cli.options import RunSettings
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.settings import argument, command, option, output_file
 
@@ -24,16 +24,13 @@ class ReportSettings(RunSettings):
     )
 
 
-@command(
-    ReportSettings,
-    help=f"""Write a page about the transform in CALIBRATION on DRIVE.
+@command(ReportSettings)
+def report(settings: ReportSettings) -> None:
+    """Write a page about the transform in CALIBRATION on DRIVE.
 
     CALIBRATION is {KNOWN_TRANSFORMS}. For a rig.yaml, it is the folder that semcal calibrate wrote. The page is one
     HTML file with everything that is known about the transform, and can be read offline.
-    """,
-)
-def report(settings: ReportSettings) -> None:
-    """Write a page about a transform."""
+    """
     from semcal_cli.cli.outputs import check_outputs, check_page, files_read
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive

@@ -25,6 +25,7 @@ from semcal_cli.plugins import Plugins
 Settings = TypeVar("Settings")
 Made = TypeVar("Made")
 PARAMETER, IS_ARGUMENT = "parameter", "is_argument"
+KNOWN_TRANSFORMS = "a calibration, a drive with a reference, or any format that `convert --formats` lists"
 LIMITS = ("least", "most", "above", "below")
 OPTIONS = "Options"
 """Heading in the help for options without a section of their own."""
@@ -307,5 +308,15 @@ def _check_stdout_is_free(context: click.Context) -> None:
 
 
 def command(settings: type[Settings], **about: Any) -> Callable[[Callable[[Settings], None]], Any]:
-    """Turn a function of settings into a command; `about` holds other arguments of `click.command`."""
-    return lambda run: click.command(**{"cls": SettingsCommand, "settings": settings, **about})(run)
+    """Turn a function of settings into a command. Its help is the docstring, with `KNOWN_TRANSFORMS` filled in.
+
+    Args:
+        settings: Class of the settings.
+        about: Other arguments of `click.command`.
+    """
+
+    def made(run: Callable[[Settings], None]) -> Any:
+        text = (run.__doc__ or "").replace("{KNOWN_TRANSFORMS}", KNOWN_TRANSFORMS)
+        return click.command(**{"cls": SettingsCommand, "settings": settings, "help": text, **about})(run)
+
+    return made

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, Direction
+from semcal_cli.cli.options import Direction
 from semcal_cli.cli.rules import given
-from semcal_cli.cli.settings import FiniteNumber, FiniteRange, Names, option, setting_of
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, FiniteNumber, FiniteRange, Names, option, setting_of
 from semcal_cli.config import (
     AUTO,
     LABELS,

@@ -15,7 +15,6 @@ import click
 from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
 from semcal_cli.cli.convert import DIRECTION
 from semcal_cli.cli.options import (
-    KNOWN_TRANSFORMS,
     MAX_LIMIT,
     Direction,
     EstimateSettings,
@@ -92,19 +91,16 @@ class VerifySettings(LimitSettings, EstimateSettings):
         _ = self.initial_pose
 
 
-@command(
-    VerifySettings,
-    help=f"""Verify the transform in CALIBRATION on DRIVE. CALIBRATION is {KNOWN_TRANSFORMS}.
+@command(VerifySettings)
+def verify(settings: VerifySettings) -> None:
+    """Verify the transform in CALIBRATION on DRIVE. CALIBRATION is {KNOWN_TRANSFORMS}.
 
     The pose is estimated again, starting from the transform. The limits hold along and about each
     axis of the camera, and in total; --max-delay-ms adds one for the time offset.
 
     Exit code 0: every check passes. 3: the whole 95 % interval of an offset is beyond its limit.
     4: the data are inconclusive; --inconclusive changes this code.
-    """,
-)
-def verify(settings: VerifySettings) -> None:
-    """Verify a transform on a drive."""
+    """
     from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.files.writing import write_text
     from semcal_cli.pipeline.verification import verify as check

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, EstimateSettings
+from semcal_cli.cli.options import EstimateSettings
 from semcal_cli.cli.rules import none_of
 from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.cli.stages import read_initial_pose
@@ -39,9 +39,9 @@ class ViewSettings(EstimateSettings):
     is_opened: bool = option("Also open the page in the browser.", "--open", default=False)
 
 
-@command(
-    ViewSettings,
-    help=f"""Adjust a transform by hand, on a page in the browser that shows the points of DRIVE on its images.
+@command(ViewSettings)
+def view(settings: ViewSettings) -> None:
+    """Adjust a transform by hand, on a page in the browser that shows the points of DRIVE on its images.
 
     CALIBRATION is the start: {KNOWN_TRANSFORMS}. Without it, the page offers mountings to start from. Sliders and the
     mouse move the camera. The page shows how well the labels agree, can refine the pose, and saves it for
@@ -49,10 +49,7 @@ class ViewSettings(EstimateSettings):
 
     The page is served only to this machine, at an address with a random word. The command ends with Ctrl-C (exit code
     130) or, with -o, with the button "Save and end" (0).
-    """,
-)
-def view(settings: ViewSettings) -> None:
-    """Show a drive on a page where its transform is adjusted by hand."""
+    """
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.report.view.server import ViewServer
