@@ -1,7 +1,4 @@
-"""Consistency checks of a pose with its labels, its surroundings, the focal length and the clocks.
-
-Each check gives findings, which are sentences with figures. The absence of findings does not prove a pose right.
-"""
+"""Consistency checks of a pose with its labels, its surroundings, the focal length and the clocks."""
 
 from __future__ import annotations
 

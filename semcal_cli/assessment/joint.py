@@ -315,19 +315,14 @@ def advise(
     if not with_priors and not done.is_asked:
         values = _values(observations, T_camera_lidar, asked, polish, time_offset_s)
 
-    def advised(finding: Finding) -> Finding:
-        if not (
-            (finding.topic in OF_INTRINSICS and intrinsics)
-            or (finding.topic in OF_CLOCKS and asked.with_delay)
-        ):
-            return finding
-        if values is None:
-            advice = f"{finding.advice}, or calibrate more frames with {' '.join(options)}"
-        else:
-            advice = f"calibrate with {' '.join(options)}, which finds {values}"
-        return finding._replace(advice=advice)
+    advised = OF_INTRINSICS * bool(intrinsics) + OF_CLOCKS * asked.with_delay
 
-    return tuple(advised(finding) for finding in findings)
+    def advice(finding: Finding) -> str:
+        if values is None:
+            return f"{finding.advice}, or calibrate more frames with {' '.join(options)}"
+        return f"calibrate with {' '.join(options)}, which finds {values}"
+
+    return tuple(each._replace(advice=advice(each)) if each.topic in advised else each for each in findings)
 
 
 def _values(

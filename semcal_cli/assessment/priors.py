@@ -2,9 +2,8 @@
 
 The labels give a measurement of the pose, whose covariance is the sandwich of `semcal_cli.assessment.uncertainty`. The
 priors give others, and all are weighted by their information (Gauss-Newton). Axes that are known exactly are
-constraints. If the labels alone do not determine the pose, they are evaluated again after each round. Directions in
-which the mutual information does not curve carry no information of the labels, so the priors alone decide there. Stated
-errors of the intrinsics add to the covariance of the labels' measurement.
+constraints. Directions in which the mutual information does not curve carry no information of the labels, so the priors
+alone decide there. Stated errors of the intrinsics add to the covariance of the labels' measurement.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""The labels as a measurement: how the mutual information depends on a pose, and where its optimum is.
-
-Parts of the images are the evidence. Labels carry no information in directions in which the mutual information does not
-curve, so priors decide there.
-"""
+"""The labels as a measurement: how the mutual information depends on a pose, and where its optimum is."""
 
 from __future__ import annotations
 
