@@ -171,10 +171,10 @@ COLUMNS = (
     common("estimator", "estimator"),
     NUMBER,
     *ERRORS,
-    count("right", "num_right", lambda result: result.is_right),
-    count("not trusted", "num_not_trusted", lambda result: result.status == "not_trusted"),
-    count("wrong, not reported", "num_missed", lambda result: result.is_missed),
-    count("failed", "num_failed", lambda result: not math.isfinite(result.rotation_deg)),
+    count("right", lambda result: result.is_right, "num_right"),
+    count("not trusted", lambda result: result.status == "not_trusted", "num_not_trusted"),
+    count("wrong, not reported", lambda result: result.is_missed, "num_missed"),
+    count("failed", lambda result: not math.isfinite(result.rotation_deg), "num_failed"),
     Column("refinement, s", {"refine_s": of("refine_s", median)}, digits(1)),
 )
 

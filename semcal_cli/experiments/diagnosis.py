@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.trust import Outcome, errors_of
+from semcal_cli.experiments.trust import Outcome, errors_of, in_cm
 from semcal_cli.pipeline import calibrate
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
@@ -45,11 +45,8 @@ def names_knock(raw: RawDrive, found: Found, outcome: Outcome) -> Outcome:
     knocks = []
     for start, part in zip(starts, parts, strict=False):
         if (moved := part.moved) is not None:
-            offset = *(100.0 * x for x in moved.camera_center_m), *(-x for x in moved.rotation_deg)
-            halves = (
-                *(100.0 * x for x in moved.half_width_95_camera_center_m),
-                *moved.half_width_95_rotation_deg,
-            )
+            offset = in_cm(moved.camera_center_m, [-x for x in moved.rotation_deg])
+            halves = in_cm(moved.half_width_95_camera_center_m, moved.half_width_95_rotation_deg)
             knocks.append((start, offset, halves))
     if not knocks:
         return replace(outcome, is_told=False, detail=f"frame {first}, none named", has_frame=False)
@@ -79,7 +76,7 @@ def covers_intrinsics(offsets: Mapping[str, float], raw: RawDrive, found: Found,
     stated = getattr(found.uncertainty, "intrinsics_cost", None)
     for name, offset in offsets.items() if stated is not None else ():
         cost = getattr(stated, name)
-        costs += offset * np.abs((*(100.0 * x for x in cost.camera_center_m), *cost.rotation_deg))
+        costs += offset * np.abs(in_cm(cost.camera_center_m, cost.rotation_deg))
     halves = outcome.half_widths or (0.0,) * 6
     covered = [
         abs(error) <= half + cost for error, half, cost in zip(outcome.errors, halves, costs, strict=True)

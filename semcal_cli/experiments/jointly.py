@@ -245,9 +245,9 @@ def _is_undetermined(result: Result) -> bool:
 COLUMNS = (
     common("row", ""),
     NUMBER,
-    count("kept", "num_kept", lambda result: result.is_kept),
-    count("trusted", "num_trusted", lambda result: result.status == "trusted"),
-    count("not determined", "num_not_determined", _is_undetermined),
+    count("kept", lambda result: result.is_kept, "num_kept"),
+    count("trusted", lambda result: result.status == "trusted", "num_trusted"),
+    count("not determined", _is_undetermined, "num_not_determined"),
     _sizes("rotation, deg", "rotation_deg", 4),
     _sizes("camera centre, cm", "camera_center_cm", 2),
     Column("pose error relative to before: median", {"beside_before": _beside_before}, digits(2)),
@@ -260,7 +260,7 @@ COLUMNS = (
         {"num_inside": of("num_inside", sum), "num_intervals": of("num_intervals", sum)},
         lambda num_inside, num_intervals: Rate("", num_inside, num_intervals).share,
     ),
-    count("trusted and far off", "num_far_off", lambda result: result.is_far_off),
+    count("trusted and far off", lambda result: result.is_far_off, "num_far_off"),
     SECONDS,
 )
 

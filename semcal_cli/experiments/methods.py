@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -112,35 +112,30 @@ PMI_AS_PUBLISHED = replace(
 away."""
 
 
-def _published(observations: Observations, T_init: Pose) -> Pose:
-    config = PMI_AS_PUBLISHED if observations.has_vectors else PAPER
-    return paper.refine(observations, T_init, config, seed=0).T_camera_lidar
+def _published(scene: Scene, seen: Observations, T_init: Pose) -> Pose:
+    config = PMI_AS_PUBLISHED if seen.has_vectors else PAPER
+    return paper.refine(seen, T_init, config, seed=0).T_camera_lidar
 
 
-def _published_from_nothing(observations: Observations) -> Pose:
-    best, *_ = paper.initialize(observations, PAPER, seed=0)
-    return _published(observations, best.T_camera_lidar)
+def _published_from_nothing(scene: Scene, seen: Observations, T_init: Pose) -> Pose:
+    best, *_ = paper.initialize(seen, PAPER, seed=0)
+    return _published(scene, seen, best.T_camera_lidar)
 
 
+def _soic(scene: Scene, seen: Observations, T_init: Pose) -> Pose:
+    return Soic(seen, SoicConfig()).minimize(T_init).T_camera_lidar
+
+
+_exact, _mine = partial(Scene.ascend, estimator="exact"), partial(Scene.ascend, estimator="mine")
 METHODS: dict[str, Method] = {
-    "semcal": Method("labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), ACCENT),
-    "paper": Method("raw_labels", lambda scene, seen, T_init: _published(seen, T_init), PURPLE),
-    "paper, own start": Method(
-        "raw_labels", lambda scene, seen, T_init: _published_from_nothing(seen), ORANGE
-    ),
-    "SOIC": Method(
-        "labels",
-        lambda scene, seen, T_init: Soic(seen, SoicConfig()).minimize(T_init).T_camera_lidar,
-        VERMILION,
-    ),
-    "PMI": Method("intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), GREEN),
-    "PMI as published": Method("raw_intensity", lambda scene, seen, T_init: _published(seen, T_init), SKY),
-    "semcal, MINE and polish": Method(
-        "labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), INK, is_slow=True
-    ),
-    "PMI, MINE and polish": Method(
-        "intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), GREY, is_slow=True
-    ),
+    "semcal": Method("labels", _exact, ACCENT),
+    "paper": Method("raw_labels", _published, PURPLE),
+    "paper, own start": Method("raw_labels", _published_from_nothing, ORANGE),
+    "SOIC": Method("labels", _soic, VERMILION),
+    "PMI": Method("intensity", _exact, GREEN),
+    "PMI as published": Method("raw_intensity", _published, SKY),
+    "semcal, MINE and polish": Method("labels", _mine, INK, is_slow=True),
+    "PMI, MINE and polish": Method("intensity", _mine, GREY, is_slow=True),
 }
 """Methods by name. `paper` is Jiang et al.'s as published. PMI follows Pandey et al., mutual information of
 reflectivity and grey values: with semcal's levels and polish, or by MINE on raw values as in Jiang et al."""

@@ -157,7 +157,7 @@ def report(name: str, is_mended: bool, results: Sequence[Result]) -> Report:
         common("method", "method"),
         NUMBER,
         *ERRORS,
-        count("came back", "num_back", lambda result: result.is_back),
+        count("came back", lambda result: result.is_back, "num_back"),
         SECONDS,
     )
     settings, methods = list(dict.fromkeys(each.setting for each in results)), list(METHODS)

@@ -81,9 +81,9 @@ def cell(header: str, measure: Measure) -> Column:
     return Column(header, {header: measure})
 
 
-def count(header: str, key: str, is_so: Callable[[Any], bool]) -> Column:
-    """Make the column of the number of results that meet a condition."""
-    return Column(header, {key: lambda found: sum(map(is_so, found))})
+def count(header: str, is_so: Callable[[Any], bool], key: str = "") -> Column:
+    """Make the column of the number of results that meet a condition, whose figure has a key or that of the header."""
+    return Column(header, {key or header: lambda found: sum(map(is_so, found))})
 
 
 def digits(number: int) -> Callable[[Sequence[float] | float | None], str]:

@@ -107,11 +107,8 @@ class Outcome:
         )
         if (stated := calibration.uncertainty) is None:
             return outcome
-        sigmas = (*(100.0 * x for x in stated.sigma_camera_center_m), *stated.sigma_rotation_deg)
-        halves = (
-            *(100.0 * x for x in stated.half_width_95_camera_center_m),
-            *stated.half_width_95_rotation_deg,
-        )
+        sigmas = in_cm(stated.sigma_camera_center_m, stated.sigma_rotation_deg)
+        halves = in_cm(stated.half_width_95_camera_center_m, stated.half_width_95_rotation_deg)
         return replace(outcome, sigmas=sigmas, half_widths=halves)
 
     def is_trusted(self) -> bool:
@@ -149,6 +146,11 @@ class Outcome:
     def is_trusted_and_wrong(self) -> bool:
         """Whether the pose is trusted although it is wrong."""
         return self.is_trusted() and self.is_wrong()
+
+
+def in_cm(camera_center_m: Sequence[float], rotation_deg: Sequence[float]) -> tuple[float, ...]:
+    """Join three metres, given as centimetres, and three degrees, as `Outcome.errors` has them."""
+    return *(100.0 * x for x in camera_center_m), *rotation_deg
 
 
 def errors_of(T_camera_lidar: Pose, truth: Pose) -> tuple[float, ...]:

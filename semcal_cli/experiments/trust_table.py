@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,10 @@ from semcal_cli.experiments.drives import RIGS, Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.spoiled import KINDS, KNOCKED
 from semcal_cli.experiments.summary import (
-    Column,
     Rate,
     cell,
     common,
+    count,
     grouped,
     markdown_table,
     rate_of,
@@ -200,12 +200,8 @@ def sharpness(outcomes: Sequence[Outcome]) -> float:
     return float(np.max(np.median(sigmas, axis=0) / np.sqrt(np.mean(errors**2, axis=0))))
 
 
-def _number(header: str, is_so: Callable[[Outcome], bool]) -> Column:
-    return cell(header, lambda found: sum(map(is_so, found)))
-
-
-def _some(count: int, number: int) -> str:
-    return f"{count} of {number}" if number else "-"
+def _some(num_found: int, number: int) -> str:
+    return f"{num_found} of {number}" if number else "-"
 
 
 def _wrong_of_rig(rig: str, found: Sequence[Outcome]) -> str:
@@ -230,25 +226,25 @@ def _number_told(found: Sequence[Outcome]) -> Any:
 
 COMMON = (
     cell("drives", len),
-    _number("trusted", TRUSTED),
-    _number("not trusted", lambda f: f.status == "not_trusted"),
-    _number("failed", lambda f: f.status == "failed"),
+    count("trusted", TRUSTED),
+    count("not trusted", lambda f: f.status == "not_trusted"),
+    count("failed", lambda f: f.status == "failed"),
     cell("reported", _number_told),
 )
 WORST = cell("worst trusted error", _worst_trusted)
 SPOILED_COLUMNS = (
     common("kind", "spoiled"),
     *COMMON,
-    _number("trusted and wrong", WRONGLY_TRUSTED),
+    count("trusted and wrong", WRONGLY_TRUSTED),
     *(cell(rig, partial(_wrong_of_rig, rig)) for rig in RIGS),
     WORST,
 )
 SUBTLE_COLUMNS = (
     common("kind", "subtle"),
     *COMMON,
-    _number("trusted, outside the interval", Outcome.is_outside),
-    _number("of these, not reported", Outcome.is_outside_untold),
-    _number("of these, beyond 0.3 deg or 6 cm", Outcome.is_missed),
+    count("trusted, outside the interval", Outcome.is_outside),
+    count("of these, not reported", Outcome.is_outside_untold),
+    count("of these, beyond 0.3 deg or 6 cm", Outcome.is_missed),
     WORST,
     cell("axes in the interval, trusted", _axes_inside),
 )

@@ -46,7 +46,7 @@ COLUMNS = (
     common("cue", "cue"),
     NUMBER,
     *MEDIAN_AND_WORST,
-    count("trusted", "trusted", lambda result: result.status == "trusted"),
+    count("trusted", lambda result: result.status == "trusted"),
 )
 
 

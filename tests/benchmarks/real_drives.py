@@ -122,8 +122,7 @@ def _spread(ends: Sequence[End]) -> str:
 
 
 def _within(errors: tuple[float, float]) -> Column:
-    header = f"within {errors[0]:g} deg, {errors[1]:g} cm"
-    return count(header, header, lambda end: end.is_within(errors))
+    return count(f"within {errors[0]:g} deg, {errors[1]:g} cm", lambda end: end.is_within(errors))
 
 
 COLUMNS = (
@@ -135,9 +134,9 @@ COLUMNS = (
     cell("ends apart", _spread),
     _within(RIGHT),
     _within(NEAR),
-    count("trusted", "trusted", lambda end: end.is_trusted),
-    count("wrong and trusted", "wrong", lambda end: end.is_trusted and not end.is_within(NEAR)),
-    count("outside and trusted", "outside", lambda end: end.is_trusted and end.is_outside),
+    count("trusted", lambda end: end.is_trusted),
+    count("wrong and trusted", lambda end: end.is_trusted and not end.is_within(NEAR)),
+    count("outside and trusted", lambda end: end.is_trusted and end.is_outside),
     Column("seconds", {"seconds": of("seconds", median)}, digits(1)),
 )
 
