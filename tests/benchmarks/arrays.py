@@ -56,10 +56,8 @@ def arrays_of(drive: Drive) -> ArrayInput:
             found[argument] = [getattr(frame, key) for frame in drive.frames]
     motion = drive.motion
     if motion is not None and motion.poses is not None:
-        found["poses"], motion = (
-            np.loadtxt(drive.resolve(motion.poses)),
-            motion.model_copy(update={"poses": "poses"}),
-        )
+        found["poses"] = np.loadtxt(drive.resolve(motion.poses))
+        motion = motion.model_copy(update={"poses": "poses"})
     same = {key: getattr(drive, key) for key in ("camera", "lidar", "ignore", "classes", "T_camera_lidar")}
     return {**found, **same, "motion": motion, "time_offset_s": drive.time_offset_s}  # type: ignore[typeddict-item]
 

@@ -93,7 +93,6 @@ def rows(num_drives: int, num_records: int, frames: int, width: int) -> Iterator
 
 
 def main(*, drives: int = 200, bookkeeping: int = 10_000, frames: int = 5, width: int = 640) -> Iterator[str]:
-    """Print the table."""
     yield from table(" | measured", rows(drives, bookkeeping, frames, width))
 
 

@@ -68,7 +68,6 @@ def main(
     frames: int = NUM_FRAMES,
     width: int = 1280,
 ) -> Iterator[str]:
-    """Print the table."""
     size = {"num_frames": frames, "width": width, "height": width * 9 // 16}
     found: dict[int, list[np.ndarray]] = {count: [] for count in pairs}
     for seed in range(first_seed, first_seed + seeds):

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import cues
 import cv2
 import numpy as np
 from benchmark import script
@@ -23,11 +24,8 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 
-START_DEG, START_M = 2.0, 0.2
 SCALE, WIDTH, TITLE_PX = 2, 1400, 40
 COLORS = {"intensity": (255, 170, 60), "range": (40, 140, 255)}
 """Blue, green and red of steps in intensity and in range."""
@@ -59,10 +57,11 @@ def main(data: Path, *, output: Path, frame: int = 6, seed: int = 3, max_frames:
         jam = next(each for each in real_drives(data.resolve(), Path(folder)) if "jam" in each.name)
         config = CalibrationConfig(cues=("edges",), max_frames=max_frames)
         loaded = load(read_drive(jam.path), config)
-        start = displaced(read_transform(jam.path), START_DEG, START_M, np.random.default_rng(seed))
-        found = calibrate(loaded, config, initial_pose=InitialPose(start, "start"))
+        start = cues.start(read_transform(jam.path), seed)
+        found = calibrate(loaded, config, initial_pose=start)
         frame = min(frame, len(loaded.drive.frames) - 1)
-        before = draw(loaded, frame, start, f"before: {START_DEG:g} degrees and {START_M:g} m off")
+        title = f"before: {cues.START_DEG:g} degrees and {cues.START_M:g} m off"
+        before = draw(loaded, frame, start.T_camera_lidar, title)
         image = np.vstack([before, draw(loaded, frame, found.pose, "after")])
     size = WIDTH, round(image.shape[0] * WIDTH / image.shape[1])
     cv2.imwrite(str(output), cv2.resize(image, size, interpolation=cv2.INTER_AREA))

@@ -64,7 +64,6 @@ def main(
     noise: float = 1.0,
     from_nothing: bool = False,
 ) -> Iterator[str]:
-    """Print the table."""
     config = CalibrationConfig(cues=("features",), refinement=RefinementConfig("mine"))
     name, found = "features, from nothing" if from_nothing else "features", []
     for seed in range(first_seed, first_seed + seeds):

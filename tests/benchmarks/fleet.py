@@ -51,7 +51,6 @@ def rows(fleets: int, first_seed: int) -> Iterator[tuple[object, ...]]:
 
 
 def main(*, fleets: int = 150, first_seed: int = 1000) -> Iterator[str]:
-    """Print the table."""
     seen = "95 % intervals hold | a change or a drift is seen | a drive is said to disagree"
     yield from table(f"drives | extra scatter | {seen}", rows(fleets, first_seed))
 

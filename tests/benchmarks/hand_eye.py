@@ -49,33 +49,43 @@ APART_S = 100
 """Time from one drive of KITTI to the next: no pair of images spans it."""
 
 
-def by_motion_alone(folder: Path, config: LongSweeps) -> tuple[str, ...]:
-    found, name = hand_eye(read_drive(folder)), f"{config.motion}, seed {config.seed}"
-    if isinstance(found, NotDetermined):
-        return name, "not determined" if "too few turns" in found.why else found.why, "-", "-", "-"
-    off = compare_poses(found.T_camera_lidar, read_transform(folder))
-    start = f"{off.rotation_deg:.2f} deg, {off.camera_center_cm:.0f} cm"
-    return name, start, f"+- {found.half_width_deg:.2f} deg", "-", "-"
+def drive_of(folder: Path, config: LongSweeps) -> tuple[Drive, Pose]:
+    """Read a drive and its true pose; a drive that is not there yet is made."""
+    if not (folder / DRIVE_FILE).exists():
+        write_images(config, folder)
+    return read_drive(folder), read_transform(folder)
 
 
 def row(folder: Path, config: LongSweeps, *, without_edges: bool) -> tuple[str, ...]:
-    if not (folder / DRIVE_FILE).exists():
-        write_images(config, folder)
-    if without_edges:
-        return by_motion_alone(folder, config)
-    truth, name = read_transform(folder), f"{config.motion}, seed {config.seed}"
+    drive, truth = drive_of(folder, config)
+    name = f"{config.motion}, seed {config.seed}"
+    return name, *(by_motion_alone if without_edges else by_edges)(drive, truth)
+
+
+def undetermined(why: str) -> str:
+    return "not determined" if "too few turns" in why else why
+
+
+def by_motion_alone(drive: Drive, truth: Pose) -> tuple[str, ...]:
+    found = hand_eye(drive)
+    if isinstance(found, NotDetermined):
+        return undetermined(found.why), "-", "-", "-"
+    off = compare_poses(found.T_camera_lidar, truth)
+    start = f"{off.rotation_deg:.2f} deg, {off.camera_center_cm:.0f} cm"
+    return start, f"+- {found.half_width_deg:.2f} deg", "-", "-"
+
+
+def by_edges(drive: Drive, truth: Pose) -> tuple[str, ...]:
     try:
-        result = calibrate(folder, CalibrationConfig(cues=("edges",)))
+        result = calibrate(drive, CalibrationConfig(cues=("edges",)))
     except InputError as error:
-        is_told = "too few turns" in str(error)
-        return name, "not determined" if is_told else str(error), "-", "-", "refused"
+        return undetermined(str(error)), "-", "-", "refused"
     by_motion: Any = result.settings.options["hand_eye"]
     start, end = (
         compare_poses(np.array(stage.T_camera_lidar), truth)
         for stage in (result.stages["initial"], result.stages["polished"])
     )
     return (
-        name,
         f"{start.rotation_deg:.2f} deg, {start.camera_center_cm:.0f} cm",
         f"+- {by_motion['half_width_95_deg']:.2f} deg",
         f"{end.rotation_deg:.3f} deg, {end.camera_center_cm:.2f} cm",
@@ -88,9 +98,8 @@ def check_rows(cases: list[tuple[Path, LongSweeps]]) -> Iterator[tuple[str, ...]
     sigmas: dict[float, list[float]] = {angle: [] for angle in TURNED_DEG}
     num_found = 0
     for folder, config in cases:
-        if not (folder / DRIVE_FILE).exists():
-            write_images(config, folder)
-        found, truth = hand_eye(read_drive(folder)), read_transform(folder)
+        drive, truth = drive_of(folder, config)
+        found = hand_eye(drive)
         if isinstance(found, NotDetermined):
             continue
         num_found += 1
@@ -149,8 +158,9 @@ def kitti_cells(drive: Drive, truth: Pose) -> tuple[str, ...]:
         turns.append(rotation_error_deg(R, T_A))
         along = T_A[:3, 3] / np.linalg.norm(T_A[:3, 3])
         ways.append(np.degrees(np.arccos(np.clip(along @ motion.direction, -1.0, 1.0))))
-    told = f"not determined: {found.why}" if isinstance(found, NotDetermined) else ""
-    if not isinstance(found, NotDetermined):
+    if isinstance(found, NotDetermined):
+        told = f"not determined: {found.why}"
+    else:
         off = rotation_error_deg(found.T_camera_lidar, truth)
         told = f"{off:.2f} deg off, +- {found.half_width_deg:.2f} deg"
     off_deg = (f"{np.median(each):.2f}, {max(each):.2f}" if each else "-" for each in (turns, ways))

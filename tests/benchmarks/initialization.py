@@ -31,7 +31,6 @@ from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, search_mounti
 
 RIGHT_DEG = 5.0
 """The refinement holds from here."""
-
 CONDITIONS: dict[str, dict[str, object]] = {
     "64 channels, 90-degree lens, any azimuth": {},
     "camera forward": {"camera_azimuth_deg": 0.0},
@@ -56,10 +55,6 @@ CONDITIONS: dict[str, dict[str, object]] = {
     "camera rolled 90 degrees, `--roll any`": {"camera_roll_deg": 90.0},
     "LiDAR tilted 20 degrees": {"lidar_tilt_deg": 20.0},
 }
-
-
-ANY_ROLL = [name for name in CONDITIONS if "--roll any" in name]
-
 REGISTERED = InitializationConfig(alignment=AlignmentConfig(blocks_across=(), num_kept=()))
 """Stops at PnP."""
 VARIANTS = {
@@ -123,7 +118,7 @@ def run(pool: Pool, size: dict[str, Any], case: Case) -> list[Result]:
     rig = re.sub(r"\W+", "_", case.condition)
     drive, truth = pool.read(rig, {**size, **CONDITIONS[case.condition]}, case.seed)
     observations, config = load_observations(drive), VARIANTS[case.variant]
-    if case.condition in ANY_ROLL:
+    if "--roll any" in case.condition:
         config = replace(config, max_roll_deg=180.0)
     results = []
     every = tuple(range(observations.num_frames))

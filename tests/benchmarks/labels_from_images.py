@@ -45,7 +45,6 @@ WIDTHS = (16, 32, 64, 96)
 RATE, BATCH = 4e-3, 2
 LARGER = 3
 """How much wider a network is that costs about as much as BiSeNetV2, whose authors state 21 GFLOP for 1024 x 512."""
-TRAINING_FRAMES = 60
 OPSET = 17
 ROUNDS = 5
 
@@ -149,10 +148,7 @@ def under(labels: torch.Tensor, scores: torch.Tensor) -> torch.Tensor:
 
 def export(network: Network, path: Path, size: tuple[int, int], names: list[str]) -> None:
     """Write the network as ONNX, with its normalisations folded into its convolutions, and its card."""
-    image, ends = (
-        torch.zeros(1, 3, size[1], size[0]),
-        {"input_names": ["image"], "output_names": ["logits"]},
-    )
+    image, ends = torch.zeros(1, 3, *size[::-1]), {"input_names": ["image"], "output_names": ["logits"]}
     torch.onnx.export(network, (image,), str(path), **ends, opset_version=OPSET, dynamo=False)
     card = {
         "semcal_image_model": 1,
@@ -210,7 +206,7 @@ def main(
     *,
     output: Path,
     seconds: float = 120.0,
-    training_frames: int = TRAINING_FRAMES,
+    training_frames: int = 60,
     drives: int = 4,
     frames: int = 20,
     width: int = 1280,

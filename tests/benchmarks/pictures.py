@@ -2,8 +2,8 @@
 
     python tests/benchmarks/pictures.py -o docs/pictures
 
-Needs chromium and chromedriver. With --program it images another version of semcal; what that one cannot do is left
-out.
+Needs chromium and chromedriver. With --program the images are those of another version of semcal; what that one
+cannot do is left out.
 """
 
 import io
@@ -35,7 +35,7 @@ OFF_DEG, OFF_M = 0.6, 0.01
 
 
 class Pictures:
-    """Runs the commands in a folder, and images what they print and write."""
+    """Runs the commands in a folder, and makes images of what they print and write."""
 
     def __init__(self, output: Path, work: Path, program: str, suffix: str, chrome: webdriver.Chrome) -> None:
         self.output, self.work, self.program, self.suffix = output, work, program, suffix
@@ -62,7 +62,7 @@ class Pictures:
         self.view("stored.yaml")
 
     def make_real(self, real: Path) -> None:
-        """Image the calibration of a real drive."""
+        """Make the images of the calibration of a real drive."""
         self.made.append(f"printed: {self.run('demo', 'kitti', '--real', str(real.resolve()))}")
         self.keep("kitti", cv2.imread(str(self.work / "kitti" / "overlay.png")))
         self.page("kitti_report", self.work / "kitti" / "report.html")
@@ -84,7 +84,7 @@ class Pictures:
         return done.stdout
 
     def view(self, start: str) -> None:
-        """Image the page on which points are moved by hand."""
+        """Make images of the page on which points are moved by hand."""
         command = [self.program, "view", "drive", start]
         asked = {"cwd": self.work, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, text=True, **asked) as served:
@@ -95,13 +95,13 @@ class Pictures:
             served.kill()
 
     def page(self, name: str, path: Path) -> None:
-        """Image a page, if there is one, on a desk and on a telephone."""
+        """Make images of a page, if there is one, on a desk and on a telephone."""
         if path.exists():
             self.shoot(name, path.resolve().as_uri(), DESK)
             self.shoot(f"{name}_phone", path.resolve().as_uri(), PHONE)
 
     def terminal(self, name: str, command: str, printed: str) -> None:
-        """Image what a command prints."""
+        """Make an image of what a command prints."""
         from rich.console import Console
         from rich.text import Text
 
@@ -112,7 +112,7 @@ class Pictures:
         self.shoot(name, path.resolve().as_uri(), TERMINAL)
 
     def shoot(self, name: str, address: str, size: tuple[int, int]) -> None:
-        """Image an address as a window of this size shows it."""
+        """Make an image of an address as a window of this size shows it."""
         width, height = size
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
         self.chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
@@ -158,7 +158,7 @@ def main(
     width: int = 1280,
     real: Path | None = None,
 ) -> Iterator[str]:
-    """Make the images, whose names get a suffix; what is pictured is kept in the folder `work`.
+    """Make the images, whose names get a suffix; what they show is kept in the folder `work`.
 
     With --real, a folder of KITTI object, only those of its drive are made.
     """

@@ -151,7 +151,6 @@ def main(
     pairs: tuple[int, ...] = (),
     only: str = "",
 ) -> Iterator[str]:
-    """Print the table."""
     seeds = range(first_seed, first_seed + starts)
     numbers: Sequence[Any] = pairs or (None,)
     with TemporaryDirectory() as folder:

@@ -43,7 +43,6 @@ def main(
     same_view: bool = False,
     width: int = 1280,
 ) -> Iterator[str]:
-    """Measure."""
     config = SynthConfig(num_frames=frames, width=width, height=width * 9 // 16, label_noise=0.2)
     held, explained, ratios, num_pairs = [], 0, [], 0
     for seed in range(first_seed, first_seed + seeds):

@@ -78,8 +78,7 @@ def derive_drives(drives: Path) -> None:
     derived = drives / "derived"
     derived.mkdir()
 
-    def write(name: str, *parts: dict[str, Any]) -> None:
-        document = {key: value for part in parts for key, value in part.items()}
+    def write(name: str, document: dict[str, Any]) -> None:
         (derived / f"{name}.yaml").write_text(yaml.safe_dump(document))
 
     for path in drives.glob("*/drive.yaml"):
@@ -90,14 +89,14 @@ def derive_drives(drives: Path) -> None:
     text = (drives / "pinhole/drive.yaml").read_text()
     document = yaml.safe_load(re.sub(r"(?<=: )(?=\w+/\d{6}\.)", "../pinhole/", text))
     for model, lens in LENSES.items():
-        write(model, document, {"camera": document["camera"] | {"model": model} | lens})
+        write(model, document | {"camera": document["camera"] | {"model": model} | lens})
     bare = {key: document[key] for key in ("semcal_drive", "camera", "lidar")}
     twist = {"linear_m_s": SPEED_M_S.tolist(), "angular_rad_s": [0.0, 0.0, 0.0]}
     frames = [derive_frame(derived, number, frame) for number, frame in enumerate(document["frames"])]
     features, soft, moving = map(list, zip(*frames, strict=True))
-    write("features", bare, {"frames": features})
-    write("soft", bare, {"frames": soft})
-    write("motion", bare, {"frames": moving, "ignore": {"image": [0]}, "motion": {"twist": twist}})
+    write("features", bare | {"frames": features})
+    write("soft", bare | {"frames": soft})
+    write("motion", bare | {"frames": moving, "ignore": {"image": [0]}, "motion": {"twist": twist}})
 
 
 def derive_frame(derived: Path, number: int, frame: dict[str, str]) -> tuple[dict[str, Any], ...]:

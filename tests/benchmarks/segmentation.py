@@ -64,7 +64,6 @@ def row(name: str, config: SynthConfig, rounds: int) -> tuple[str, ...]:
 
 
 def main(*, rounds: int = 5, frames: int = 20, columns: int = 1875) -> Iterator[str]:
-    """Print the table."""
     header = f"{frames} sweeps | returns of one | s | segments of one | purity | share in segments"
     size = {"num_frames": frames, "columns": columns, "seed": SEED, "width": 64, "height": 48}
     found = (row(name, SynthConfig(**size, **more), rounds) for name, more in PATTERNS.items())

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -63,6 +64,9 @@ DECODER = {
     "num_attention_heads": 2,
     "num_queries": 20,
 }
+SQUARE = {"height": 256, "width": 256}
+EDGES = {"shortest_edge": 288, "longest_edge": 800}
+"""Sizes to which processors bring an image."""
 OUTPUTS = ("class_queries_logits", "masks_queries_logits")
 """Outputs of networks with queries; the others have `logits`."""
 
@@ -70,25 +74,28 @@ Network = tuple[Any, Any]
 """A transformers network and its image processor."""
 
 
+def network(name: str, processor: Any, **config: Any) -> Network:
+    """Make a network by its name in transformers, with the names of the classes in its configuration."""
+    made = getattr(transformers, f"{name.rpartition('For')[0]}Config")(**config, id2label=LABELS)
+    return getattr(transformers, name)(made), processor
+
+
 def segformer() -> Network:
-    config = transformers.SegformerConfig(
-        hidden_sizes=[16, 32, 48, 64], depths=[1] * 4, decoder_hidden_size=32, id2label=LABELS
-    )
-    processor = transformers.SegformerImageProcessorPil(size={"height": 256, "width": 256})
-    return transformers.SegformerForSemanticSegmentation(config), processor
+    processor = transformers.SegformerImageProcessorPil(size=SQUARE)
+    config = {"hidden_sizes": [16, 32, 48, 64], "depths": [1] * 4, "decoder_hidden_size": 32}
+    return network("SegformerForSemanticSegmentation", processor, **config)
 
 
 def upernet() -> Network:
-    backbone = transformers.SwinConfig(**SWIN)
-    config = transformers.UperNetConfig(
-        backbone_config=backbone, hidden_size=32, use_auxiliary_head=False, id2label=LABELS
-    )
-    processor = transformers.SegformerImageProcessorPil(size={"height": 256, "width": 256})
-    return transformers.UperNetForSemanticSegmentation(config), processor
+    processor = transformers.SegformerImageProcessorPil(size=SQUARE)
+    config = {"backbone_config": transformers.SwinConfig(**SWIN), "hidden_size": 32}
+    return network("UperNetForSemanticSegmentation", processor, **config, use_auxiliary_head=False)
 
 
 def dpt() -> Network:
-    config = transformers.DPTConfig(
+    return network(
+        "DPTForSemanticSegmentation",
+        transformers.DPTImageProcessorPil(size=SQUARE, resample=3),
         **VIT,
         intermediate_size=96,
         image_size=256,
@@ -96,54 +103,44 @@ def dpt() -> Network:
         fusion_hidden_size=32,
         backbone_out_indices=[0, 1, 2, 3],
         use_auxiliary_head=False,
-        id2label=LABELS,
     )
-    processor = transformers.DPTImageProcessorPil(size={"height": 256, "width": 256}, resample=3)
-    return transformers.DPTForSemanticSegmentation(config), processor
 
 
 def mobilevit() -> Network:
-    config = transformers.MobileViTConfig(
+    return network(
+        "MobileViTForSemanticSegmentation",
+        # Without its centre crop: semcal labels whole images.
+        transformers.MobileViTImageProcessorPil(size={"shortest_edge": 288}, do_center_crop=False),
         image_size=256,
         hidden_sizes=[24, 32, 40],
         neck_hidden_sizes=[8, 16, 24, 24, 32, 40, 64],
         aspp_out_channels=32,
         num_attention_heads=4,
-        id2label=LABELS,
     )
-    # Without its centre crop: semcal labels whole images.
-    processor = transformers.MobileViTImageProcessorPil(size={"shortest_edge": 288}, do_center_crop=False)
-    return transformers.MobileViTForSemanticSegmentation(config), processor
 
 
 def maskformer() -> Network:
-    config = transformers.MaskFormerConfig(
+    detr = {"d_model": 32, "decoder_layers": 1, "decoder_attention_heads": 2, "decoder_ffn_dim": 64}
+    return network(
+        "MaskFormerForInstanceSegmentation",
+        transformers.MaskFormerImageProcessorPil(size=EDGES),
         fpn_feature_size=32,
         mask_feature_size=32,
         backbone_config=transformers.SwinConfig(**SWIN),
-        decoder_config=transformers.DetrConfig(
-            d_model=32, decoder_layers=1, decoder_attention_heads=2, decoder_ffn_dim=64, num_queries=20
-        ),
-        id2label=LABELS,
+        decoder_config=transformers.DetrConfig(**detr, num_queries=20),
     )
-    processor = transformers.MaskFormerImageProcessorPil(size={"shortest_edge": 288, "longest_edge": 800})
-    return transformers.MaskFormerForInstanceSegmentation(config), processor
 
 
 def mask2former() -> Network:
-    config = transformers.Mask2FormerConfig(
-        backbone_config=transformers.SwinConfig(**SWIN),
-        feature_size=32,
-        mask_feature_size=32,
-        **DECODER,
-        id2label=LABELS,
-    )
-    processor = transformers.Mask2FormerImageProcessorPil(size={"shortest_edge": 288, "longest_edge": 800})
-    return transformers.Mask2FormerForUniversalSegmentation(config), processor
+    processor = transformers.Mask2FormerImageProcessorPil(size=EDGES)
+    config = {"backbone_config": transformers.SwinConfig(**SWIN), "feature_size": 32, "mask_feature_size": 32}
+    return network("Mask2FormerForUniversalSegmentation", processor, **config, **DECODER)
 
 
 def oneformer() -> Network:
-    config = transformers.OneFormerConfig(
+    return network(
+        "OneFormerForUniversalSegmentation",
+        transformers.OneFormerImageProcessorPil(size=EDGES, num_text=1, class_info_file=None),
         backbone_config=transformers.SwinConfig(**SWIN),
         conv_dim=32,
         mask_dim=32,
@@ -153,38 +150,15 @@ def oneformer() -> Network:
         text_encoder_num_layers=1,
         query_dec_layers=1,
         is_training=False,
-        id2label=LABELS,
     )
-    processor = transformers.OneFormerImageProcessorPil(
-        size={"shortest_edge": 288, "longest_edge": 800}, num_text=1, class_info_file=None
-    )
-    return transformers.OneFormerForUniversalSegmentation(config), processor
 
 
-def eomt() -> Network:
-    config = transformers.EomtConfig(
-        **VIT, image_size=288, patch_size=16, num_blocks=1, num_queries=20, id2label=LABELS
-    )
-    return transformers.EomtForUniversalSegmentation(config), windows()
-
-
-def eomt_dinov3() -> Network:
-    config = transformers.EomtDinov3Config(
-        **VIT,
-        intermediate_size=96,
-        image_size=288,
-        patch_size=16,
-        num_blocks=1,
-        num_queries=20,
-        id2label=LABELS,
-    )
-    return transformers.EomtDinov3ForUniversalSegmentation(config), windows()
-
-
-def windows() -> Any:
-    """The processor of EoMT for semantic segmentation, which cuts an image into squares."""
+def eomt(name: str = "Eomt", **more: int) -> Network:
+    """EoMT for semantic segmentation, whose processor cuts an image into squares."""
     size = {"shortest_edge": 288, "longest_edge": None}
-    return transformers.EomtImageProcessorPil(size=size, do_split_image=True, do_pad=False)
+    processor = transformers.EomtImageProcessorPil(size=size, do_split_image=True, do_pad=False)
+    config = {"image_size": 288, "patch_size": 16, "num_blocks": 1, "num_queries": 20}
+    return network(f"{name}ForUniversalSegmentation", processor, **VIT, **config, **more)
 
 
 OVERLAP = "EoMT, an image of 16 to 9"
@@ -198,7 +172,7 @@ NETWORKS: dict[str, Callable[[], Network]] = {
     "Mask2Former": mask2former,
     "OneFormer": oneformer,
     "EoMT": eomt,
-    "EoMT of DINOv3": eomt_dinov3,
+    "EoMT of DINOv3": partial(eomt, "EomtDinov3", intermediate_size=96),
     OVERLAP: eomt,
 }
 
