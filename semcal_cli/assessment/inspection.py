@@ -21,7 +21,7 @@ from semcal_cli.drive.alike import alike_frames, nearest_ranges
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import KINDS, kinds_of_segments
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.frame_selection import evenly_spaced, with_frames
 from semcal_cli.drive.motion import motion_error_px, shutter_error_px
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
@@ -127,7 +127,7 @@ def inspect(drive: Drive) -> DriveReport:
     labelled = [
         index for index in readable if None not in (frames[index].point_classes, frames[index].image_classes)
     ]
-    probed = _with_frames(drive, evenly_spaced(readable, NUM_PROBED))
+    probed = with_frames(drive, evenly_spaced(readable, NUM_PROBED))
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
     few = _loaded(probed)
@@ -159,7 +159,7 @@ def inspect(drive: Drive) -> DriveReport:
             *motion.suspicions,
             *_check_motion(drive, motion_error_px(probed, clouds), points),
             *([] if few is None else _check_mirroring(few)),
-            *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
+            *_check_labels(with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
         ),
         networks=() if drive.networks is None else tuple(drive.networks.describe()),
@@ -193,7 +193,7 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
     Returns:
         The report, and the nearest ranges of the sweep, which identify frames of the same scene.
     """
-    frame, alone, errors = drive.frames[index], _with_frames(drive, [index]), list[str]()
+    frame, alone, errors = drive.frames[index], with_frames(drive, [index]), list[str]()
     num_points = num_no_returns = points_ignored = pixels_ignored = 0
     point_classes: Mapping[str, int] | None = None
     image_classes: Mapping[str, int] | None = None
@@ -238,10 +238,6 @@ def _read(drive: Drive, index: int) -> tuple[FrameReport, Points]:
         suspicions=tuple(suspicions),
     )
     return report, ranges
-
-
-def _with_frames(drive: Drive, indices: Sequence[int]) -> Drive:
-    return drive.model_copy(update={"frames": tuple(drive.frames[index] for index in indices)})
 
 
 def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:

@@ -42,7 +42,7 @@ def rerun(settings: RerunSettings) -> None:
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.frame_selection import with_few_frames
 
     check_installed("semcal export rerun", "rerun", "view")
     from semcal_cli.formats import read_extrinsic
@@ -61,7 +61,7 @@ def rerun(settings: RerunSettings) -> None:
         terminal.print_changes(applied.changes)
         cameras |= cameras_of(extrinsic, as_begun(extrinsic.record, whole).camera, applied.drive.camera)
         whole = applied.drive
-    spec = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, settings.max_frames))})
+    spec = with_few_frames(whole, settings.max_frames)
     with terminal:
         terminal.show("reading frames")
         write_rerun(spec, cameras, settings.output)

@@ -122,12 +122,12 @@ def label_on_the_way(
         InputError: a model or the card is wrong, or an image cannot be labelled.
     """
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.frame_selection import with_few_frames
     from semcal_cli.labelling.drives import label_beside
     from semcal_cli.labelling.sides import image_side
 
     start, whole = perf_counter(), read_drive(drive, max_points)
-    chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
+    chosen = with_few_frames(whole, max_frames)
     sides = [image_side(labeller) for labeller in images.image_labellers(chosen, terminal)]
     path, second = label_beside(chosen, sides, terminal.on_event)
     names = " and ".join(Path(name).name for name in images.image_model)

@@ -99,11 +99,11 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
 def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]) -> Drive:
     """Keep evenly spaced frames of a drive, and check that their images replace no input."""
     from semcal_cli.cli.outputs import check_image_folder
-    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.frame_selection import with_few_frames
 
-    frames = evenly_spaced(drive.frames, settings.max_frames)
-    check_image_folder(folder, len(frames), read)
-    return drive.model_copy(update={"frames": tuple(frames)})
+    few = with_few_frames(drive, settings.max_frames)
+    check_image_folder(folder, len(few.frames), read)
+    return few
 
 
 def _observe(

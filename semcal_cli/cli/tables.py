@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +16,10 @@ from semcal_cli.result.uncertainty import stated_error
 if TYPE_CHECKING:
     from semcal_cli.geometry.poses import PoseError
     from semcal_cli.result.calibration import Calibration
+    from semcal_cli.result.next_steps import Rows
     from semcal_cli.result.sections import Hypothesis, Quality, Repeatability
     from semcal_cli.result.uncertainty import Uncertainty
 
-Rows: TypeAlias = list[tuple[str, str]]
-"""Labels and texts."""
 COLUMNS = 80
 LABEL_WIDTH = 17
 WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "its uncertainty is not known"}

@@ -102,7 +102,7 @@ def _session(
     terminal: Terminal,
 ) -> Session:
     """Load the drive. If its files allow no cue and none was requested, it is shown without classes."""
-    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.frame_selection import with_few_frames
     from semcal_cli.drive.loading import LoadedDrive, load
     from semcal_cli.drive.reading import load_points, read_clouds
     from semcal_cli.errors import InputError
@@ -111,7 +111,7 @@ def _session(
     from semcal_cli.report.view.session import Session
 
     sweeps, unlabelled = Sweeps(), ""
-    few = spec.model_copy(update={"frames": tuple(evenly_spaced(spec.frames, config.max_frames))})
+    few = with_few_frames(spec, config.max_frames)
     try:
         data = load(spec, config, sweeps=sweeps)
     except InputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,6 +23,16 @@ def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
     """Keep at most `count` evenly spaced items, from the first to the last."""
     indices = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int)
     return [items[index] for index in indices]
+
+
+def with_frames(drive: Drive, indices: Iterable[int]) -> Drive:
+    """Copy a drive with some of its frames, by their indices."""
+    return drive.model_copy(update={"frames": tuple(drive.frames[index] for index in indices)})
+
+
+def with_few_frames(drive: Drive, count: int) -> Drive:
+    """Copy a drive with at most `count` evenly spaced frames."""
+    return with_frames(drive, evenly_spaced(range(len(drive.frames)), count))
 
 
 def few_frames(observations: Observations, count: int) -> Observations:
@@ -46,7 +56,7 @@ def select_frames(drive: Drive, max_frames: int) -> Drive:
         return drive
     thumbnails = read_thumbnails(drive, *THUMBNAIL)
     chosen = farthest_points(thumbnails.reshape(len(thumbnails), -1), max_frames, num_different)
-    return drive.model_copy(update={"frames": tuple(drive.frames[i] for i in chosen)})
+    return with_frames(drive, chosen)
 
 
 def farthest_points(

@@ -13,6 +13,7 @@ from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
+from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
@@ -67,11 +68,6 @@ def row_cases(rows: Iterable[str], seeds: range) -> list[Case]:
 def wrong(share: float) -> Degrade:
     """Give a fraction of the labels on both sides another class."""
     return lambda observations, rng: with_wrong_labels(observations, share, rng)
-
-
-def with_frames(drive: Drive, places: Iterable[int]) -> Drive:
-    """Copy a drive with some of its frames, by their indices."""
-    return drive.model_copy(update={"frames": tuple(drive.frames[place] for place in places)})
 
 
 def consecutive(drive: Drive, num_frames: int, seed: int) -> Drive:

@@ -14,9 +14,10 @@ import numpy as np
 
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.drives import RIGS, Pool, rig_of, with_frames
+from semcal_cli.experiments.drives import RIGS, Pool, rig_of
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.spoiled import KINDS as SPOILED
 from semcal_cli.experiments.spoiled import Spoil

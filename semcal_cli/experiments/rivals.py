@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.drives import Pool, with_frames
+from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.plots import GREY, draw_groups, make_logarithmic

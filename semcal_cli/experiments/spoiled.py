@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.diagnosis import (
     Diagnose,
@@ -18,7 +19,7 @@ from semcal_cli.experiments.diagnosis import (
     names_leak,
     names_scale,
 )
-from semcal_cli.experiments.drives import NUM_FRAMES, RIGS, Pool, rig_of, with_frames
+from semcal_cli.experiments.drives import NUM_FRAMES, RIGS, Pool, rig_of
 from semcal_cli.experiments.trust import Case, Outcome, distance_in_limits, errors_of
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive

@@ -11,7 +11,7 @@ import numpy as np
 from semcal_cli.config import AUTO, MAX_FRAMES
 from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.frame_selection import evenly_spaced, with_frames
 from semcal_cli.drive.motion import unrolled
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import listed
@@ -65,13 +65,12 @@ class ReportInput:
     def overlays(self, max_frames: int) -> Overlays:
         """Images of evenly spaced frames: before, if there is a transform to compare with, and after."""
         indices = evenly_spaced(range(len(self.drive.frames)), max_frames)
-        frames = tuple(self.drive.frames[index] for index in indices)
         poses, others = {}, {}
         if self.before is not None:
             poses[self.before.caption] = self.before.T_camera_lidar
             others[self.before.caption] = self.seen_as(self.before.drive).of_frames(indices)
         return Overlays(
-            self.drive.model_copy(update={"frames": frames}),
+            with_frames(self.drive, indices),
             self.observations.of_frames(indices),
             poses | {self.name: self.T_camera_lidar},
             first_coloring(self.observations),

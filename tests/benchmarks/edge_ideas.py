@@ -27,8 +27,8 @@ from semcal_cli.config import PolishConfig
 from semcal_cli.drive.cues.edges import EDGES, STARTS, observe_edges
 from semcal_cli.drive.cues.intensity import grey_values
 from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
-from semcal_cli.experiments.drives import with_frames
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced

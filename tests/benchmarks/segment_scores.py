@@ -24,9 +24,9 @@ from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues.segments import SEGMENTS
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.experiments.drives import with_frames
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 

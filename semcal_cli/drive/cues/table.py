@@ -14,7 +14,7 @@ from semcal_cli.config.cues import PLUGINS, cue_names
 from semcal_cli.drive.cues import edges, features, intensity, segments
 from semcal_cli.drive.cues.cue import Cue, checked
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
+from semcal_cli.drive.frame_selection import select_frames, with_few_frames
 from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_clouds, read_observations
 from semcal_cli.errors import CalibrationError, InputError, one_of
@@ -112,7 +112,7 @@ def choose_frames(drive: Drive, cues: Sequence[CueName], max_frames: int) -> Dri
     """
     if any("image_labels" in find_cue(cue).files for cue in cues):
         return select_frames(drive, max_frames)
-    return drive.model_copy(update={"frames": tuple(evenly_spaced(drive.frames, max_frames))})
+    return with_few_frames(drive, max_frames)
 
 
 def files_of(cues: Sequence[CueName]) -> list[str]:
