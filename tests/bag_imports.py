@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import yaml
 from bags import NS, START_NS, BagWriter
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 
-from semcal_cli.cli import semcal
 from semcal_cli.datasets.bags.importing import ImportedDrive, import_bag
 from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.camera import Camera
@@ -78,7 +78,7 @@ def small(folder: Path, kind: str = "sqlite3", count: int = 6, **changes: Maker)
 
 def run_cli(*arguments: object, code: int | None = 0) -> Result:
     """Run the command; None allows the exit codes of verdicts."""
-    result = CliRunner().invoke(semcal, list(map(str, arguments)))
+    result = invoke(*arguments)
     assert result.exit_code in ((0, 3) if code is None else (code,)), result.output
     return result
 

@@ -5,9 +5,9 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 
-from semcal_cli.cli import semcal
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -37,7 +37,7 @@ SEMCAL = (sys.executable, "-c", f"{HEARD}from semcal_cli.cli import main; main()
 
 
 def run(arguments: list[str]) -> Result:
-    return CliRunner().invoke(semcal, arguments)
+    return invoke(*arguments)
 
 
 def summary(out: Path) -> list[dict]:

@@ -7,9 +7,11 @@ from click.testing import CliRunner, Result
 from semcal_cli.cli import semcal
 
 
-def invoke(*words: object, env: dict[str, str] | None = None, color: bool = False) -> Result:
+def invoke(
+    *words: object, env: dict[str, str] | None = None, color: bool = False, stdin: str | bytes | None = None
+) -> Result:
     """Run `semcal` with these words, such as names of commands, options and paths."""
-    return CliRunner().invoke(semcal, [str(word) for word in words], env=env, color=color)
+    return CliRunner().invoke(semcal, [str(word) for word in words], input=stdin, env=env, color=color)
 
 
 def unwrapped(output: str, indent: int) -> str:

@@ -15,7 +15,8 @@ os.environ.setdefault(
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from hypothesis import settings
 from hypothesis import strategies as st
 from refined import spoiled, with_camera
@@ -251,9 +252,8 @@ def cli(capfd: pytest.CaptureFixture[str]) -> Cli:
 def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a calibration, its page and its images, all of one run; tests do not write to it."""
     folder = tmp_path_factory.mktemp("made")
-    options = ["-o", str(folder / "c.yaml"), "--report", str(folder / "r.html")]
-    command = ["calibrate", str(street), *options, "--overlay", str(folder / "overlays")]
-    result = CliRunner().invoke(semcal, command)
+    options = ["--report", folder / "r.html", "--overlay", folder / "overlays"]
+    result = invoke("calibrate", street, "-o", folder / "c.yaml", *options)
     assert result.exit_code in (0, 3), result.output
     return folder
 
@@ -302,7 +302,7 @@ def rig_results(rig: Path) -> tuple[Result, Path]:
     """What `semcal calibrate` makes of the rig, with its page and its log beside the folder of the results."""
     beside = rig.parents[1]
     options = ["-o", beside / "results", "--log", beside / "log.json", "--report", beside / "rig.html"]
-    return CliRunner().invoke(semcal, ["calibrate", *map(str, [rig, *options])]), beside / "results"
+    return invoke("calibrate", rig, *options), beside / "results"
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from dataset_trees import TREES, Tree
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import Drive, Frame, read_drive
 from semcal_cli.errors import InputError
 
@@ -17,7 +16,7 @@ PRINTED = 1e-9  # digits of the generated calibration files
 
 def run_import(name: str, *arguments: object) -> str:
     """Run the command; what it writes to standard error."""
-    result = CliRunner().invoke(semcal, ["import", name, *map(str, arguments)])
+    result = invoke("import", name, *arguments)
     if result.exception and not isinstance(result.exception, SystemExit):
         raise result.exception
     assert result.exit_code == 0, result.output

@@ -168,11 +168,9 @@ def repeated(folder: Path, num_frames: int = 2000) -> None:
 
 def write_calibration(folder: Path) -> None:
     """Write the calibration of the drive, c.yaml."""
-    from click.testing import CliRunner
+    from commands import invoke
 
-    from semcal_cli.cli import semcal
-
-    CliRunner().invoke(semcal, ["initialize", str(folder / "drive"), "-o", str(folder / "c.yaml"), "-q"])
+    invoke("initialize", folder / "drive", "-o", folder / "c.yaml", "-q")
 
 
 def pipe(name: str) -> Callable[[Path], None]:

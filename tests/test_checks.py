@@ -5,11 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from conftest import STREET
 from documentation import ROOT, blocks
 
-from semcal_cli.cli import semcal
 from semcal_cli.experiments.drives import RIGS, Pool
 from semcal_cli.experiments.limits import (
     ANOTHER_DRIVE,
@@ -149,7 +148,7 @@ def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> 
 
 
 def test_limits_are_measured_of_all_parts() -> None:
-    found = CliRunner().invoke(semcal, ["experiment", "trust", "--limits", "--only", "good"])
+    found = invoke("experiment", "trust", "--limits", "--only", "good")
     assert found.exit_code == 2
     assert "--limits has no parts: leave out --only" in found.output
 

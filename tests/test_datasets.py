@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from commands import unwrapped
+from commands import invoke, unwrapped
 from dataset_imports import Import, check_files
 from dataset_trees import (
     CARLA_PLY,
@@ -21,7 +20,6 @@ from dataset_trees import (
     write_labels,
 )
 
-from semcal_cli.cli import semcal
 from semcal_cli.datasets import DATASETS
 from semcal_cli.datasets.kitti_360_windows import read_vertices
 from semcal_cli.datasets.ontologies import ontology_names, read_ontology
@@ -166,7 +164,7 @@ def test_a_failed_import_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("frames", ["5", "0:9:0", "a:b", "1:2:3:4", "9" * 5000 + ":"])
 def test_frames_that_are_no_slice_are_wrong_usage(tmp_path: Path, frames: str) -> None:
-    result = CliRunner().invoke(semcal, ["import", "carla", ".", "-o", str(tmp_path), "--frames", frames])
+    result = invoke("import", "carla", ".", "-o", tmp_path, "--frames", frames)
     assert result.exit_code == 2
     assert "needed START:STOP or START:STOP:STEP, with a step of at least 1" in result.stderr
 

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
 from semcal_cli import cli
-from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError, check_installed, is_installed
 from semcal_cli.result.calibration import read_calibration
 
@@ -214,7 +213,7 @@ def test_the_demo_shows_mine_beside_the_exact_estimator(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys.modules["semcal_cli.cli.demo"], "NUM_FRAMES", 2)
-    done = CliRunner().invoke(semcal, ["demo", str(tmp_path / "demo")])
+    done = invoke("demo", tmp_path / "demo")
     assert done.exit_code == 0, done.output
     told = re.search(
         r"^with MINE        (\d\.\d{4}) deg and (\d\.\d{3}) cm off, in \d+\.\d s, ", done.output, re.MULTILINE

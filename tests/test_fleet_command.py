@@ -7,10 +7,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from fleets import line, series_of, write_summary
 
-from semcal_cli.cli import semcal
 from semcal_cli.documentation import entry_address
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
@@ -18,7 +18,7 @@ from semcal_cli.formats import read_transform
 
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, ["fleet", *map(str, arguments)])
+    return invoke("fleet", *arguments)
 
 
 def test_the_command(tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_a_result_is_read_as_a_calibration_is(tmp_path: Path) -> None:
     assert json.loads(run(batch, "--json").stdout)["status"] == document["status"] == "pass"
     assert isinstance(run(batch, "-o", out, "--junit", "/dev/full").exception, InputError)
     assert json.loads(out.read_text()) == document
-    compared = CliRunner().invoke(semcal, ["compare", str(out), str(out)])
+    compared = invoke("compare", out, out)
     assert "not known" not in compared.output
     changes = {"translation_m": [0, 0, 0], "quaternion_xyzw": "junk", "T_lidar_camera": np.eye(4).tolist()}
     for key, value in changes.items():
@@ -180,5 +180,5 @@ def test_a_failed_drive_that_is_given_twice_is_refused(tmp_path: Path) -> None:
     failed = line(series_of("nothing", 1)[0])
     failed |= {"status": "failed", "T_camera_lidar": None, "covariance": None, "reasons": ["x"]}
     batch = str(write_summary(tmp_path / "batch", [failed]))
-    done = CliRunner().invoke(semcal, ["fleet", batch, batch])
+    done = invoke("fleet", batch, batch)
     assert str(done.exception).endswith("found the same failed drive twice, needed each drive once")

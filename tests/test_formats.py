@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 from conftest import documents, make_pose
 from format_files import (
     C2L,
@@ -28,7 +28,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
@@ -157,8 +156,7 @@ def test_what_a_file_leaves_open_or_has_wrong_is_said(case: dict[str, str], tmp_
     for word, meaning in WORDS.items():
         text, says = (each.replace(f"{{{word}}}", meaning) for each in (text, says))
     (tmp_path / case["file"]).write_text(text, encoding="latin-1")
-    command = ["convert", str(tmp_path / case["file"]), "--to", "semcal", *case.get("with", "").split()]
-    found = CliRunner().invoke(semcal, command)
+    found = invoke("convert", tmp_path / case["file"], "--to", "semcal", *case.get("with", "").split())
     assert isinstance(found.exception, InputError), found.output
     assert says in str(found.exception)
 
@@ -166,7 +164,7 @@ def test_what_a_file_leaves_open_or_has_wrong_is_said(case: dict[str, str], tmp_
 def test_compare_reads_every_format(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text(FILES["kitti-odometry"][1])
     (tmp_path / "b.json").write_text(FILES["direct-visual-lidar"][1])
-    found = CliRunner().invoke(semcal, ["compare", str(tmp_path / "a.txt"), str(tmp_path / "b.json")])
+    found = invoke("compare", tmp_path / "a.txt", tmp_path / "b.json")
     assert found.exit_code == 0, found.output
     assert found.stdout.splitlines()[-1].startswith("within limits: ")
 
@@ -181,8 +179,8 @@ def test_standard_input_is_read_as_a_file_is(name: str, tmp_path: Path) -> None:
     # KITTI-360's file is known by its name alone, and Apollo's has the layout of tf2's.
     said += [f"--from={name}"] if name in ("kitti-360", "apollo") else []
     command = ["convert", "--to", "semcal", *said]
-    of_file = CliRunner().invoke(semcal, [*command, str(tmp_path / file)])
-    of_stream = CliRunner().invoke(semcal, [*command, "-"], input=text)
+    of_file = invoke(*command, tmp_path / file)
+    of_stream = invoke(*command, "-", stdin=text)
     assert of_stream.exit_code == of_file.exit_code == 0, of_stream.output
     assert of_stream.stdout == of_file.stdout
 
@@ -190,7 +188,7 @@ def test_standard_input_is_read_as_a_file_is(name: str, tmp_path: Path) -> None:
 def test_channels_of_nuscenes_need_a_file_beside(tmp_path: Path) -> None:
     _, text, _ = FILES["nuscenes"]
     command = ["convert", "-", "--to", "semcal", "--camera", "CAM_FRONT", "--lidar", "LIDAR_TOP"]
-    found = CliRunner().invoke(semcal, command, input=text)
+    found = invoke(*command, stdin=text)
     assert isinstance(found.exception, InputError)
     assert str(found.exception).startswith(
         "/dev/stdin: found no 'CAM_FRONT', needed --camera with the token of "

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import yaml
 from camera_infos import ROS, ROS_ECHO
-from click.testing import CliRunner, Result
+from commands import invoke
 from conftest import DRIVE
 from format_files import T_ANY
 
 import semcal_cli
-from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
@@ -56,10 +55,6 @@ CAMERAS = {
 OF_OPENCV = ("plumb_bob", "rational_polynomial", "thin_prism", "fisheye")
 OF_KALIBR = ("plumb_bob", "fisheye", "omnidirectional", "double_sphere", "fov")
 LENSES = {"camera-info": OF_OPENCV, "kalibr": OF_KALIBR, "opencv": OF_OPENCV}
-
-
-def run(*arguments: object, **options: Any) -> Result:
-    return CliRunner().invoke(semcal, [*map(str, arguments)], **options)
 
 
 def write(path: Path, name: str, lens: Camera) -> bytes:
@@ -156,22 +151,22 @@ def test_the_camera_is_that_which_the_transform_belongs_to(
         (rejected_file, refined.input.camera),
         (street, read_drive(street).camera),
     ):
-        found = run("convert", source, "--to", name, "-o", tmp_path / "out.yaml", *direction)
+        found = invoke("convert", source, "--to", name, "-o", tmp_path / "out.yaml", *direction)
         assert found.exit_code == 0, found.output
         assert read_intrinsics(tmp_path / "out.yaml")["K"] == [list(row) for row in lens.K]
 
 
 @pytest.mark.parametrize("name", ["kalibr", "camera-info"])
 def test_python_and_standard_input_give_the_same(name: str, refined_file: Path) -> None:
-    written = run("convert", refined_file, "--to", name).stdout
+    written = invoke("convert", refined_file, "--to", name).stdout
     assert semcal_cli.convert(refined_file, name).decode() == written
-    assert run("convert", "-", "--to", name, input=refined_file.read_bytes()).stdout == written
+    assert invoke("convert", "-", "--to", name, stdin=refined_file.read_bytes()).stdout == written
 
 
 def test_a_drive_needs_no_reference_for_its_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "drive.yaml").write_text(DRIVE)
     monkeypatch.chdir(tmp_path)
-    found = run("convert", ".", "--to", "camera-info", "-o", tmp_path / "ost.yaml")
+    found = invoke("convert", ".", "--to", "camera-info", "-o", tmp_path / "ost.yaml")
     assert found.exit_code == 0, found.output
     lens = read_drive(tmp_path).camera
     assert read_intrinsics(tmp_path / "ost.yaml")["K"] == [list(row) for row in lens.K]
@@ -179,11 +174,11 @@ def test_a_drive_needs_no_reference_for_its_camera(tmp_path: Path, monkeypatch: 
 
 def test_a_bare_transform_is_written_alone(tmp_path: Path) -> None:
     write_transform(T_ANY, tmp_path / "T.yaml", "semcal")
-    chain = run("convert", tmp_path / "T.yaml", "--to", "kalibr").stdout
+    chain = invoke("convert", tmp_path / "T.yaml", "--to", "kalibr").stdout
     assert yaml.safe_load(chain).keys() == {"cam0"}
     assert yaml.safe_load(chain)["cam0"].keys() == {"T_cam_lidar"}
-    assert "camera_matrix" not in run("convert", tmp_path / "T.yaml", "--to", "opencv", *L2C).stdout
-    found = run("convert", tmp_path / "T.yaml", "--to", "camera-info")
+    assert "camera_matrix" not in invoke("convert", tmp_path / "T.yaml", "--to", "opencv", *L2C).stdout
+    found = invoke("convert", tmp_path / "T.yaml", "--to", "camera-info")
     assert str(found.exception) == (
         f"{tmp_path / 'T.yaml'}: found no camera, needed a semcal calibration or a drive: --to camera-info "
         "writes intrinsics"
@@ -206,11 +201,11 @@ def test_a_camera_info_is_no_transform(text: str, street: Path, tmp_path: Path) 
         ("verify", street, path),
         ("compare", path, street),
     ):
-        assert str(run(*command).exception) == said
+        assert str(invoke(*command).exception) == said
 
 
 def test_calibrate_writes_the_intrinsics_too(street: Path, tmp_path: Path) -> None:
     out = tmp_path / "chain.yaml"
-    found = run("calibrate", street, "--init", street, "--to", "kalibr", "-o", out, "-q")
+    found = invoke("calibrate", street, "--init", street, "--to", "kalibr", "-o", out, "-q")
     assert found.exit_code == 0, found.output
     assert read_intrinsics(out)["K"] == [list(row) for row in read_drive(street).camera.K]

@@ -10,13 +10,12 @@ from threading import Thread
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 from conftest import DRIVE, make_pose, poses
 from format_files import KIT, RELLIS3D_KEY, SENSORS, STAMPED, T_ANY, words
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS, convert, find_format, put_transform, read_transform, write_transform
 from semcal_cli.formats.format import CameraFrame, FormatOptions, Source
@@ -158,8 +157,8 @@ def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) ->
     shutil.copy(street / "drive.yaml", drive)
     before = (drive / "drive.yaml").read_bytes()
     for source in (drive, drive / "drive.yaml"):
-        arguments = ["convert", str(source), "--to", "opencalib", "-o", str(drive / "drive.yaml")]
-        assert isinstance(CliRunner().invoke(semcal, arguments).exception, InputError)
+        found = invoke("convert", source, "--to", "opencalib", "-o", drive / "drive.yaml")
+        assert isinstance(found.exception, InputError)
         with pytest.raises(InputError, match=r"drive.yaml: found the input file, needed another name"):
             convert(source, "opencalib", drive / "drive.yaml")
     assert (drive / "drive.yaml").read_bytes() == before
@@ -192,11 +191,9 @@ def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:
     scaled = T_ANY.copy()
     scaled[0, :3] *= 0.9
     (tmp_path / "T.txt").write_text("\n".join(words(row) for row in scaled))
-    arguments = ["convert", str(tmp_path / "T.txt"), "--direction", "lidar-to-camera", "--repair"]
+    arguments = ["convert", tmp_path / "T.txt", "--direction", "lidar-to-camera", "--repair"]
     out = tmp_path / "T.npy"
-    found = CliRunner().invoke(
-        semcal, [*arguments, "--to", "npy", "--to-direction", "camera-to-lidar", "-o", str(out)]
-    )
+    found = invoke(*arguments, "--to", "npy", "--to-direction", "camera-to-lidar", "-o", out)
     assert found.exit_code == 0, found.output
     assert "semcal: repaired: " in found.stderr
     assert (
@@ -204,6 +201,6 @@ def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:
         in found.stderr
     )
     assert Rotation.from_matrix((np.load(out) @ T_ANY)[:3, :3]).magnitude() < 0.1
-    again = CliRunner().invoke(semcal, [*arguments, "--to", "text", "--to-direction", "lidar-to-camera"])
+    again = invoke(*arguments, "--to", "text", "--to-direction", "lidar-to-camera")
     rows = np.loadtxt(io.StringIO(again.stdout))
     np.testing.assert_allclose(rows, np.linalg.inv(np.load(out)), atol=1e-12)

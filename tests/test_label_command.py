@@ -10,7 +10,7 @@ import numpy as np
 import onnx
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from commands import invoke
 from networks import (
     POINT_CARD,
     card,
@@ -23,7 +23,6 @@ from networks import (
 from onnx import TensorProto, helper
 
 from semcal_cli import _core
-from semcal_cli.cli import semcal
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds, read_label_images
@@ -34,13 +33,11 @@ from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.network import open_network
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, [str(each) for each in arguments])
-
-
 def test_a_labelled_drive_has_all_that_the_old_one_has(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
-    found = run("label", plain, "--image-model", net, "-o", tmp_path / "out", "--preview", tmp_path / "p.png")
+    found = invoke(
+        "label", plain, "--image-model", net, "-o", tmp_path / "out", "--preview", tmp_path / "p.png"
+    )
     assert found.exit_code == 0, found.output
     old, new = read_drive(plain), read_drive(tmp_path / "out")
     assert new.camera == old.camera
@@ -60,20 +57,20 @@ def test_a_labelled_drive_has_all_that_the_old_one_has(plain: Path, tmp_path: Pa
 def test_a_stopped_run_goes_on_and_other_settings_do_not_mix(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     arguments = ("label", plain, "--image-model", net, "-o", tmp_path / "out")
-    assert run(*arguments).exit_code == 0
+    assert invoke(*arguments).exit_code == 0
     files = sorted((tmp_path / "out/image_labels").glob("*.png"))
     whole = [file.read_bytes() for file in files]
     files[0].unlink()
     files[1].write_bytes(whole[1][:50])
-    found = run(*arguments)
+    found = invoke(*arguments)
     assert f"{len(files) - 2} label files reused" in found.output
     assert [file.read_bytes() for file in files] == whole
     card(tmp_path, classes=["sky", "road", "green", "brown"], color="bgr")
-    found = run(*arguments)
+    found = invoke(*arguments)
     assert "found labels of another model, drive or settings, needed another -o, or --force" in str(
         found.exception
     )
-    assert run(*arguments, "--force").exit_code == 0
+    assert invoke(*arguments, "--force").exit_code == 0
     assert [file.read_bytes() for file in files] != whole
 
 
@@ -88,16 +85,16 @@ def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_pa
         frame["image"] = f"at_{index}/image.png"
     (plain / "drive.yaml").write_text(yaml.safe_dump(document))
     arguments = ("label", plain, "--image-model", net)
-    assert run(*arguments, "-o", tmp_path / "whole").exit_code == 0
-    assert run(*arguments, "-o", tmp_path / "some", "--max-frames", "2").exit_code == 0
+    assert invoke(*arguments, "-o", tmp_path / "whole").exit_code == 0
+    assert invoke(*arguments, "-o", tmp_path / "some", "--max-frames", "2").exit_code == 0
     assert len(read_drive(tmp_path / "some").frames) == 2
-    assert run(*arguments, "-o", tmp_path / "some").exit_code == 0
+    assert invoke(*arguments, "-o", tmp_path / "some").exit_code == 0
     whole, some = (sorted((tmp_path / name / "image_labels").glob("*.png")) for name in ("whole", "some"))
     assert [file.name for file in whole] == [file.name for file in some]
     assert [file.read_bytes() for file in whole] == [file.read_bytes() for file in some]
     document["frames"].reverse()
     (plain / "drive.yaml").write_text(yaml.safe_dump(document))
-    found = run(*arguments, "-o", tmp_path / "some")
+    found = invoke(*arguments, "-o", tmp_path / "some")
     assert "found labels of another model, drive or settings" in str(found.exception)
 
 
@@ -110,7 +107,7 @@ def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: P
     images[1].write_bytes(images[1].read_bytes()[:900])
     first = f"{images[1]}: found a damaged image, needed an intact one"
     second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed an image"
-    found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
+    found = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
     assert isinstance(found.exception, InputError)
     assert str(found.exception) == f"2 of {len(images)} frames failed; {first}"
     assert second in found.output.replace("\n", " ")
@@ -120,7 +117,7 @@ def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: P
 def test_probabilities_are_those_that_a_calibration_reads(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     for options, name in (((), "hard"), (("--probabilities",), "soft")):
-        found = run("label", plain, "--image-model", net, "-o", tmp_path / name, *options)
+        found = invoke("label", plain, "--image-model", net, "-o", tmp_path / name, *options)
         assert found.exit_code == 0, found.output
     hard, soft = (read_label_images(read_drive(tmp_path / name))[0] for name in ("hard", "soft"))
     assert isinstance(soft, _core.ClassShares)
@@ -145,7 +142,7 @@ def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Pat
         net = range_network(tmp_path / "net.onnx", 5, 16, 128, 1, 0.0)
         (tmp_path / "net.yaml").write_text(yaml.safe_dump(POINT_CARD))
         options = ("--point-model", net)
-    found = run("label", plain, *options, "-o", tmp_path / "out")
+    found = invoke("label", plain, *options, "-o", tmp_path / "out")
     assert found.exit_code == 0, found.output
     new = read_drive(tmp_path / "out")
     for frame, cloud in zip(new.frames, read_clouds(new), strict=True):
@@ -167,29 +164,29 @@ def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Pat
 def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     arguments = ("calibrate", plain, "--image-model", net, "--no-polish", "-o", tmp_path / "out.yaml")
-    first = run(*arguments)
+    first = invoke(*arguments)
     assert first.exit_code in (0, 3), first.output
     (folder,) = (plain / ".semcal_labels").iterdir()
     times = {file: file.stat().st_mtime_ns for file in folder.glob("image_labels/*.png")}
     result = (tmp_path / "out.yaml").read_bytes()
     (labelled,) = folder.glob("drive_*.yaml")
     assert yaml.safe_load(result)["input"]["drive"].endswith(f".semcal_labels/{folder.name}/{labelled.name}")
-    assert run(*arguments).exit_code == first.exit_code
+    assert invoke(*arguments).exit_code == first.exit_code
     assert {file: file.stat().st_mtime_ns for file in times} == times
     assert (tmp_path / "out.yaml").read_bytes() == result
     # Other frames are another drive, by the same labels.
-    run(*arguments, "--max-frames", "1")
+    invoke(*arguments, "--max-frames", "1")
     assert len(list(folder.glob("drive_*.yaml"))) == 2
     # Another image has another name in the cache.
     file = sorted((plain / "images").iterdir())[0]
     cv2.imwrite(str(file), cv2.imread(str(file))[:, ::-1])
-    run(*arguments)
+    invoke(*arguments)
     assert len(list(folder.glob("image_labels/*.png"))) == len(times) + 1
 
 
 def test_what_was_understood_is_told(tmp_path: Path) -> None:
     net = color_network(tmp_path / "net.onnx", (64, 96), stride=4)
-    shown = run("label", "--show", net)
+    shown = invoke("label", "--show", net)
     assert shown.exit_code == 0, shown.output
     for text in (
         "'x' 1 x 3 x 64 x 96 float32",
@@ -199,7 +196,7 @@ def test_what_was_understood_is_told(tmp_path: Path) -> None:
         assert text in shown.output
     assert max(map(len, shown.output.splitlines())) <= COLUMNS
     card(tmp_path)
-    shown = run("label", "--show", net)
+    shown = invoke("label", "--show", net)
     assert "guessed" not in shown.output
     assert "classes   6: a, b, c, d, e, f" in shown.output
 
@@ -314,7 +311,7 @@ def test_a_broken_model_or_card_is_one_line(
     folder = tmp_path / "models"
     folder.mkdir()
     make(folder)
-    found = run("label", plain, "--image-model", folder / "net.onnx", "-o", tmp_path / "out")
+    found = invoke("label", plain, "--image-model", folder / "net.onnx", "-o", tmp_path / "out")
     assert isinstance(found.exception, SemcalError), found.output
     text = str(found.exception)
     assert "\n" not in text
@@ -324,10 +321,10 @@ def test_a_broken_model_or_card_is_one_line(
 
 def test_labels_never_replace_what_they_have_not_made(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
-    found = run("label", plain, "--image-model", net, "-o", plain)
+    found = invoke("label", plain, "--image-model", net, "-o", plain)
     assert "found the input drive, needed another name" in str(found.exception)
     folder = tmp_path / "out/image_labels"
     folder.mkdir(parents=True)
     (folder / "mine.png").write_bytes(b"mine")
-    found = run("label", plain, "--image-model", net, "-o", tmp_path / "out")
+    found = invoke("label", plain, "--image-model", net, "-o", tmp_path / "out")
     assert "found files that `semcal label` did not write, needed another -o" in str(found.exception)

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from documentation import ROOT
 
 from semcal_cli.batches.pace import Pace
-from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
 from semcal_cli.experiments import experiment, measured, page_tables
 from semcal_cli.experiments.experiment import Experiment, Report, read_measured
@@ -103,7 +102,7 @@ def test_a_page_may_have_the_sign_of_a_place_in_its_name(name: str, page: Path) 
 
 def test_an_experiment_refuses_before_it_measures(page: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    ended = CliRunner().invoke(semcal, ["experiment", "gradient", "-o", str(out), "--into", str(page)])
+    ended = invoke("experiment", "gradient", "-o", out, "--into", page)
     assert f"{page}: found 0 places from a line '<!-- table: gradient -->'" in str(ended.exception)
     assert not out.exists()
 

@@ -3,15 +3,14 @@
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from fleets import line, series_of, write_summary
 from pages import serious_findings, show
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
-
-from semcal_cli.cli import semcal
 
 pytestmark = pytest.mark.slow
 
@@ -54,8 +53,7 @@ def fleet_page(folder: Path, kind: str, count: int, prefix: str, has_stamps: boo
         lines[-1]["stamp"] = drive.stamp if has_stamps else None
     lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "topics": ["overlap"], "exit_code": 3}
     page = folder / "fleet.html"
-    command = ["fleet", str(write_summary(folder / "batch", lines)), "--report", str(page)]
-    found = CliRunner().invoke(semcal, command)
+    found = invoke("fleet", write_summary(folder / "batch", lines), "--report", page)
     assert found.exit_code in (0, 3), found.output
     return page
 

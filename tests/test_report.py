@@ -10,13 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from conftest import make_pose
 from pages import page_of
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.cli import semcal
 from semcal_cli.config.synthetic import Lens, SynthConfig
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
@@ -49,9 +48,7 @@ def report(made: Path, street: Path) -> ReportInput:
 def test_one_run_leaves_the_page_and_the_images(made: Path, street: Path, tmp_path: Path) -> None:
     """And the page is that of `report`, to the byte, but for the names of files."""
     assert sorted(path.name for path in (made / "overlays").iterdir()) == [f"00000{i}.png" for i in range(4)]
-    result = CliRunner().invoke(
-        semcal, ["report", str(street), str(made / "c.yaml"), "-o", str(tmp_path / "r.html"), "-q"]
-    )
+    result = invoke("report", street, made / "c.yaml", "-o", tmp_path / "r.html", "-q")
     assert result.exit_code == 0
     assert (tmp_path / "r.html").read_bytes() == (made / "r.html").read_bytes()
 
@@ -143,7 +140,7 @@ def test_a_rival_s_answer_is_called_one(made: Path) -> None:
 
 def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
     for output, needed in ((made / "c.yaml", "needed .html"), (made / "none" / "r.html", "needed one to")):
-        result = CliRunner().invoke(semcal, ["report", str(street), str(made / "c.yaml"), "-o", str(output)])
+        result = invoke("report", street, made / "c.yaml", "-o", output)
         assert result.exit_code == 1
         assert needed in str(result.exception)
 

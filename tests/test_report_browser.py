@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from pages import serious_findings
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform, write_transform
@@ -143,11 +142,10 @@ def test_the_page_of_a_verification(
     browser: webdriver.Chrome, made: Path, street: Path, tmp_path: Path
 ) -> None:
     """Fail, by how much and along which axis, with both transforms on the images."""
-    off = str(turned_off(made, tmp_path, 0.6))
-    options = ["--report", str(tmp_path / "v.html"), "--overlay", str(tmp_path / "drawn")]
-    result = CliRunner().invoke(semcal, ["verify", str(street), off, *options])
+    off, drawings = turned_off(made, tmp_path, 0.6), tmp_path / "drawn"
+    result = invoke("verify", street, off, "--report", tmp_path / "v.html", "--overlay", drawings)
     assert result.exit_code == 3
-    assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == [f"00000{i}.png" for i in range(4)]
+    assert sorted(path.name for path in drawings.iterdir()) == [f"00000{i}.png" for i in range(4)]
     browser.get_log("browser")
     browser.get((tmp_path / "v.html").as_uri())
     assert serious_findings(browser) == []
@@ -162,7 +160,7 @@ def test_the_page_of_a_verification(
     assert before + 1.0 < after
     assert drawn(browser, "#first .before") > 1000
     again = tmp_path / "again.html"
-    CliRunner().invoke(semcal, ["verify", str(street), off, "--report", str(again)])
+    invoke("verify", street, off, "--report", again)
     assert again.read_bytes() == (tmp_path / "v.html").read_bytes()
 
 

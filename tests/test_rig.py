@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from conftest import NAMES, SMALL, make_pose
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError, InputError
@@ -45,7 +45,7 @@ def twist(T: np.ndarray) -> np.ndarray:
 
 
 def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, ["calibrate", *map(str, arguments)])
+    return invoke("calibrate", *arguments)
 
 
 def with_pose(found: Calibration, T: Pose, covariance: np.ndarray) -> Calibration:
@@ -164,7 +164,7 @@ def test_a_rig_is_known_by_its_content(text: str, tmp_path: Path) -> None:
 
 def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) -> None:
     for given in (rig, rig.parent):
-        found = CliRunner().invoke(semcal, ["verify", str(given), str(rig.parent / "camera_0")])
+        found = invoke("verify", given, rig.parent / "camera_0")
         assert str(found.exception) == (
             f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` accept, needed the "
             "drive of one of its cameras"

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 from conftest import FINE_STREET
 
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import rivals, table
 from semcal_cli.experiments.drives import Pool
@@ -32,9 +31,7 @@ good, and that of semcal is among them."""
 
 
 def run_table(drive: Path, out: Path, *arguments: object) -> str:
-    found = CliRunner().invoke(
-        semcal, ["experiment", "table", str(drive), "-o", str(out), *map(str, arguments)]
-    )
+    found = invoke("experiment", "table", drive, "-o", out, *arguments)
     assert found.exit_code == 0, found.output
     return found.stdout
 
@@ -184,18 +181,14 @@ def test_a_start_at_which_nothing_is_seen_fails_each_by_itself(street: Path, tmp
     """Straight up, where nothing returns: no method has an answer, and the table says so of each."""
     up = tmp_path / "up.yaml"
     write_transform(pose_from_mounting([0.0, -90.0, 0.0], [0.0, 0.0, 0.0]), up, "semcal")
-    found = CliRunner().invoke(
-        semcal, ["experiment", "table", str(street), "--init", str(up), "-o", str(tmp_path)]
-    )
+    found = invoke("experiment", "table", street, "--init", up, "-o", tmp_path)
     for name in METHODS:
         assert (f"| {name} | failed: " in found.stdout) == (name != "paper, own start"), found.output
     assert "semcal's own verdict: failed." in found.stdout
 
 
 def test_a_frame_that_is_not_there_is_seen_at_once(street: Path, tmp_path: Path) -> None:
-    found = CliRunner().invoke(
-        semcal, ["experiment", "table", str(street), "--frame", "9", "-o", str(tmp_path)]
-    )
+    found = invoke("experiment", "table", street, "--frame", "9", "-o", tmp_path)
     assert found.exit_code == 1
     assert "found 4 frames, needed one numbered 9" in str(found.exception)
 
@@ -203,8 +196,8 @@ def test_a_frame_that_is_not_there_is_seen_at_once(street: Path, tmp_path: Path)
 def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(EXPERIMENTS, "pairs", (Setting("1", 1),))
     monkeypatch.setattr(rivals, "METHODS", {name: METHODS[name] for name in ("semcal", "SOIC")})
-    arguments = ["experiment", "pairs", "--seeds", "1", "--first-seed", "16", "-o", str(tmp_path)]
-    tables = [CliRunner().invoke(semcal, arguments) for _ in range(2)]
+    arguments = ["experiment", "pairs", "--seeds", "1", "--first-seed", "16", "-o", tmp_path]
+    tables = [invoke(*arguments) for _ in range(2)]
     assert tables[0].exit_code == 0, tables[0].output
     assert "| 1 | semcal | 1 | 0.0" in tables[0].stdout
     assert tables[1].stdout == tables[0].stdout  # with the same seconds: nothing was run again
@@ -212,7 +205,7 @@ def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(results.read_text().splitlines()) == len(cases(EXPERIMENTS["pairs"], range(16, 17)))
     assert not (tmp_path / "pairs/drives").exists()
     results.write_text("garbage\n")
-    found = CliRunner().invoke(semcal, arguments)
+    found = invoke(*arguments)
     assert found.exit_code == 1
     assert "results.jsonl: line 1: found 'garbage" in str(found.exception)
 
@@ -224,9 +217,7 @@ def test_a_table_overwrites_nothing_that_it_reads(street: Path, tmp_path: Path) 
     write_transform(read_transform(street), reference, "semcal")
     before = reference.read_bytes()
     for option in ("--reference", "--init"):
-        found = CliRunner().invoke(
-            semcal, ["experiment", "table", str(street), option, str(reference), "-o", str(tmp_path)]
-        )
+        found = invoke("experiment", "table", street, option, reference, "-o", tmp_path)
         assert found.exit_code == 1
         assert "found a file that this run reads or writes" in str(found.exception)
     assert reference.read_bytes() == before

@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import invoke
 from hostile_files import bmp, jpeg, npy, png, sparse
 
 from semcal_cli import _core
-from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
@@ -133,7 +132,7 @@ def test_labels_are_judged_by_the_points(tmp_path: Path) -> None:
 
 
 def test_max_points_is_asked_for(street: Path) -> None:
-    refused = CliRunner().invoke(semcal, ["inspect", str(street), "--max-points", "1000"])
+    refused = invoke("inspect", street, "--max-points", "1000")
     assert "points, needed at most 1,000: see --max-points" in str(refused.exception)
     drive = read_drive(street, max_points=1000)
     fewer = drive.model_copy(update={"frames": drive.frames[:1]})

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from conftest import STREET
 
-from semcal_cli.cli import semcal
 from semcal_cli.cli.experiment import PARTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError
@@ -174,10 +173,10 @@ def test_only_some_parts_are_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     found = [replace(outcome("good", "trusted", 0.0), errors=(0.1,) * 6)]
     monkeypatch.setattr(trust_table, "cases", lambda seeds, parts: parts)
     monkeypatch.setattr(Experiment, "run_cases", lambda experiment, *_: found * len(experiment.cases))
-    command = ["experiment", "trust", "-o", str(tmp_path), "--only"]
-    ended = CliRunner().invoke(semcal, [*command, "good", "--only", "verify"])
+    command = ["experiment", "trust", "-o", tmp_path, "--only"]
+    ended = invoke(*command, "good", "--only", "verify")
     assert "| good drives are trusted, all | 2 | 2 |" in ended.output
-    assert CliRunner().invoke(semcal, [*command, "all"]).exit_code == 2
+    assert invoke(*command, "all").exit_code == 2
 
 
 def test_users_give_no_more_than_they_know(raw: RawDrive, tmp_path: Path) -> None:
