@@ -56,7 +56,7 @@ class MutualInformation(torch.nn.Module):
         """
         super().__init__()
         self.projection = Projection(camera)
-        self.size = camera.size
+        self.size = camera.width, camera.height
         self.num_frames = len(points)
         for frame, tensors in enumerate(zip(points, x, y, strict=True)):
             for name, tensor in zip(("points", "x", "y"), tensors, strict=True):
