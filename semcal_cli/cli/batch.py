@@ -194,11 +194,10 @@ def _files(settings: BatchSettings, found: CalibrateSettings) -> dict[str, list[
 
     Networks of the hub are fetched once for all drives; Dask's workers fetch them by name, into their own caches.
     """
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.labelling.hub import find_model, is_hub_name
 
     files: dict[str, list[Path | str]] = {"--image-model": []}
-    with Terminal(quiet=settings.quiet) as terminal:
+    with settings.terminal() as terminal:
         for name in found.image_model:
             if settings.dask is not None and is_hub_name(name):
                 files["--image-model"].append(name)

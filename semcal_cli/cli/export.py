@@ -40,7 +40,6 @@ def rerun(settings: RerunSettings) -> None:
 
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import with_few_frames
 
@@ -54,7 +53,7 @@ def rerun(settings: RerunSettings) -> None:
     cameras = {}
     if whole.T_camera_lidar is not None:
         cameras["reference"] = np.array(whole.T_camera_lidar), whole.camera
-    terminal = Terminal(quiet=settings.quiet)
+    terminal = settings.terminal()
     if calibration is not None:
         extrinsic = read_extrinsic(calibration)
         applied = apply_result(extrinsic.record, whole, str(calibration))

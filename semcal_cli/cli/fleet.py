@@ -24,6 +24,7 @@ from semcal_cli.errors import InputError
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.fleet.fleet import ComparedDrive, Fleet
 
 PLOTS = (".png", ".svg")
@@ -107,7 +108,7 @@ def fleet(settings: FleetSettings) -> None:
     if output is None or settings.as_json:
         click.echo(document_text(document, "json") if settings.as_json else text, nl=False)
     written = [path for path in (output, page, plot, junit) if path is not None]
-    _print(found, written, quiet=settings.quiet)
+    _print(found, written, settings.terminal())
     report.tell_github()
     sys.exit(report.exit_code)
 
@@ -159,15 +160,12 @@ def _cases(found: Fleet) -> list[Case]:
     return [*cases, Case("all together", found.verdict, f"{len(found.drives):,} drives")]
 
 
-def _print(found: Fleet, written: Sequence[Path], *, quiet: bool) -> None:
+def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
     from semcal_cli.cli.tables import matrix_lines, wrapped
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.errors import first_of, printable
     from semcal_cli.fleet.verdict import title
     from semcal_cli.result.uncertainty import intervals
-
-    terminal = Terminal(quiet=quiet)
 
     def show(label: str, lines: Iterable[str]) -> None:
         terminal.print(*_rows(label, lines))

@@ -239,8 +239,6 @@ def bag(settings: BagSettings) -> None:
     camera_info, the reference T_camera_lidar from /tf_static, and motion from odometry or /tf. Damaged parts are
     reported and left out.
     """
-    from semcal_cli.cli.terminal import Terminal
-
     for package in ("rosbags", "mcap"):
         check_installed("semcal import bag", package, "bag")
     if settings.odometry:
@@ -253,7 +251,7 @@ def bag(settings: BagSettings) -> None:
 
     request = made_of(Request, settings, by_receipt=settings.stamps == "receive")
     assert settings.output is not None  # by a rule
-    with Terminal(quiet=settings.quiet) as terminal:
+    with settings.terminal() as terminal:
         done = import_bag(request, settings.output, terminal.on_event, force=settings.force)
     if settings.quiet:
         return

@@ -197,14 +197,13 @@ def label(settings: LabelSettings) -> None:
     exit code is then 1.
     """
     from semcal_cli.cli.tables import wrapped
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.labelling.hub import find_model
     from semcal_cli.labelling.images import describe_model
     from semcal_cli.labelling.network import open_network
     from semcal_cli.threads import set_num_threads
 
     set_num_threads(settings.threads)
-    with Terminal(quiet=settings.quiet) as terminal:
+    with settings.terminal() as terminal:
         if settings.show is not None:
             path = find_model(settings.show, settings.max_download_mb, terminal.on_event)
             network = open_network(path, settings.device, settings.threads)

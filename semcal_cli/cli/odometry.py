@@ -26,7 +26,6 @@ def odometry(settings: OdometrySettings) -> None:
     drive.yaml, which this command does not change. If DRIVE has poses, the two motions are compared.
     """
     from semcal_cli.cli.outputs import check_outputs, files_read
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
 
     check_installed("semcal odometry", "kiss_icp", "odometry")
@@ -36,7 +35,7 @@ def odometry(settings: OdometrySettings) -> None:
 
     drive = read_drive(settings.drive, settings.max_points)
     check_outputs(files_read(drive), settings.output)
-    with Terminal(quiet=settings.quiet) as terminal:
+    with settings.terminal() as terminal:
         motion = drive_motion(drive, terminal.on_event)
     compared = compare_with_drive(drive, motion.poses)
     note = f"# {estimator()} estimates the motion of the LiDAR from the sweeps\n"

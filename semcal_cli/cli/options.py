@@ -87,6 +87,14 @@ class QuietSettings:
     """The option of every command that shows its progress."""
 
     quiet: bool = option("Print only the result and errors.", "-q", "--quiet", default=False)
+    verbose: bool = False
+    """Whether to show expert figures, too."""
+
+    def terminal(self) -> Terminal:
+        """Make the terminal that shows what the command does."""
+        from semcal_cli.cli.terminal import Terminal
+
+        return Terminal(quiet=self.quiet, verbose=self.verbose)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,15 +119,6 @@ class DriveSettings(QuietSettings):
 @dataclass(frozen=True, kw_only=True)
 class RunSettings(DriveSettings, ThreadSettings):
     """Options of every command that computes something from a drive."""
-
-    verbose: bool = False
-    """Whether to show expert figures, too."""
-
-    def terminal(self) -> Terminal:
-        """Make the terminal that shows what the command does."""
-        from semcal_cli.cli.terminal import Terminal
-
-        return Terminal(quiet=self.quiet, verbose=self.verbose)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -133,10 +133,9 @@ class Outputs:
             return
         from semcal_cli.files.images import check_image
 
-        size = drive.camera.width, drive.camera.height
         for frame in evenly_spaced(drive.frames, MAX_IMAGES):
             if frame.image is not None:
-                check_image(drive.resolve(frame.image), size)
+                check_image(drive.resolve(frame.image), drive.camera.size)
 
     def write(
         self,

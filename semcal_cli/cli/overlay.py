@@ -49,7 +49,6 @@ def overlay(settings: OverlaySettings) -> None:
     CALIBRATION is {KNOWN_TRANSFORMS}. For a rig.yaml, it is the folder that semcal calibrate wrote, and each camera
     gets a folder of images. Points that the camera cannot see are left out, or grey with --by agreement.
     """
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.writing import make_folder
     from semcal_cli.report.overlay import Overlays
@@ -57,7 +56,7 @@ def overlay(settings: OverlaySettings) -> None:
     from semcal_cli.rig.document import find_rig
     from semcal_cli.rig.result import read_rig_files
 
-    terminal, output = Terminal(quiet=settings.quiet), settings.output
+    terminal, output = settings.terminal(), settings.output
     if (rig := find_rig(settings.drive)) is None:
         overlays = _overlays(read_drive(settings.drive, settings.max_points), settings, terminal)
         terminal.print(*map(str, overlays.write_all(output)))

@@ -32,7 +32,6 @@ def report(settings: ReportSettings) -> None:
     HTML file with everything that is known about the transform, and can be read offline.
     """
     from semcal_cli.cli.outputs import check_outputs, check_page, files_read
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.files.writing import write_text
     from semcal_cli.report import read_report_input, write_report
@@ -42,7 +41,7 @@ def report(settings: ReportSettings) -> None:
     from semcal_cli.threads import set_num_threads
 
     calibration, output, against = settings.calibration, settings.output, settings.against
-    terminal = Terminal(quiet=settings.quiet)
+    terminal = settings.terminal()
     rig = find_rig(settings.drive)
     if rig is not None:
         refuse(click.get_current_context(), ["--against"], FOR_ONE_CAMERA.format(rig))

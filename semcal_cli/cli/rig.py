@@ -16,7 +16,6 @@ from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
-from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.events import Event
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
@@ -35,6 +34,7 @@ from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate import CalibrateSettings
+    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
     from semcal_cli.rig.calibration import Pair
 
@@ -93,7 +93,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
         write_text(json.dumps(logs, indent=2) + "\n", settings.log)
-    terminal = Terminal(quiet=settings.quiet)
+    terminal = settings.terminal()
     terminal.print(*_lines(found, result))
     if page is not None:
         seen = {name: apply_result(cameras.get(name), each, name).drive for name, each in drives.items()}

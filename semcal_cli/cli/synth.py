@@ -68,14 +68,13 @@ def synth(settings: SynthSettings) -> None:
     The seed determines the streets and everything about the mounting that no option sets. The 20 classes have CARLA's
     names and ids. The sensors see true parallax.
     """
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
     from semcal_cli.threads import set_num_threads
 
     drives, num_cameras, force = settings.drives(), settings.num_cameras, settings.force
     set_num_threads(settings.threads)
     start = perf_counter()
-    with Terminal(quiet=settings.quiet) as terminal:
+    with settings.terminal() as terminal:
         for config, folder in drives:
             total = (num_cameras or 1) * config.num_frames
 

@@ -50,7 +50,6 @@ def view(settings: ViewSettings) -> None:
     The page is served only to this machine, at an address with a random word. The command ends with Ctrl-C (exit code
     130) or, with -o, with the button "Save and end" (0).
     """
-    from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.report.view.server import ViewServer
     from semcal_cli.result.applied import apply_result, cues_applied
@@ -63,7 +62,7 @@ def view(settings: ViewSettings) -> None:
     if output is not None:
         _check_output(output, applied.drive, calibration)
     set_num_threads(settings.threads)
-    terminal = Terminal(quiet=settings.quiet)
+    terminal = settings.terminal()
     terminal.print_changes(applied.changes)
     with terminal:
         terminal.show("reading frames")
