@@ -93,11 +93,11 @@ def with_twists(observations: Observations, twists_per_s: Sequence[Sequence[floa
 
 
 @contextmanager
-def edited(drive: Path) -> Iterator[dict[str, Any]]:
-    """The document of a drive, which is written as it is left."""
+def edited(drive: Path, out: Path | None = None) -> Iterator[dict[str, Any]]:
+    """The document of a drive, which is written as it is left, there or into another folder."""
     document = read_document(drive / DRIVE_FILE)
     yield document
-    write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
+    write_text(document_text(document, "yaml"), (out or drive) / DRIVE_FILE)
 
 
 def without(drive: Path, *keys: str) -> Path:
@@ -176,11 +176,10 @@ def drive(street: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def plain(drive: Path) -> Path:
     """A drive of three frames without image labels."""
-    document = yaml.safe_load((drive / "drive.yaml").read_text())
-    for frame in document["frames"]:
-        del frame["image_labels"]
-    document["classes"].pop("image")
-    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(drive) as document:
+        for frame in document["frames"]:
+            del frame["image_labels"]
+        document["classes"].pop("image")
     shutil.rmtree(drive / "image_labels")
     return drive
 

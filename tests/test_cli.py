@@ -15,7 +15,7 @@ import click
 import numpy as np
 import pytest
 import yaml
-from conftest import Cli
+from conftest import Cli, edited
 from hostile_drives import HOSTILE, Edit, break_drive
 from test_calibration import POSE, make_calibration
 
@@ -23,8 +23,6 @@ import semcal_cli
 from semcal_cli.cli import EXIT_FAILURE, SECTIONS, semcal
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
 from semcal_cli.result.calibration import write_calibration
 
 
@@ -41,11 +39,9 @@ def test_hostile_drives(drive: Path, cli: Cli, edit: Edit, message: str) -> None
 
 
 def test_a_start_that_looks_away_is_no_overlap(street: Path, tmp_path: Path, cli: Cli) -> None:
-    document = yaml.safe_load((street / "drive.yaml").read_text())
-    document["T_camera_lidar"] = np.eye(
-        4
-    ).tolist()  # The camera looks along the LiDAR's z axis, into the sky.
-    (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(street, tmp_path) as document:
+        # The camera looks along the LiDAR's z axis, into the sky.
+        document["T_camera_lidar"] = np.eye(4).tolist()
     code, _, err = cli("calibrate", street, "--init", tmp_path, "-o", tmp_path / "out.yaml", "-q")
     assert code == EXIT_FAILURE
     assert re.fullmatch(
@@ -200,9 +196,8 @@ ORDERS = {
 
 @pytest.mark.parametrize("line", ORDERS)
 def test_a_misplaced_file_is_told_with_the_order(drive: Path, tmp_path: Path, cli: Cli, line: str) -> None:
-    document = read_document(drive / DRIVE_FILE)
-    del document["T_camera_lidar"]
-    write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
+    with edited(drive) as document:
+        del document["T_camera_lidar"]
     command, given = line.split(), tmp_path / "c.yaml"
     write_calibration(make_calibration(POSE), given)
     code, out, err = cli(*({"C": given, "D": drive}.get(word, word) for word in command))
@@ -308,12 +303,11 @@ def test_the_package_is_a_program() -> None:
 
 @pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "image.png", "cloud.las"])
 def test_pipes_and_devices_are_refused_at_once(street: Path, tmp_path: Path, cli: Cli, name: str) -> None:
-    document = read_document(street / DRIVE_FILE)
-    frame = document["frames"][0] | {"points_stamp": 0.0, "image_stamp": 0.0}
-    frame |= {key: str(street / frame[key]) for key in ("points", "point_labels", "image_labels")}
-    frame |= {"image.png": {"image": name}, "cloud.las": {"points": name}}.get(name, {})
-    document |= {"frames": [frame]} | ({"motion": {"poses": name}} if name == "poses.txt" else {})
-    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    with edited(street, tmp_path) as document:
+        frame = document["frames"][0] | {"points_stamp": 0.0, "image_stamp": 0.0}
+        frame |= {key: str(street / frame[key]) for key in ("points", "point_labels", "image_labels")}
+        frame |= {"image.png": {"image": name}, "cloud.las": {"points": name}}.get(name, {})
+        document |= {"frames": [frame]} | ({"motion": {"poses": name}} if name == "poses.txt" else {})
     for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
         (tmp_path / name).unlink(missing_ok=True)
         make(tmp_path / name)
@@ -324,11 +318,10 @@ def test_pipes_and_devices_are_refused_at_once(street: Path, tmp_path: Path, cli
 
 
 def test_names_are_no_markup_and_may_be_too_long(street: Path, tmp_path: Path, cli: Cli) -> None:
-    document = read_document(street / DRIVE_FILE)
-    frame = {key: str(street / name) for key, name in document["frames"][0].items() if key != "image"}
-    shutil.copy(frame["points"], tmp_path / "a[red].bin")
-    document |= {"frames": [frame | {"points": "a[red].bin"}], "classes": {"points": {"x[/y]": [1, 2]}}}
-    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    with edited(street, tmp_path) as document:
+        frame = {key: str(street / name) for key, name in document["frames"][0].items() if key != "image"}
+        shutil.copy(frame["points"], tmp_path / "a[red].bin")
+        document |= {"frames": [frame | {"points": "a[red].bin"}], "classes": {"points": {"x[/y]": [1, 2]}}}
     code, out, _ = cli("inspect", tmp_path)
     assert code == 0
     assert "a[red].bin" in out

@@ -9,15 +9,14 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from conftest import Cli
+from conftest import Cli, edited
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
 from semcal_cli.drive.cues.table import choose_frames
-from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
+from semcal_cli.drive.document import read_drive
+from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, compare_poses, inverse
 from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
@@ -139,13 +138,12 @@ def test_what_the_polish_did_is_told(street: Path, tmp_path: Path, cli: Cli) -> 
 
 def test_a_polish_that_held_out_data_reject_is_undone(drive: Path, tmp_path: Path, cli: Cli) -> None:
     """Labels of the frames that are worked with are some pixels to the side, those of the held-out frames are not."""
-    document = read_document(drive / DRIVE_FILE)
-    frames = [dict(document["frames"][index]) for index in (0, 1, 2, 3, 0, 1)]
-    for index in (0, 1, 3, 4):
-        image = cv2.imread(str(drive / frames[index]["image_labels"]), cv2.IMREAD_UNCHANGED)
-        frames[index]["image_labels"] = f"image_labels/moved_{index}.png"
-        cv2.imwrite(str(drive / frames[index]["image_labels"]), np.roll(image, 3 + index // 4, axis=1))
-    write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
+    with edited(drive) as document:
+        document["frames"] = frames = [dict(document["frames"][index]) for index in (0, 1, 2, 3, 0, 1)]
+        for index in (0, 1, 3, 4):
+            image = cv2.imread(str(drive / frames[index]["image_labels"]), cv2.IMREAD_UNCHANGED)
+            frames[index]["image_labels"] = f"image_labels/moved_{index}.png"
+            cv2.imwrite(str(drive / frames[index]["image_labels"]), np.roll(image, 3 + index // 4, axis=1))
     rejected, err = refine(drive, tmp_path / "out.yaml", cli)
     assert rejected.polish is not None
     assert not rejected.polish.accepted
@@ -163,12 +161,10 @@ def test_a_polish_that_held_out_data_reject_is_undone(drive: Path, tmp_path: Pat
 def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
     long_street: RawDrive, tmp_path: Path, cli: Cli
 ) -> None:
-    path = write_raw_drive(long_street, tmp_path)
-    drive = path.parent
-    document = yaml.safe_load(path.read_text())
-    for row in range(2):
-        document["camera"]["K"][row][row] *= 1.1
-    path.write_text(yaml.safe_dump(document))
+    drive = write_raw_drive(long_street, tmp_path).parent
+    with edited(drive) as document:
+        for row in range(2):
+            document["camera"]["K"][row][row] *= 1.1
     code, _, _ = cli("calibrate", drive, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert (code, calibration.status) == (EXIT_NOT_TRUSTED, "not_trusted")
@@ -207,12 +203,11 @@ def test_what_is_known_is_weighed_and_said(
 
 def test_an_image_that_is_not_drawn_need_not_be_there(street: Path, tmp_path: Path, cli: Cli) -> None:
     used = {frame.points for frame in choose_frames(read_drive(street), ("labels",), 2).frames}
-    document = read_document(street / DRIVE_FILE)
-    for frame in document["frames"]:
-        is_used = frame["points"] in used
-        frame |= {key: str(street / name) for key, name in frame.items()}
-        frame["image"] = frame["image"] if is_used else "nowhere.png"
-    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    with edited(street, tmp_path) as document:
+        for frame in document["frames"]:
+            is_used = frame["points"] in used
+            frame |= {key: str(street / name) for key, name in frame.items()}
+            frame["image"] = frame["image"] if is_used else "nowhere.png"
     outputs = ("-o", tmp_path / "c.yaml", "--report", tmp_path / "r.html")
     arguments = ("calibrate", tmp_path, "--init", street, *outputs)
     assert cli(*arguments, "--max-frames", "2")[0] in (0, 3)
@@ -305,10 +300,8 @@ def test_other_seeds_lead_to_the_same_place(street: Path, tmp_path: Path, cli: C
 
 
 def test_a_long_drive_is_cut_to_the_frames_that_differ(drive: Path, tmp_path: Path, cli: Cli) -> None:
-    path = drive / "drive.yaml"
-    document = yaml.safe_load(path.read_text())
-    document["frames"] = [dict(document["frames"][0]) for _ in range(3)] + document["frames"]
-    path.write_text(yaml.safe_dump(document))
+    with edited(drive) as document:
+        document["frames"] = [dict(document["frames"][0]) for _ in range(3)] + document["frames"]
     result = tmp_path / "out.yaml"
     code, _, err = cli("refine", drive, "--init", drive, "--max-frames", "4", "-o", result)
     calibration = read_calibration(result)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import invoke
-from conftest import make_pose
+from conftest import edited, make_pose
 
 from semcal_cli import _core
 from semcal_cli.config.synthetic import SynthConfig
@@ -85,13 +85,12 @@ def test_range_and_gain_change_no_level(street: Path, seen: Observations, tmp_pa
 def test_a_start_that_is_off_is_mended_without_labels(
     street: Path, street_truth: Pose, tmp_path: Path
 ) -> None:
-    document = yaml.safe_load((street / "drive.yaml").read_text())
-    for frame in document["frames"]:
-        del frame["point_labels"], frame["image_labels"]
-        for key in ("points", "image"):
-            frame[key] = str(street / frame[key])
-    del document["ignore"], document["classes"], document["T_camera_lidar"]
-    (tmp_path / "drive.yaml").write_text(yaml.dump(document))
+    with edited(street, tmp_path) as document:
+        for frame in document["frames"]:
+            del frame["point_labels"], frame["image_labels"]
+            for key in ("points", "image"):
+                frame[key] = str(street / frame[key])
+        del document["ignore"], document["classes"], document["T_camera_lidar"]
     rng = np.random.default_rng(1)
     turn, shift = rng.normal(size=(2, 3))
     off = make_pose(tuple(0.02 * turn / np.linalg.norm(turn)), tuple(0.05 * shift / np.linalg.norm(shift)))

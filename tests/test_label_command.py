@@ -11,6 +11,7 @@ import onnx
 import pytest
 import yaml
 from commands import invoke
+from conftest import edited
 from networks import (
     POINT_CARD,
     card,
@@ -77,13 +78,12 @@ def test_a_stopped_run_goes_on_and_other_settings_do_not_mix(plain: Path, tmp_pa
 def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_path: Path) -> None:
     """Images of one name lie in folders of their own, so that labels are numbered."""
     net = street_network(tmp_path)
-    document = yaml.safe_load((plain / "drive.yaml").read_text())
-    for index, frame in enumerate(document["frames"]):
-        folder = plain / f"at_{index}"
-        folder.mkdir()
-        shutil.move(plain / frame["image"], folder / "image.png")
-        frame["image"] = f"at_{index}/image.png"
-    (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(plain) as document:
+        for index, frame in enumerate(document["frames"]):
+            folder = plain / f"at_{index}"
+            folder.mkdir()
+            shutil.move(plain / frame["image"], folder / "image.png")
+            frame["image"] = f"at_{index}/image.png"
     arguments = ("label", plain, "--image-model", net)
     assert invoke(*arguments, "-o", tmp_path / "whole").exit_code == 0
     assert invoke(*arguments, "-o", tmp_path / "some", "--max-frames", "2").exit_code == 0
@@ -92,18 +92,17 @@ def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_pa
     whole, some = (sorted((tmp_path / name / "image_labels").glob("*.png")) for name in ("whole", "some"))
     assert [file.name for file in whole] == [file.name for file in some]
     assert [file.read_bytes() for file in whole] == [file.read_bytes() for file in some]
-    document["frames"].reverse()
-    (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(plain) as document:
+        document["frames"].reverse()
     found = invoke(*arguments, "-o", tmp_path / "some")
     assert "found labels of another model, drive or settings" in str(found.exception)
 
 
 def test_an_image_that_cannot_be_labelled_is_named_and_the_rest_is_done(plain: Path, tmp_path: Path) -> None:
     net, images = street_network(tmp_path), sorted((plain / "images").iterdir())
-    document = yaml.safe_load((plain / "drive.yaml").read_text())
-    absent = document["frames"][2]
-    del absent["image"]
-    (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(plain) as document:
+        absent = document["frames"][2]
+        del absent["image"]
     images[1].write_bytes(images[1].read_bytes()[:900])
     first = f"{images[1]}: found a damaged image, needed an intact one"
     second = f"failed: {plain}/drive.yaml: frames[{absent['points']}].image: found nothing, needed an image"

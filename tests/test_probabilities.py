@@ -3,18 +3,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import edited
 from scipy.ndimage import uniform_filter
 
 from semcal_cli import _core
 from semcal_cli.config import CalibrationConfig, ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.config.mine import MineConfig
-from semcal_cli.drive.document import DRIVE_FILE, read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -43,19 +42,17 @@ def save(path: Path, *arrays: np.ndarray) -> Path:
 def soft_street(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The street with probabilities whose borders are blurred, as a network's are."""
     folder = tmp_path_factory.mktemp("soft")
-    document = read_document(street / DRIVE_FILE)
     hard = read_observations(read_drive(street))
-    for index, frame in enumerate(document["frames"]):
-        probabilities = one_hot(hard.images[index].classes)
-        blurred = uniform_filter(probabilities, (5, 5, 1)).astype(np.float16)
-        frame["image_labels"] = str(save(folder / f"{index}.npz", blurred))
-        for key in ("points", "point_labels"):
-            frame[key] = str(street / frame[key])
-        frame.pop("image", None)
-    document.pop("ignore", None)
-    document["ignore"] = {"points": [0]}
-    document.pop("classes", None)
-    write_text(document_text(document, "yaml"), folder / DRIVE_FILE)
+    with edited(street, folder) as document:
+        for index, frame in enumerate(document["frames"]):
+            probabilities = one_hot(hard.images[index].classes)
+            blurred = uniform_filter(probabilities, (5, 5, 1)).astype(np.float16)
+            frame["image_labels"] = str(save(folder / f"{index}.npz", blurred))
+            for key in ("points", "point_labels"):
+                frame[key] = str(street / frame[key])
+            frame.pop("image", None)
+        document["ignore"] = {"points": [0]}
+        document.pop("classes", None)
     return folder
 
 
@@ -113,14 +110,13 @@ def test_segments_end_at_the_truth_by_soft_images(soft_street: Path, street_trut
 
 def test_probabilities_of_points_are_read_with_their_sweep(street: Path, tmp_path: Path) -> None:
     hard = read_observations(read_drive(street))
-    document = read_document(street / DRIVE_FILE)
-    document["frames"] = document["frames"][:1]
-    frame = document["frames"][0]
-    ids = np.fromfile(street / frame["point_labels"], np.uint32) & 0xFFFF
-    path = save(tmp_path / "a.npz", np.float16(0.75) * one_hot(ids).astype(np.float16))
-    frame |= {key: str(street / frame[key]) for key in ("points", "image_labels")}
-    frame["point_labels"] = str(path)
-    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    with edited(street, tmp_path) as document:
+        document["frames"] = document["frames"][:1]
+        frame = document["frames"][0]
+        ids = np.fromfile(street / frame["point_labels"], np.uint32) & 0xFFFF
+        path = save(tmp_path / "a.npz", np.float16(0.75) * one_hot(ids).astype(np.float16))
+        frame |= {key: str(street / frame[key]) for key in ("points", "image_labels")}
+        frame["point_labels"] = str(path)
     soft = read_observations(read_drive(tmp_path))
     assert soft.clouds[0].shares is not None
     names = np.array([*soft.point_class_names, "none"]), np.array([*hard.point_class_names, "none"])

@@ -5,8 +5,7 @@ import sysconfig
 from pathlib import Path
 
 import pytest
-import yaml
-from conftest import real
+from conftest import edited, real
 
 from semcal_cli import _core
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
@@ -25,11 +24,10 @@ def rellis(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder for results, and in it the drive without its reference."""
     source = real("rellis3d_000104")
     folder = tmp_path_factory.mktemp("rellis")
-    document = yaml.safe_load((source / "drive.yaml").read_text())
-    del document["T_camera_lidar"]
-    frame = document["frames"][0]
-    document["frames"][0] = {key: str(source / name) for key, name in frame.items()}
-    (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(source, folder) as document:
+        del document["T_camera_lidar"]
+        (frame,) = document["frames"]
+        document["frames"] = [{key: str(source / name) for key, name in frame.items()}]
     return folder
 
 

@@ -10,10 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import yaml
 from click.testing import Result
 from commands import invoke, unwrapped
-from conftest import NAMES
+from conftest import NAMES, edited
 from refined import GIVEN_S, LATER_S, clock, of_another_drive, refined_camera, spoiled, with_camera
 
 import semcal_cli
@@ -36,9 +35,8 @@ INDENT = 17
 
 def with_K(folder: Path, K: Any, **changes: Any) -> None:
     """Write another K into the drive.yaml of a folder."""
-    document = yaml.safe_load((folder / "drive.yaml").read_text())
-    document["camera"] |= {"K": [list(row) for row in K], **changes}
-    (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(folder) as document:
+        document["camera"] |= {"K": [list(row) for row in K], **changes}
 
 
 @pytest.fixture

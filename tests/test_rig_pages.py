@@ -11,7 +11,7 @@ import pytest
 import yaml
 from click.testing import Result
 from commands import invoke
-from conftest import NAMES, make_pose
+from conftest import NAMES, edited, make_pose
 
 from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.errors import InputError
@@ -109,9 +109,8 @@ def test_each_camera_has_a_folder_of_images(rig: Path, rig_results: Results, tmp
 
 def test_what_is_suspicious_with_any_camera_stands_first(rig: Path, tmp_path: Path) -> None:
     out = Path(shutil.copytree(rig.parent, tmp_path / "rig"))
-    drive = yaml.safe_load((out / "camera_1/drive.yaml").read_text())
-    drive["camera"]["K"][0][2] += 400.0
-    (out / "camera_1/drive.yaml").write_text(yaml.safe_dump(drive))
+    with edited(out / "camera_1") as drive:
+        drive["camera"]["K"][0][2] += 400.0
     lines = invoke("inspect", out).stdout.splitlines()
     assert lines[0].startswith("suspicious  camera_1: ")
     assert [line for line in lines if line.startswith("[")] == [f"[{name}]" for name in NAMES]

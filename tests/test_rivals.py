@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from commands import invoke
-from conftest import FINE_STREET
+from conftest import FINE_STREET, edited
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import rivals, table
@@ -100,13 +99,12 @@ def test_methods_need_what_they_see(
     """Points that are accumulated over sweeps have lost their intensity; all else is compared by labels."""
     monkeypatch.setattr(table, "ORDER", methods)
     drive = read_drive(street)
-    document = yaml.safe_load(drive.path.read_text())
-    for number, frame in enumerate(document["frames"]):
-        cloud = np.fromfile(drive.resolve(frame["points"]), np.float32).reshape(-1, 4)
-        np.save(tmp_path / f"{number}.npy", cloud[:, : 4 if has_intensity else 3])
-        others = {key: str(drive.resolve(name)) for key, name in frame.items() if isinstance(name, str)}
-        frame.update({**others, "points": f"{number}.npy"})
-    (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
+    with edited(street, tmp_path) as document:
+        for number, frame in enumerate(document["frames"]):
+            cloud = np.fromfile(drive.resolve(frame["points"]), np.float32).reshape(-1, 4)
+            np.save(tmp_path / f"{number}.npy", cloud[:, : 4 if has_intensity else 3])
+            others = {key: str(drive.resolve(name)) for key, name in frame.items() if isinstance(name, str)}
+            frame.update({**others, "points": f"{number}.npy"})
     printed = run_table(tmp_path, tmp_path / "out")
     folder = tmp_path / f"out/table_{tmp_path.name}"
     rows = read_rows(folder)
