@@ -40,6 +40,10 @@ ORDER = (
     *("SOIC", "PMI as published", "PMI", "PMI, MINE and polish"),
     *("paper, own start", "paper", "semcal", "semcal, MINE and polish"),
 )
+HEADERS = (
+    *("", "rotation vector, deg", "translation, m", "roll, pitch, yaw, deg"),
+    *("off the reference", "MI, nats", "distance, px", "s"),
+)
 IMAGES = ("reference", "SOIC", "PMI", "semcal")
 """Poses that images (a) to (d) show, in the paper's order."""
 IMAGE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", IMAGES, strict=True))
@@ -98,7 +102,6 @@ def compare(
     progress(
         "searching all mounting directions" if initial_pose is None else f"starting at {initial_pose.name}"
     )
-    # Without a given pose, the others start at the result of semcal's initial calibration.
     initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
     T_init = initial.T_camera_lidar if initial_pose is None else initial_pose.T_camera_lidar
     poses = {"reference": T_reference, "start": T_init}
@@ -180,14 +183,6 @@ def describe(found: Comparison) -> list[Row]:
 
 def markdown(found: Comparison, rows: Sequence[Row]) -> str:
     """Format the table."""
-    headers = (
-        "",
-        "rotation vector, deg",
-        "translation, m",
-        "roll, pitch, yaw, deg",
-        "off the reference",
-        "MI, nats",
-    )
     lines = []
     for row in rows:
         error = f"{row.rotation_error_deg:.3f} deg, {row.camera_center_error_cm:.1f} cm"
@@ -196,7 +191,7 @@ def markdown(found: Comparison, rows: Sequence[Row]) -> str:
         seconds = f"{found.seconds[row.method]:.1f}" if row.method in found.seconds else ""
         information = f"{row.mutual_information_nats:.4f}"
         lines.append((row.method, *row.cells, off, information, distance, seconds))
-    table = markdown_table((*headers, "distance, px", "s"), lines)
+    table = markdown_table(HEADERS, lines)
     # Rows without an answer are appended, because their empty cells have another width.
     table += "".join(
         f"| {method} | failed: {_cell(text)} | | | | | | |\n" for method, text in found.failures.items()

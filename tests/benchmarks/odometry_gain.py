@@ -14,7 +14,8 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from statistics import median
+
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmark import script, table
@@ -38,6 +39,8 @@ STREETS = {
 CHANGING = 10.0, 0.2
 """Mean speed and turn of the drives whose clock is late. With a change of 0.5 they brake by up to 10 m/s^2."""
 LATE_S = 0.03
+TRUE = Motion(poses="true.txt")
+ESTIMATED = Motion(poses="estimated.txt", sigma=MotionSigma(**SIGMA))
 JOINTLY = CalibrationConfig(refinement=RefinementConfig(jointly=JointlyConfig(with_delay=True)))
 
 
@@ -48,37 +51,29 @@ def drive_of(street: MovingStreet, folder: Path, late_s: float = 0.0) -> Drive:
     return drive
 
 
-def calibrated(drive: Drive, poses: str | None, config: CalibrationConfig) -> Calibration:
-    """Calibrate with a file of poses, or without motion."""
-    motion = None if poses is None else Motion(poses=poses)
-    if motion is not None and poses == "estimated.txt":
-        motion = motion.model_copy(update={"sigma": MotionSigma(**SIGMA)})
+def calibrated(drive: Drive, motion: Motion | None, config: CalibrationConfig) -> Calibration:
     return calibrate(load(drive.model_copy(update={"motion": motion}), config), config)
 
 
 def row(name: str, seeds: range, points: int, width: int) -> tuple[str, ...]:
-    errors: dict[str | None, list[tuple[float, float]]] = {"true.txt": [], "estimated.txt": [], None: []}
+    errors = []
     speed_m_s, turn_rad_s, change, readout_s = STREETS[name]
     for seed in seeds:
         street = MovingStreet(speed_m_s, turn_rad_s, seed, points, width, change=change, readout_s=readout_s)
         with tempfile.TemporaryDirectory() as folder:
             drive = drive_of(street, Path(folder))
-            for poses, found in errors.items():
-                pose = calibrated(drive, poses, CalibrationConfig()).pose
-                error = compare_poses(pose, street.T_camera_lidar)
-                found.append((error.rotation_deg, error.camera_center_cm))
-    cells = (
-        ", ".join(f"{median(each):.3f}" for each in zip(*found, strict=True)) for found in errors.values()
-    )
-    return name, *cells
+            ends = [calibrated(drive, motion, CalibrationConfig()) for motion in (TRUE, ESTIMATED, None)]
+        found = [compare_poses(end.pose, street.T_camera_lidar) for end in ends]
+        errors.append([(each.rotation_deg, each.camera_center_cm) for each in found])
+    return name, *(f"{deg:.3f}, {cm:.3f}" for deg, cm in np.median(errors, axis=0))
 
 
 def clock_row(seed: int, change: float, points: int, width: int) -> tuple[str, ...]:
     street, cells = MovingStreet(*CHANGING, seed, points, width, change=change), []
     with tempfile.TemporaryDirectory() as folder:
         drive = drive_of(street, Path(folder), LATE_S)
-        for poses in ("true.txt", "estimated.txt"):
-            clock = calibrated(drive, poses, JOINTLY).clock
+        for motion in (TRUE, ESTIMATED):
+            clock = calibrated(drive, motion, JOINTLY).clock
             assert clock is not None
             told = "not determined"
             if clock.half_width_95_s is not None:

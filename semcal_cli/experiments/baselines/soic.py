@@ -62,10 +62,11 @@ def calibrate_by_soic(
     soic = Soic(data.observations, SoicConfig())
 
     def start() -> StageResult:
-        T, origin, note = None, "semantic centroids", "started at semantic centroids"
-        if initial_pose is not None:
+        if initial_pose is None:
+            T, origin = soic.initialize(max_baseline_m), "semantic centroids"
+            note = f"started at {origin}"
+        else:
             T, origin, note = initial_pose.T_camera_lidar, initial_pose.name, GIVEN
-        T = soic.initialize(max_baseline_m) if T is None else T
         details = f"from {origin}, {soic.cost(T):.2f} px"
         return soic.stage(T, note=note, details=details, settings={"soic": asdict(soic.config)})
 
