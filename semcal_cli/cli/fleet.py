@@ -177,7 +177,9 @@ def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     left_out = [f"{member.drive}: {member.left_out}" for member in found.left_out]
     show("left out", first_of(left_out, MAX_LINES))
     show("note", found.notes)
-    show("apart", first_of([*map(_apart, _worst_first(found.drives))], MAX_LINES))
+    apart = [drive for drive in found.drives if drive.disagrees or drive.is_far]
+    apart.sort(key=lambda drive: (drive.verdict != "fail", not drive.is_far))
+    show("apart", first_of([*map(_apart, apart)], MAX_LINES))
     terminal.print(*map(printable, _check_lines(found.checks)))
     show("reasons", found.reasons)
     show("T_camera_lidar", matrix_lines(found.T_camera_lidar))
@@ -186,11 +188,6 @@ def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     show("written to", map(str, written))
     verdict = f"{found.verdict}: {title(found)[0].lower()}{title(found)[1:]}"
     terminal.print_verdict("\n".join(wrapped("verdict", verdict)), found.verdict)
-
-
-def _worst_first(drives: Sequence[ComparedDrive]) -> list[ComparedDrive]:
-    apart = [drive for drive in drives if drive.disagrees or drive.is_far]
-    return sorted(apart, key=lambda drive: (drive.verdict != "fail", not drive.is_far))
 
 
 def _apart(drive: ComparedDrive) -> str:
