@@ -162,7 +162,8 @@ def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Pat
 
 def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
-    arguments = ("calibrate", plain, "--image-model", net, "--no-polish", "-o", tmp_path / "out.yaml")
+    options = ("--init", plain, "--no-polish", "-o", tmp_path / "out.yaml")
+    arguments = ("calibrate", plain, "--image-model", net, *options)
     first = invoke(*arguments)
     assert first.exit_code in (0, 3), first.output
     (folder,) = (plain / ".semcal_labels").iterdir()
