@@ -153,8 +153,8 @@ def test_images_of_unsure_labels_are_exchanged_as_sure_as_their_own(
 ) -> None:
     unsure = []
     for index, image in enumerate(seen.images):
-        shares = np.eye(NO_CLASS, dtype=np.uint8)[np.where(image.classes == NO_CLASS, 0, image.classes)] * 8
-        shares[..., : len(seen.image_class_names)] += 2
+        sure = np.eye(len(seen.image_class_names), dtype=np.uint8)
+        shares = sure[np.where(image.classes == NO_CLASS, 0, image.classes)] * np.uint8(8) + np.uint8(2)
         np.savez(tmp_path / f"{index}.npz", shares)
         (read,) = _core.read_class_shares([tmp_path / f"{index}.npz"], image.classes.shape)
         unsure.append(replace(image, shares=read))
