@@ -10,8 +10,8 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.sections import Hypothesis
 
 LONG = (
-    "a mounting 30 degrees away explains the labels almost as well, only 1.82 standard errors worse, needed it to be "
-    "at least 2 worse: " * 3
+    "a mounting 30 degrees away explains the labels almost as well: only 1.82 standard errors worse, needed at "
+    "least 2: " * 3
 )
 PATH = "/".join(["a-folder-of-a-long-name"] * 6)
 EXPERTS = re.compile(r"\bnats\b|MI\b|held out|points agree")

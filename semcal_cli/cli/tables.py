@@ -154,14 +154,10 @@ def hypothesis_lines(hypotheses: Sequence[Hypothesis], *, verbose: bool = False)
     return [
         head,
         *(
-            f"  {number:>2}. {_looks_along(each):<27}{each.overlap:>7.0%}{figures}".rstrip()
+            f"  {number:>2}. {row(each.T_camera_lidar[2][:3], 4):<27}{each.overlap:>7.0%}{figures}".rstrip()
             for number, (each, figures) in enumerate(zip(hypotheses, rows, strict=True), start=1)
         ),
     ]
-
-
-def _looks_along(hypothesis: Hypothesis) -> str:
-    return " ".join(f"{x:8.4f}" for x in hypothesis.T_camera_lidar[2][:3])
 
 
 def _figures_beside(best: Hypothesis, other: Hypothesis) -> str:

@@ -104,10 +104,9 @@ def fit_of_rival(behind: float, least: float, digits: int) -> str:
         digits: Minimum number of digits after the decimal point.
     """
     apart, needed = told_apart(abs(behind), least, digits)
-    how = f"almost as well, only {apart} standard errors worse"
     if behind < 0.0:
-        how = f"better, by {apart} standard errors"
-    return f"{how}, needed it to be at least {needed} worse"
+        return f"better, by {apart} standard errors, but must be worse by at least {needed}"
+    return f"almost as well: only {apart} standard errors worse, needed at least {needed}"
 
 
 class Measured(NamedTuple):
