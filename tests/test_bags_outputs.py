@@ -39,9 +39,10 @@ def test_an_import_replaces_nothing_that_it_reads(tmp_path: Path) -> None:
 
 
 def test_only_a_drive_of_the_same_recording_is_replaced(synthetic: Drive, tmp_path: Path) -> None:
-    """Whichever of its frames are chosen."""
+    """Whichever of its frames are chosen, and wherever frames are looked for."""
     path, out = small(tmp_path, count=9), tmp_path / "drive"
     imported(path, out, max_frames=1)
+    imported(path, out, max_frames=1, every_s=0.1)
     assert len(imported(path, out, max_frames=3)["frames"]) == 3
     (tmp_path / "other").mkdir()
     other = write_drive_as_bag(synthetic, tmp_path / "other", "ros1")

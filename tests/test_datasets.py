@@ -80,7 +80,7 @@ def test_only_a_drive_of_the_same_data_is_replaced(tmp_path: Path) -> None:
     other = Import("kitti-object", tmp_path / "b")
     other.run()
     for content, found in (
-        ("mine: 1\n", "a file that is not a drive"),
+        ("mine: 1\n", "a file that cannot be read as a drive"),
         (labelled, "a drive with labels of networks"),
         ((other.out / "drive.yaml").read_text(), "a drive of other data"),
     ):

@@ -283,7 +283,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             "TypeError: camera: Object of type ndarray is not JSON serializable; needed numbers, text, ",
         ),
         ("text", "TypeError: frames[0].points: found '0.bin', needed Path or Conversion"),
-        ("remark", "TypeError: remarks: found a list of 2, needed a tuple of str"),
+        ("remark", "TypeError: remarks[1]: found 3, needed str"),
         ("late", "TypeError: frames[0].image_stamp: found inf, needed a number or None"),
     ],
 )

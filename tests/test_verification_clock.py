@@ -12,7 +12,7 @@ from refined import clock, of_another_drive
 
 import semcal_cli as semcal_package
 from semcal_cli import _core
-from semcal_cli.assessment.limits import CLOCK, figures, judge_clock, offsets_in_all
+from semcal_cli.assessment.limits import CLOCK, figures, judge_clock, overall_offsets
 from semcal_cli.config import CalibrationConfig, JointlyConfig, Limits, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
@@ -92,9 +92,9 @@ def test_a_late_clock_at_one_speed_fails_no_transform(
     assert (code, found["verdict"]) == (INCONCLUSIVE, "inconclusive")
     assert "wide-interval" in found["topics"]
     assert ("clocks" in found["topics"]) == bool(options)  # asked for, and not determined
-    (in_all,) = (each for each in found["checks"] if each["name"] == "camera centre overall")
-    assert abs(in_all["offset"]) > 20.0
-    assert in_all["half_width"] > 30.0
+    (overall,) = (each for each in found["checks"] if each["name"] == "camera centre overall")
+    assert abs(overall["offset"]) > 20.0
+    assert overall["half_width"] > 30.0
     assert any(
         "the clock was not checked: all frames have the same motion." in note for note in found["notes"]
     )
@@ -168,9 +168,9 @@ def test_an_interval_about_the_limit_decides_nothing() -> None:
     ]
     late = judge_clock(-0.0201, 0.001, 0.005)
     assert figures(late) == "-20.100 +- 1.000 ms, allowed 5"
-    assert offsets_in_all([late]) == ["clock off by -20.100 +- 1.000 ms, allowed 5"]
+    assert overall_offsets([late]) == ["clock off by -20.100 +- 1.000 ms, allowed 5"]
     assert figures(judge_clock(0.0, None, 0.005)) == "not determined, allowed 5 ms"
-    assert offsets_in_all([judge_clock(0.0, None, 0.005)]) == ["clock not determined, allowed 5 ms"]
+    assert overall_offsets([judge_clock(0.0, None, 0.005)]) == ["clock not determined, allowed 5 ms"]
 
 
 @pytest.fixture(scope="module")

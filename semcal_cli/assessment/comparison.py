@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semcal_cli.assessment.limits import Verdict, width_in_all
+from semcal_cli.assessment.limits import Verdict, overall_width
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.poses import PoseError, compare_poses
 from semcal_cli.result.camera import camera_differences
@@ -51,7 +51,7 @@ class Comparison:
         known = [(axis.half_width_a, axis.half_width_b) for axis in axes]
         if (None, None) in known:
             return None
-        return width_in_all(
+        return overall_width(
             [axis.difference for axis in axes], [math.hypot(a or 0.0, b or 0.0) for a, b in known]
         )
 

@@ -217,7 +217,8 @@ class Problem:
         """Find the top from the drive's values, from coarse blocks to pixels.
 
         The weight of the priors is known only there, so the last levels are then climbed again. Coarse blocks may lead
-        away, as edges have a narrow basin: a climb that ends lower than it began starts again on the last levels.
+        away, as edges have a narrow basin: a climb that ends lower than it began, or where nothing is determined,
+        starts again on the last levels.
         """
         camera = self.observations.camera
         width = min(camera.width, camera.height * 2)

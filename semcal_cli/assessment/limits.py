@@ -81,12 +81,12 @@ def judge(
         for index, axis in enumerate(AXES):
             width = None if of_part is None else float(of_part[index])
             checks.append(_check(f"{name} {axis}", unit, offsets[index], width, allowed))
-        width = None if of_part is None else width_in_all(offsets, of_part)
+        width = None if of_part is None else overall_width(offsets, of_part)
         checks.append(_check(f"{name}{OVERALL}", unit, float(np.linalg.norm(offsets)), width, allowed))
     return tuple(checks)
 
 
-def width_in_all(offsets: npt.ArrayLike, half_widths: npt.ArrayLike) -> float:
+def overall_width(offsets: npt.ArrayLike, half_widths: npt.ArrayLike) -> float:
     """Compute the half width along an offset (3,) from those of the axes (3,); the widest for a zero offset."""
     offset, widths = np.asarray(offsets), np.asarray(half_widths)
     length = np.linalg.norm(offset)
@@ -116,13 +116,13 @@ def figures(check: Check) -> str:
     return f"{offset} {half}, allowed {allowed}"
 
 
-def offsets_in_all(checks: Sequence[Check]) -> list[str]:
+def overall_offsets(checks: Sequence[Check]) -> list[str]:
     """Say how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
-    in_all = [check for check in checks if check.name.endswith(OVERALL) or check.name == CLOCK]
-    in_all.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
+    overall = [check for check in checks if check.name.endswith(OVERALL) or check.name == CLOCK]
+    overall.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
     return [
         f"{check.name.removesuffix(OVERALL)} {'off by ' * check.has_estimate}{figures(check)}"
-        for check in in_all
+        for check in overall
     ]
 
 

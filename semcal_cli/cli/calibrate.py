@@ -20,7 +20,7 @@ from semcal_cli.cli.stages import PRIORS, STARTS, RefinementSettings, SearchSett
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
 from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.config.setting import settings_of
-from semcal_cli.errors import CalibrationError, SemcalError, check_torch
+from semcal_cli.errors import CalibrationError, SemcalError, check_torch, counted
 from semcal_cli.files.writing import takes_several
 
 if TYPE_CHECKING:
@@ -246,7 +246,7 @@ def _calibrate_drive(settings: CalibrateSettings) -> int:
     jobs = []
     for number, (part, each) in enumerate(zip(parts, of_parts, strict=False), start=1):
         frames, name = part.drive.frames, f"part {number}"
-        title = f"{name}: {len(frames)} frames, {frames[0].points} to {frames[-1].points}"
+        title = f"{name}: {counted(len(frames), 'frame')}, {frames[0].points} to {frames[-1].points}"
         jobs.append(Job(name, title, partial(run, part), each, settings.terminal()))
     found, failures = calibrate_each(jobs, settings.threads)
     if failures:

@@ -20,7 +20,7 @@ from semcal_cli.cli.options import (
     result_file,
 )
 from semcal_cli.cli.settings import argument, command, option, output_file
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, counted
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check
@@ -157,7 +157,7 @@ def _cases(found: Fleet) -> list[Case]:
         verdict = drive.verdict if drive.is_far else "pass"
         cases.append(Case(f"drive {drive.member.drive}", verdict, f"{total(drive.offset)} off"))
     # The file has the same verdict as the exit code, whatever decides it.
-    return [*cases, Case("all together", found.verdict, f"{len(found.drives):,} drives")]
+    return [*cases, Case("all together", found.verdict, counted(len(found.drives), "drive"))]
 
 
 def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:

@@ -123,6 +123,7 @@ def label_on_the_way(
     """
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.frame_selection import with_few_frames
+    from semcal_cli.errors import counted
     from semcal_cli.labelling.drives import label_beside
     from semcal_cli.labelling.sides import image_side
 
@@ -131,7 +132,7 @@ def label_on_the_way(
     sides = [image_side(labeller) for labeller in images.image_labellers(chosen, terminal)]
     path, second = label_beside(chosen, sides, terminal.on_event)
     names = " and ".join(Path(name).name for name in images.image_model)
-    did = f"{len(chosen.frames)} images by {names}, in {path}"
+    did = f"{counted(len(chosen.frames), 'image')} by {names}, in {path}"
     terminal.print(f"labels   {perf_counter() - start:6.2f} s   {did}")
     if second is not None:
         terminal.print(second.sentence)

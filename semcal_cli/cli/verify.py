@@ -145,7 +145,7 @@ def _illustrate(
 
 
 def _print(found: Verification) -> None:
-    from semcal_cli.assessment.limits import offsets_in_all
+    from semcal_cli.assessment.limits import overall_offsets
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
 
@@ -156,7 +156,7 @@ def _print(found: Verification) -> None:
             click.echo(line)
     num = len(found.reasons)
     decisive = (
-        f"{num} reason{'s' * (num > 1)}, see above" if found.is_reasoned else offsets_in_all(found.checks)[0]
+        f"{num} reason{'s' * (num > 1)}, see above" if found.is_reasoned else overall_offsets(found.checks)[0]
     )
     console = make_console(stderr=False)
     console.print(f"{found.verdict}: {decisive}", style=COLORS[found.verdict], markup=False)

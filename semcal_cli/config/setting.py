@@ -69,10 +69,15 @@ class Setting:
                 return is_number and math.isfinite(value) and self._is_within_limits(value)
             return False
         if plain is tuple and isinstance(value, tuple):
-            return all(Setting(kind=get_args(self.kind)[0]).allows(each) for each in value)
+            return all(map(self.entry.allows, value))
         if plain in (Union, UnionType):
             return any(Setting(kind=each).allows(value) for each in get_args(self.kind))
         return isinstance(value, plain)
+
+    @property
+    def entry(self) -> Setting:
+        """What each entry of a tuple is."""
+        return Setting(kind=get_args(self.kind)[0])
 
     def _is_within_limits(self, number: float) -> bool:
         return (
@@ -91,7 +96,7 @@ class Setting:
             return " or ".join(Setting(kind=each).needed(found) for each in get_args(self.kind))
         words = [NEEDED.get(plain) or plain.__name__]
         if plain is tuple:
-            words.append(getattr(get_args(self.kind)[0], "__name__", "words"))
+            words.append(getattr(self.entry.kind, "__name__", "words"))
         limits = ("from {:g}", self.least), ("above {:g}", self.above), ("below {:g}", self.below)
         words += [text.format(limit) for text, limit in (*limits, ("to {}", self.most)) if limit is not None]
         is_open = self.most is self.below is self.above is None

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_origin
 
 import numpy as np
 import numpy.typing as npt
@@ -211,6 +211,9 @@ def _checked(where: str, value: object, kind: type[Kind]) -> Kind:
     of_kind: type = kind
     for key, about in settings_of(of_kind, with_others=True).items():
         if not about.allows(found := getattr(value, key)):
+            if isinstance(found, tuple) and get_origin(about.kind) is tuple:
+                index = [about.entry.allows(each) for each in found].index(False)
+                key, found, about = f"{key}[{index}]", found[index], about.entry
             needed = about.needed(found) + " or None" * about.is_optional
             raise TypeError(f"{where}.{key}: found {describe(found)}, needed {needed}".removeprefix("."))
     return value

@@ -61,12 +61,13 @@ def write_drive(recording: Recording, options: Options, out: Path, *, force: boo
     tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
     if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
         raise InputError(f"{path}: found a file that this import reads, needed another name")
+    recording = labelled(relabelled(recording, options))
     if not force:
         known = {
             os.path.realpath(file) for frame in recording.frames if (file := _told_by(frame)) is not None
         }
         check_is_replaced(path, lambda file, frame: os.path.realpath(file) in known)
-    recording = narrowed(labelled(relabelled(recording, options)), options)
+    recording = narrowed(recording, options)
     drive = validate(Drive, _document(recording, path), UNWRITTEN)
     drive._path = path
     chosen = most_varied(drive, recording, options)
@@ -100,7 +101,7 @@ def check_is_replaced(path: Path, is_known: Callable[[Path, Frame], bool]) -> No
     """
     if not path.is_file():
         return
-    found = "a file that is not a drive"
+    found = "a file that cannot be read as a drive"
     with suppress(InputError):
         old, found = read_drive(path), "a drive of other data"
         names = [frame.image or frame.image_labels or frame.points for frame in old.frames]

@@ -214,7 +214,7 @@ def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tupl
             pose_at(series.T_middle, expected[end - 1]),
             series.half_widths(covariances[end - 1]),
             change=change(begin - 1, begin) if number > 0 else None,
-            change_in_all=change(0, begin) if number > 1 else None,
+            overall_change=change(0, begin) if number > 1 else None,
         )
         for number, (begin, end) in enumerate(pairwise((*history.starts, len(used))))
     )

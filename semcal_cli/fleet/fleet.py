@@ -95,7 +95,7 @@ class Part:
     """(6,) half widths of the 95 % intervals of the camera centre and rotation, metres and degrees."""
     change: Offset | None
     """Offset from the part before; None for the first part."""
-    change_in_all: Offset | None
+    overall_change: Offset | None
     """Offset from the first part, unless that is the part before."""
 
     def describe(self) -> dict[str, Any]:
@@ -107,7 +107,7 @@ class Part:
             "T_camera_lidar": self.T_camera_lidar.tolist(),
             **_by_kind(self.half_widths, "half_width_95_"),
             "change": None if self.change is None else self.change.describe(),
-            "change_from_first": None if self.change_in_all is None else self.change_in_all.describe(),
+            "change_from_first": None if self.overall_change is None else self.overall_change.describe(),
         }
 
 

@@ -59,7 +59,7 @@ def judge_fleet(
     offsets = [("known to", known), ("from the reference", off_reference)]
     for part in parts:
         offsets.append((f"change at {part.first}", part.change))
-        offsets.append((f"change from {parts[0].first} to {part.first}", part.change_in_all))
+        offsets.append((f"change from {parts[0].first} to {part.first}", part.overall_change))
     offsets.append(("drift", drifted))
     return tuple(
         replace(check, name=f"{subject}: {check.name}")
@@ -195,7 +195,7 @@ def check_words(check: Check) -> CheckWords:
     return CheckWords(SUBJECTS.get(subject, subject), QUANTITIES[quantity], found, half_width, allowed, unit)
 
 
-def in_all(drive: ComparedDrive, limits: Limits) -> list[CheckWords]:
+def overall(drive: ComparedDrive, limits: Limits) -> list[CheckWords]:
     """Say how far a drive is off in total: its camera centre and its rotation."""
     return [check_words(check) for check in drive.offset.judge(limits) if check.name.endswith(OVERALL)]
 

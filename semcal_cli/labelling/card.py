@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator,
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.drive.camera import ImageSide
 from semcal_cli.drive.document import Ids
-from semcal_cli.errors import InputError, mismatch
+from semcal_cli.errors import InputError, counted, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import StrictModel, Version, check_distinct, length, validate
 
@@ -326,7 +326,7 @@ def _check_lengths(card: PointCard | CloudCard) -> None:
     for name, numbers in (("mean", card.mean), ("std", card.std)):
         if numbers is not None and len(numbers) != len(card.channels):
             needed = f"{len(card.channels)}, one for each channel"
-            raise ValueError(f"{name}: {mismatch(f'{len(numbers)} numbers', needed)}")
+            raise ValueError(f"{name}: {mismatch(counted(len(numbers), 'number'), needed)}")
 
 
 def card_names() -> list[str]:

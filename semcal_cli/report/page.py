@@ -13,7 +13,7 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
-from semcal_cli.assessment.limits import offsets_in_all
+from semcal_cli.assessment.limits import overall_offsets
 from semcal_cli.assessment.pairing import frame_names
 from semcal_cli.config import LABELS
 from semcal_cli.drive.cues.table import files_of
@@ -203,7 +203,7 @@ def write_verification(found: Verification, data: LoadedDrive, initial_pose: Ini
             found.verdict,
             TITLES[found.verdict],
             found.sentence,
-            "" if found.is_reasoned else "; ".join(offsets_in_all(found.checks)),
+            "" if found.is_reasoned else "; ".join(overall_offsets(found.checks)),
             linked(found.reasons, found.topics),
         ),
         notices=(*camera, *staying.sentences, *found.notes),

@@ -103,7 +103,7 @@ def main(arguments: Sequence[str]) -> int:
     shared = Path("/dev/shm")
     memory = Path(tempfile.mkdtemp(prefix="semcal-fuzz-", dir=shared if shared.is_dir() else None))
     try:
-        if arguments[:1] == ["--runs"]:
+        if "--runs" in arguments:
             parser = argparse.ArgumentParser()
             parser.add_argument("--runs", type=int)
             parser.add_argument("--seed", type=int, default=1)

@@ -190,7 +190,9 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
         place += (CDR_BYTES - place) % 8
     place += 8 + 4 + 4  # timebase, point_num, and lidar_id with its reserved bytes
     if place + 4 > len(raw):
-        raise MessageError(f"found {counted(len(raw), 'byte')}, needed a {message.topic.type}")
+        raise MessageError(
+            f"found {counted(len(raw), 'byte')} of something else, needed a {message.topic.type}"
+        )
     (count,) = struct.unpack_from(f"{order}I", raw, place)
     if count == 0:
         raise MessageError("found a cloud without points")

@@ -177,11 +177,12 @@ class _Import:
         if self.force:
             return
         images = image_folder(self.path.parent, self.topics)
-        stamps = [each.pair.image_ns / NS for each in candidates]
+        # The whole recording: this run may choose, or only look for, frames at other times than the one before.
+        span = [self.bag.start_ns, self.bag.end_ns, *(each.pair.image_ns for each in candidates)]
 
         def is_known(file: Path, frame: Frame) -> bool:
             is_beside = os.path.realpath(file.parent) == os.path.realpath(images)
-            return is_beside and min(stamps) <= (frame.image_stamp or 0.0) <= max(stamps)
+            return is_beside and min(span) <= (frame.image_stamp or 0.0) * NS <= max(span)
 
         check_is_replaced(self.path, is_known)
 

@@ -145,7 +145,7 @@ class Message:
             raise
         except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
             raise MessageError(
-                f"found {counted(len(self.raw), 'byte')}, needed a {self.topic.type}"
+                f"found {counted(len(self.raw), 'byte')} of something else, needed a {self.topic.type}"
             ) from error
 
     @cached_property
