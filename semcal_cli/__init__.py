@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions as FormatOptions
     from semcal_cli.geometry.poses import compare_poses as compare_poses
     from semcal_cli.initialization.initial_pose import InitialPose as InitialPose
-    from semcal_cli.pipeline.parts import split as split
     from semcal_cli.result.calibration import write_calibration as write_calibration
 
     __version__: str
@@ -70,7 +69,6 @@ _MODULES = {
     "read_drive": "drive.document",
     "read_transform": "formats",
     "refine": "api.calls",
-    "split": "pipeline.parts",
     "verify": "api.calls",
     "write_calibration": "result.calibration",
     "write_transform": "formats",

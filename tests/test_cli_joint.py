@@ -44,7 +44,7 @@ def test_a_clock_that_is_not_determined(tmp_path: Path, cli: Cli, motion: str, n
 @pytest.mark.parametrize(
     "options",
     [
-        ("--split", "--repeat", "2", "--intrinsics-sigma", "1e3", "1e3"),
+        ("--repeat", "2", "--intrinsics-sigma", "1e3", "1e3"),
         ("--cue", "segments", "--max-frames", "2"),
         ("--estimator", "mine", "--intrinsics-sigma", "1e-9", "1e-9"),
     ],

@@ -14,9 +14,7 @@ START = "--init t"
 PRIOR = "--prior-translation-m 0 0 0 1"
 EXACT = "priors need the exact estimator"
 JOINT = "it follows the polish, needs the exact estimator, and takes no priors"
-PARTS = "frames are compared after the polish"
 OF_MI = "requires --method mi"
-OF_ANY_MI = "requires --method mi or --method paper"
 BATCH = "batch d -o r"
 TRANSFORM = "requires --init or --init-rpy-xyz"
 REFUSED = {
@@ -52,31 +50,24 @@ REFUSED = {
     "--prior-rotation-deg 0 0 0 0: found all six axes known exactly, needed one that is not",
     # methods
     **{
-        f"calibrate d --method soic {option}": f"{option.split()[0]} {OF_MI}."
-        for option in ("--estimator mine", "--no-polish", "--repeat 2", "--refine-intrinsics fx", "--split")
-    },
-    **{
         f"calibrate d --method paper {option}": f"{option.split()[0]} {OF_MI}."
-        for option in ("--estimator mine", "--no-polish", "--zoom exact", "--edge-band 2", "--estimate-delay")
+        for option in (
+            "--estimator mine",
+            "--no-polish",
+            "--repeat 2",
+            "--refine-intrinsics fx",
+            "--zoom exact",
+        )
     },
-    "calibrate d --method soic --roll any": f"--roll {OF_ANY_MI}.",
-    "calibrate d --method soic --seed 0": f"--seed {OF_ANY_MI}.",
-    "calibrate d --method soic --cue intensity": f"--cue intensity {OF_ANY_MI}.",
     "calibrate d --method paper --cue intensity": f"--cue intensity {TRANSFORM} with --method paper: Alg. 2 needs "
     "labels.",
     f"calibrate {__file__} --method paper --cue labels,intensity --init-rpy-xyz 0 0 0 0 0 0": "--cue: found "
     "labels,intensity, needed one cue for --method paper.",
-    "calibrate d --method soic --mine-steps 3": "--mine-steps requires --method paper.",
+    "calibrate d --mine-steps 3": "--mine-steps requires --method paper.",
     "calibrate d --mine-units 8": "--mine-units requires --method paper.",
     # outputs
     "calibrate d --to-camera front": "--to-camera requires --to.",
     "calibrate d --json --to text": "--to requires -o with --json: both would write to standard output.",
-    "calibrate d --split": "--split requires -o: it writes several files, named after that one.",
-    "calibrate d --split -o -": "--split requires -o: it writes several files, named after that one.",
-    "calibrate d --split -o /dev/stderr": "--split: found /dev/stderr, needed -o with a file: it writes several "
-    "files.",
-    "calibrate d --split -o c --to tum": "--split cannot be used with --to: it writes complete results.",
-    "calibrate d --split -o c --no-polish": f"--split cannot be used with --no-polish: {PARTS}.",
     **{
         f"{command} --json {option} {name}": f"--json and {option} would both write to standard output; give {option} "
         "a file"
@@ -125,7 +116,6 @@ REFUSED = {
     f"{BATCH} -- --overlay x": "--overlay cannot be used with many drives.",
     f"{BATCH} -- --threads 2": "--threads cannot be used with many drives.",
     f"{BATCH} -- --fix tx": f"--fix {TRANSFORM}: it keeps axes of the start transform.",
-    f"{BATCH} -- --split --no-polish": f"--split cannot be used with --no-polish: {PARTS}.",
     f"{BATCH} -- --device cuda": "--device cuda requires --estimator mine or --method paper.",
     f"{BATCH} --command verify --calibration c -- --cue features": "--cue features cannot be used with verify: "
     "feature vectors have no histogram.",

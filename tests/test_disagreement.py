@@ -85,7 +85,7 @@ def test_a_knock_is_found_with_its_frame_and_offset(
     (finding,) = findings_among(found.measured)
     assert finding.sentence.startswith(f"frames {first} to 000007 fit a camera {words}")
     assert finding.found.endswith(f", as if it had been knocked at {first}")
-    assert finding.advice.startswith("calibrate each part with `semcal calibrate --split`")
+    assert finding.advice.startswith("calibrate the frames of each part as a drive of their own")
     moved = found.parts[1].moved
     assert found.parts[0].moved is None
     assert moved is not None

@@ -22,7 +22,6 @@ from test_findings import PLACES
 
 import semcal_cli
 from semcal_cli import pipeline
-from semcal_cli.assessment.joint import OF_CLOCKS, OF_INTRINSICS
 from semcal_cli.batches import records
 from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_PIXELS, MAX_POINTS
@@ -279,19 +278,10 @@ def test_every_drive_is_valid(name: str, block: str, tmp_path: Path) -> None:
 
 
 def sentence_pattern(check: Check, what: ast.expr) -> re.Pattern[str]:
-    """What a finding looks like as it is printed: its words, with anything in place of its figures.
-
-    Where an option estimates what looks wrong, the advice names it.
-    """
+    """What a finding looks like as it is printed: its words, with anything in place of its figures."""
     parts = what.values if isinstance(what, ast.JoinedStr) else [what]
     words = (re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".*" for part in parts)
-    advised = re.escape(check.advice)
-    if check.topic in (*OF_INTRINSICS, *OF_CLOCKS):
-        advised = (
-            rf"(calibrate with --.+, which finds .+ -> .+|calibrate with --.+, which finds that .+|{advised}, or "
-            r"calibrate more frames with --.+)"
-        )
-    return re.compile(f"{''.join(words)}: {advised}")
+    return re.compile(f"{''.join(words)}: {re.escape(check.advice)}")
 
 
 ENTRY = re.compile(r'^### <a id="([a-z-]+)"></a>.+\n((?:(?!##).*\n)*)', re.MULTILINE)

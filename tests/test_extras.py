@@ -106,7 +106,6 @@ WITHOUT_TORCH = (
     "convert c.yaml --to opencalib -o c.json",
     "batch drive -o results",
     "fleet results -o fleet.yaml",
-    "calibrate drive --method soic --init drive -o soic.yaml",
     "import folder --help",
     "experiment --help",
     "demo",

@@ -130,14 +130,6 @@ def test_frames_that_are_listed_again_are_read_once(made: Path, street: Path) ->
     assert found.notices == ()
 
 
-def test_a_rival_s_answer_is_called_one(made: Path) -> None:
-    record = read_calibration(made / "c.yaml")
-    settings = record.settings.model_copy(update={"options": {**record.settings.options, "soic": {}}})
-    rival = record.model_copy(update={"settings": settings})
-    assert verdict_of(rival).sentence.startswith("This is the result of SOIC")
-    assert "SOIC" not in verdict_of(record).sentence
-
-
 def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
     for output, needed in ((made / "c.yaml", "needed .html"), (made / "none" / "r.html", "needed one to")):
         result = invoke("report", street, made / "c.yaml", "-o", output)

@@ -253,7 +253,6 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
         [],
         ["--init", rig.parent / "camera_0"],
         ["--to", "tum"],
-        ["--split"],
         ["--json"],
         ["--image-model", "m"],
     ):

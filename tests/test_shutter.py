@@ -9,10 +9,9 @@ import pytest
 
 from semcal_cli import _core
 from semcal_cli.assessment.inspection import inspect
-from semcal_cli.assessment.joint import advise
 from semcal_cli.assessment.pose_checks import check_shutter, check_unstated
 from semcal_cli.assessment.stages import Stages
-from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
+from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Motion
@@ -20,7 +19,6 @@ from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.motion import delayed, exposed_as, points_at, unrolled
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_clouds
-from semcal_cli.experiments.baselines.soic import calibrate_by_soic
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -29,7 +27,6 @@ from semcal_cli.report.input import make_report_input
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.points import points_in_image
 from semcal_cli.report.view.session import Session
-from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic.synthesis import synthesize
 
 READOUT_S, SPEED_M_S = 0.06, 12.0
@@ -194,12 +191,6 @@ def test_a_late_clock_is_found_with_the_lines_that_it_tells(tmp_path: Path) -> N
         assert expected.exposed_s is not None
         # A line takes a third of a millisecond; points that pass close by may be off by some.
         assert np.quantile(np.abs(cloud.exposed_s - expected.exposed_s), 0.9) < 1e-3 * READOUT_S
-    # The doubt names the clock that the option finds.
-    stages = found(data)
-    assert stages.unrolled is not None
-    doubt = Finding("clocks", "the clocks look wrong", "check the clocks")
-    (advised,) = advise((doubt,), stages.unrolled, stages.T_camera_lidar, PolishConfig())
-    assert advised.advice == f"calibrate with --estimate-delay, which finds that {joint.clock.meaning}"
 
 
 def test_what_is_shown_is_what_was_exposed(rolling: LoadedDrive) -> None:
@@ -243,12 +234,10 @@ def test_a_shutter_that_is_not_compensated_is_told(rolling: LoadedDrive) -> None
     (fast,) = check_shutter(*fields_of(without_direction(rolling, Motion(speed_m_s=60.0))))[0]
     assert fast.topic == "shutter"
     assert "needed at most 3" in fast.sentence
-    by_soic = calibrate_by_soic(
-        rolling, CalibrationConfig(), initial_pose=InitialPose(truth(rolling), "truth")
-    )
-    assert (
-        "this method does not compensate for the rolling shutter: all rows count as the middle one"
-        in by_soic.notes
+    findings, notes = check_shutter(rolling.drive, rolling.observations, is_compensated=False)
+    assert findings == ()
+    assert notes == (
+        "this method does not compensate for the rolling shutter: all rows count as the middle one",
     )
 
 

@@ -19,7 +19,6 @@ from semcal_cli.assessment.intrinsics import (
     shift_by,
     wrong_intrinsics,
 )
-from semcal_cli.assessment.joint import advise
 from semcal_cli.assessment.label_alignment import check_label_alignment, check_leaks
 from semcal_cli.assessment.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.assessment.pairing import check_pairs
@@ -56,12 +55,10 @@ def assess(
     on_event: Listener = ignore,
     *,
     with_label_bleed: bool = True,
-    with_remedies: bool = True,
 ) -> Stages:
     """Estimate the uncertainty of a polished or fused pose and look for findings.
 
-    Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false. With several cues,
-    rivals are searched for by all of them, and the other checks use `LoadedDrive.for_checks`.
+    With several cues, rivals are searched for by all of them, and the other checks use `LoadedDrive.for_checks`.
 
     A pose whose polish was rejected is not at a top: it gets no uncertainty, but is checked. A pose that was not
     polished is returned unchanged.
@@ -79,17 +76,6 @@ def assess(
         found = _judge(answer, with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"})
     if data.guide is not None and data.is_refined_by_edges:
         found = found.with_measured(check_guide(data.guide, T, stages.initial.T_camera_lidar))
-    if with_remedies:
-        advised = advise(
-            found.findings,
-            seen.observations,
-            T,
-            config.polish,
-            done=config.jointly,
-            with_priors=stages.fused is not None,
-            time_offset_s=data.drive.time_offset_s,
-        )
-        found = replace(found, findings=advised)
     stages = replace(stages, assessment=found)
     doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))

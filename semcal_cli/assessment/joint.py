@@ -1,14 +1,12 @@
 """Joint estimation of intrinsics, the time offset and the pose.
 
 The estimate (`semcal_cli.assessment.joint_fit`) is kept if it differs from the drive's values by more than chance and
-held-out data agree better with it. Where intrinsics or clocks look wrong but were not to be estimated, `advise` makes
-the estimate once, and names the option with the values that it finds.
+held-out data agree better with it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -19,14 +17,14 @@ from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by
 from semcal_cli.assessment.joint_fit import Fit, Problem, Variables, seen_by
 from semcal_cli.assessment.sensitivity import Matrix, sensitivity
 from semcal_cli.config import JointlyConfig, PolishConfig
-from semcal_cli.drive.camera import CAMERA_MODELS, OF_K, Camera, intrinsic_value, with_all_coefficients
-from semcal_cli.drive.motion import can_be_unrolled, exposed_as, twists_per_s, unrolled
+from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
+from semcal_cli.drive.motion import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import SemcalError, told_apart
+from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
-from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera, intrinsic_texts, offset_words
-from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera, offset_words
+from semcal_cli.result.stage import StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
 MIN_GAIN = 2.0
@@ -35,11 +33,6 @@ NOT_DETERMINED = "not determined: drive at different speeds, with turns"
 """Meaning of a time offset that the data do not determine."""
 DELAY_NOT_DETERMINED = f"the time offset is {NOT_DETERMINED}"
 """Note about a time offset that the data do not determine."""
-OF_INTRINSICS = ("focal-length", "intrinsics")
-"""Topics of findings that `--refine-intrinsics` is about."""
-OF_CLOCKS = ("clocks",)
-"""Topics of findings that `--estimate-delay` is about."""
-RADIAL = "k1"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,72 +271,3 @@ def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -
             )
         notes.append(f"the {' and '.join(both)} of the drive are kept, because {why}")
     return tuple(notes)
-
-
-def advise(
-    findings: Sequence[Finding],
-    observations: Observations,
-    T_camera_lidar: Pose,
-    polish: PolishConfig,
-    *,
-    done: JointlyConfig | None = None,
-    with_priors: bool = False,
-    time_offset_s: float = 0.0,
-) -> tuple[Finding, ...]:
-    """Name the options that estimate what looks wrong, with the values that they would find.
-
-    Args:
-        findings: All findings; those about other topics are returned unchanged.
-        observations: Labelled points and label images of all frames.
-        T_camera_lidar: (4, 4) polished pose, metres.
-        polish: Settings of the polish.
-        done: What was already estimated together with the pose: then nothing is estimated here, and its options are not
-            named again.
-        with_priors: Whether the pose was fused with priors, which such an estimate does not take.
-        time_offset_s: Time by which the observations assume images to be later than their stamps, seconds.
-    """
-    done, topics = done or JointlyConfig(), {finding.topic for finding in findings}
-    intrinsics: tuple[str, ...] = ()
-    if not done.intrinsics and topics & {*OF_INTRINSICS}:
-        intrinsics = (*OF_K, *[RADIAL] * (RADIAL in CAMERA_MODELS[observations.camera.model].coefficients))
-    asked = JointlyConfig(intrinsics, with_delay=not done.with_delay and bool(topics & {*OF_CLOCKS}))
-    if not asked.is_asked:
-        return tuple(findings)
-    options = [f"--refine-intrinsics {','.join(intrinsics)}"] * bool(intrinsics)
-    options += ["--estimate-delay"] * asked.with_delay + ["and without priors"] * with_priors
-    values = None
-    if not with_priors and not done.is_asked:
-        values = _values(observations, T_camera_lidar, asked, polish, time_offset_s)
-
-    advised = OF_INTRINSICS * bool(intrinsics) + OF_CLOCKS * asked.with_delay
-
-    def advice(finding: Finding) -> str:
-        if values is None:
-            return f"{finding.advice}, or calibrate more frames with {' '.join(options)}"
-        return f"calibrate with {' '.join(options)}, which finds {values}"
-
-    return tuple(each._replace(advice=advice(each)) if each.topic in advised else each for each in findings)
-
-
-def _values(
-    observations: Observations,
-    T_camera_lidar: Pose,
-    asked: JointlyConfig,
-    polish: PolishConfig,
-    time_offset_s: float,
-) -> str | None:
-    """Estimate what looks wrong, and say what is determined; None if the estimate is not kept, or there is none."""
-    if asked.with_delay and twists_per_s(observations) is None:
-        return None
-    try:
-        found = fit_jointly(observations, T_camera_lidar, asked, polish, time_offset_s)
-    except (SemcalError, ValueError):
-        return None  # Advice must not end the run that it is for.
-    if not found.is_kept:
-        return None
-    words, texts = [], [] if found.camera is None else intrinsic_texts(found.camera)
-    if changes := [f"{each.name} {each.given} -> {each.found}" for each in texts if each.half_width]:
-        words.append(", ".join(changes))
-    if found.clock is not None and found.clock.is_determined:
-        words.append(f"that {found.clock.meaning}")
-    return " and ".join(words)

@@ -90,15 +90,6 @@ def check_shutter(
     return measured.findings, () if measured.findings else (f"{found}, {cost}: {SHUTTER.advice}",)
 
 
-def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:
-    """Check the distance between camera and LiDAR of a pose that was found without this limit."""
-    distance_m = baseline_m(T_camera_lidar)
-    if distance_m <= max_baseline_m:
-        return ()
-    found = f"the camera is {distance_m:.3g} m from the LiDAR, --max-baseline-m allows {max_baseline_m:g} m"
-    return (FAR_CAMERA.finding(found),)
-
-
 def check_pose(
     T_camera_lidar: Pose, agreement: _core.Agreement, max_baseline_m: float = math.inf
 ) -> tuple[Finding, ...]:

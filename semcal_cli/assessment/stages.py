@@ -78,7 +78,7 @@ class Stages:
         refined: StageResult,
         *,
         is_compensated: bool,
-        max_baseline_m: float = math.inf,
+        max_baseline_m: float,
         of_comparison: tuple[Finding, ...] = (),
     ) -> Stages:
         """Start from a refined pose, and check the data that it was found from.
@@ -88,7 +88,7 @@ class Stages:
             initial: Result of the initial calibration.
             refined: Result of the refinement.
             is_compensated: Whether the method compensates a rolling shutter where the motion is known.
-            max_baseline_m: Distance between camera and LiDAR at which the pose was held; infinite where it was not.
+            max_baseline_m: Distance between camera and LiDAR at which the pose was held, metres.
             of_comparison: Findings of a comparison of the pose with something else.
         """
         of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=is_compensated)

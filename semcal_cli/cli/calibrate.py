@@ -1,4 +1,4 @@
-"""`semcal calibrate`: the whole pipeline, on a drive, on its parts, or on the drives of a rig."""
+"""`semcal calibrate`: the whole pipeline, on a drive or on the drives of a rig."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from semcal_cli.cli.stages import PRIORS, STARTS, RefinementSettings, SearchSett
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
 from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.config.setting import settings_of
-from semcal_cli.errors import CalibrationError, SemcalError, check_torch, counted
-from semcal_cli.files.writing import takes_several
+from semcal_cli.errors import SemcalError, check_torch
 
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
@@ -60,33 +59,20 @@ class CalibrateSettings(
 
     rules = [
         given(
-            *("--search-deg", "--zoom", "--estimator", "--edge-band", "--no-polish", "--repeat", "--split"),
+            *("--search-deg", "--zoom", "--estimator", "--edge-band", "--no-polish", "--repeat"),
             *("--refine-intrinsics", "--intrinsics-sigma", "--estimate-delay", *PRIORS),
         ).requires("--method mi"),
-        given("--seed", "--roll", "--device", *BEYOND_LABELS).requires("--method mi", "--method paper"),
         given(*BEYOND_LABELS).requires(*STARTS, where=["--method paper"], because="Alg. 2 needs labels"),
         given("--to-direction", "--to-frame", "--to-camera", "--to-lidar").requires("--to"),
         given("--to").requires("-o", where=["--json"], because="both would write to standard output"),
-        given("--split").requires("-o", because="it writes several files, named after that one"),
-        given("--split").excludes("--to", because="it writes complete results"),
-        given("--split").excludes(
-            "--no-polish", "--cue features", because="frames are compared after the polish"
-        ),
     ]
-    method: Literal["mi", "paper", "soic"] = option(
-        "mi: mutual information, as semcal maximises it. paper: the paper's method exactly as published. soic: "
-        "SOIC, a competing method that needs the same class names on both sides. The last two are for comparison, and "
-        "estimate no uncertainty.",
+    method: Literal["mi", "paper"] = option(
+        "mi: mutual information, as semcal maximises it. paper: the paper's method exactly as published, for "
+        "comparison; it estimates no uncertainty.",
         default="mi",
     )
     repeat: int | None = option(
         "Calibrate with N seeds, and report the spread of the results next to the uncertainty.", least=2
-    )
-    split: bool = option(
-        "If the camera was moved during the drive, also calibrate each part of the drive separately, and write "
-        "OUT_part_1.yaml, OUT_part_2.yaml and so on next to -o OUT.yaml; likewise for --log. The exit code is then "
-        "that of the worst part; --report and --overlay show the whole drive.",
-        default=False,
     )
     page: Path | None = output_file("Also write a report of the result: .html.", "--report")
     images: Path | None = option(
@@ -104,11 +90,6 @@ class CalibrateSettings(
         """
         for name in ("initial_pose", "paper", "config", "priors"):
             getattr(self, name)
-        output = self.outputs.output
-        if self.split and output is not None and takes_several(output):
-            raise click.UsageError(
-                f"--split: found {output}, needed -o with a file: it writes several files."
-            )
 
     def check_estimator(self) -> None:
         """Check that torch is installed if MINE is chosen.
@@ -127,7 +108,7 @@ class CalibrateSettings(
         return replace(found, estimator="mine") if self.method == "paper" else found
 
     def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
-        """Give the cues to compare; rivals and MINE default to labels."""
+        """Return the cues to compare; the paper's method and MINE default to labels."""
         return LABELS if self.method != "mi" and cues == AUTO else super().known_cues(cues)
 
     @property
@@ -179,10 +160,6 @@ class CalibrateSettings(
     def calibration(self) -> Callable[..., Calibration]:
         """Choose the function that calibrates a drive by the chosen method, with all settings."""
         start: dict[str, Any] = {"config": self.config, "initial_pose": self.initial_pose}
-        if self.method == "soic":
-            from semcal_cli.experiments.baselines.soic import calibrate_by_soic
-
-            return partial(calibrate_by_soic, **start)
         if (paper := self.paper) is not None:
             from semcal_cli.experiments.baselines.paper import calibrate_as_published
 
@@ -220,42 +197,18 @@ def calibrate(settings: CalibrateSettings) -> None:
 
 
 def _calibrate_drive(settings: CalibrateSettings) -> int:
-    """Calibrate one camera, and with --split each part of its drive; write the results, and return the exit code."""
-    from semcal_cli.assessment.disagreement import MAX_PARTS
-    from semcal_cli.cli.outputs import exit_code, loaded_drive
-    from semcal_cli.cli.tables import labelled
-    from semcal_cli.pipeline.parts import split
+    """Calibrate one camera, write the result, and return the exit code."""
+    from semcal_cli.cli.outputs import loaded_drive
 
     outputs, initial_pose = settings.outputs, settings.initial_pose
-    of_parts = [outputs.of_part(number) for number in range(1, MAX_PARTS + 1)] if settings.split else []
     run = partial(settings.calibration(), relative_to=outputs.folder)
-    if settings.split:
-        run = partial(run, hashes={})
-    with loaded_drive(settings, settings.config, outputs, initial_pose, of_parts) as (data, terminal):
-        whole = run(data, on_event=terminal.on_event)
-    code = outputs.write(whole, terminal, settings.threads, data.drive)
-    if not settings.split:
-        return code
-    parts = split(data, whole)
-    for earlier in of_parts[len(parts) :]:
-        if earlier.output is not None and earlier.output.exists():
-            terminal.print(labelled("from another run", str(earlier.output)))
-    if not parts:
-        terminal.print(labelled("parts", "none: no camera movement was found"))
-        return code
-    jobs = []
-    for number, (part, each) in enumerate(zip(parts, of_parts, strict=False), start=1):
-        frames, name = part.drive.frames, f"part {number}"
-        title = f"{name}: {counted(len(frames), 'frame')}, {frames[0].points} to {frames[-1].points}"
-        jobs.append(Job(name, title, partial(run, part), each, settings.terminal()))
-    found, failures = calibrate_each(jobs, settings.threads)
-    if failures:
-        raise CalibrationError(failure_sentence(failures, len(parts), "parts"))
-    return max(map(exit_code, found.values()))
+    with loaded_drive(settings, settings.config, outputs, initial_pose) as (data, terminal):
+        calibration = run(data, on_event=terminal.on_event)
+    return outputs.write(calibration, terminal, settings.threads, data.drive)
 
 
 class Job(NamedTuple):
-    """The calibration of one camera of a rig, or of one part of a drive."""
+    """The calibration of one camera of a rig."""
 
     name: str
     title: str
@@ -290,7 +243,7 @@ def calibrate_each(
     return calibrations, failures
 
 
-def failure_sentence(failures: dict[str, str], count: int, of: str) -> str:
-    """Say how many cameras or parts failed, and why the first one did."""
+def failure_sentence(failures: dict[str, str], count: int) -> str:
+    """Describe how many cameras failed, and why the first one did."""
     name, reason = next(iter(failures.items()))
-    return f"{len(failures)} of {count} {of} failed; {name}: {reason}"
+    return f"{len(failures)} of {count} cameras failed; {name}: {reason}"

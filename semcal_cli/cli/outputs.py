@@ -85,23 +85,12 @@ class Outputs:
         """Whether a report or overlays are requested."""
         return self.page is not None or self.images is not None
 
-    def of_part(self, number: int) -> Outputs:
-        """Make the outputs of a part of the drive: `out_part_1.yaml` next to `out.yaml`, and its own log."""
-        output, log = (
-            path if path is None or takes_several(path) else path.with_stem(f"{path.stem}_part_{number}")
-            for path in (self.output, self.log)
-        )
-        return Outputs(output, log)
-
-    def check(
-        self, drive: Drive, initial_pose: InitialPose | None = None, parts: Sequence[Outputs] = ()
-    ) -> None:
+    def check(self, drive: Drive, initial_pose: InitialPose | None = None) -> None:
         """Check before the work begins that all outputs can be written, and that none replaces an input.
 
         Args:
             drive: The drive.
             initial_pose: Pose to start from, whose file no output may replace.
-            parts: Outputs of the parts of the drive.
 
         Raises:
             InputError: an output cannot be written to its path.
@@ -112,9 +101,7 @@ class Outputs:
             check_image_folder(self.images, MAX_IMAGES, read)
         if self.output is None or self.as_json:
             check_descriptor(STANDARD_OUTPUT)
-        check_outputs(
-            read, self.output, self.log, self.page, *(path for p in parts for path in (p.output, p.log))
-        )
+        check_outputs(read, self.output, self.log, self.page)
         if self.to is not None:
             from semcal_cli.formats import write_transform
 
@@ -288,7 +275,6 @@ def loaded_drive(
     config: CalibrationConfig,
     outputs: Outputs,
     initial_pose: InitialPose | None = None,
-    parts: Sequence[Outputs] = (),
     *,
     as_result_sees: bool = False,
 ) -> Iterator[tuple[LoadedDrive, Terminal]]:
@@ -299,7 +285,6 @@ def loaded_drive(
         config: Settings of a calibration, which determine what is read.
         outputs: Output files, which are checked before any long work begins.
         initial_pose: Pose to start from, whose file no output may replace.
-        parts: Output files of the parts of the drive, which are checked, too.
         as_result_sees: Whether the drive gets the camera and the clock that were estimated together with the initial
             pose, and is loaded by the cues of that calibration unless others are requested.
 
@@ -308,7 +293,7 @@ def loaded_drive(
         CalibrationError: one side's labels carry no information.
     """
     spec = read_drive(settings.drive, settings.max_points)
-    outputs.check(spec, initial_pose, parts)
+    outputs.check(spec, initial_pose)
     set_num_threads(settings.threads)
     with settings.terminal() as terminal:
         if as_result_sees and initial_pose is not None:

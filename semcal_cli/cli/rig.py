@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 OF_ONE_CAMERA = (
     *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),
-    *("--to", "--overlay", "--split", "--json", "--image-model"),
+    *("--to", "--overlay", "--json", "--image-model"),
 )
 """Options of `calibrate` that make sense for a single camera only."""
 
@@ -87,7 +87,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
     ]
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
-        raise CalibrationError(failure_sentence(failures, len(drives), "cameras"))
+        raise CalibrationError(failure_sentence(failures, len(drives)))
     found = combine(rig, drives, cameras, failures, sweeps.num_different)
     _write(found, rig, drives, result, hashes)
     if settings.log is not None:
@@ -102,7 +102,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
         terminal.print_paths("report", [page])
     _print_verdict(found, terminal)
     if failures:
-        raise CalibrationError(failure_sentence(failures, len(drives), "cameras"))
+        raise CalibrationError(failure_sentence(failures, len(drives)))
     return exit_code(found)
 
 

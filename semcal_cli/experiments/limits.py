@@ -168,7 +168,7 @@ def run(pool: Pool, case: Case) -> list[Value]:
         try:
             data = load(drive, config)
             stages = refine_and_polish(data, initialize(data, config.initialization), config.refinement)
-            stages = assess(data, stages, config.refinement, with_label_bleed=False, with_remedies=False)
+            stages = assess(data, stages, config.refinement, with_label_bleed=False)
         except SemcalError:
             return []
     measured = []

@@ -1,4 +1,4 @@
-"""The stages of a calibration in order, and what is built from them: a verification, the parts of a drive."""
+"""The stages of a calibration in order, and a verification, which is built from them."""
 
 from semcal_cli.pipeline.calibration import assess as assess
 from semcal_cli.pipeline.calibration import calibrate as calibrate

@@ -178,8 +178,7 @@ def _estimate(
         if stages.joint is not None:
             # The transform is judged with the drive's clock, and the clock is judged separately.
             stages = replace(stages, joint=replace(stages.joint, left_open=None))
-        # An estimate from the transform that has findings is repeated from scratch.
-        return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
+        return assess(data, stages, config, on_event, with_label_bleed=False)
 
     start = start_at(data, stated, on_event)
     if not data.tells_mountings:

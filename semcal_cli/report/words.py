@@ -54,8 +54,6 @@ def verdict_of(record: Calibration) -> Verdict:
         "not_trusted": "Reasons:",
         "not_assessed": "It was not polished, so its uncertainty is unknown.",
     }[record.status]
-    if "soic" in record.settings.options:
-        sentence = f"This is the result of SOIC, for comparison; SOIC estimates no uncertainty. {sentence}"
     figures = ""
     if record.believed_uncertainty is not None:
         figures = stated_error(record.believed_uncertainty, record.used_camera)

@@ -175,6 +175,7 @@ SETTING = partial(Limit, source="a setting")
 ELSEWHERE = "add frames from other places"
 BY_HAND = f"{ELSEWHERE}, or measure the mounting by hand and give it with --init"
 NEARER = "add frames, or start nearer with --init"
+OR_ESTIMATE_K = "or calibrate with --refine-intrinsics fx,fy,cx,cy"
 GIVE_MOTION = "give motion.poses or motion.twist in the drive, or record at lower speed"
 
 # The mounting is not clear.
@@ -228,7 +229,6 @@ POLISH_REJECTED = Check(
 POLISH_NOT_TESTED = Check("polish-not-tested", "add frames, or label more pixels")
 FUSION_NOT_SETTLED = Check("fusion-not-settled", NEARER)
 SEEDS = Check("seeds", ELSEWHERE)
-SOIC = Check("soic", "start nearer with --init")
 # Files do not belong together.
 WRONG_PAIRING = Check(
     "wrong-pairing", "compare times and names to check that sweeps and images belong together"
@@ -253,14 +253,22 @@ FRAMES_DISAGREE = Check(
     "frames-disagree",
     "check the times of sweeps and images, the motion and the labels, or remove these frames",
 )
-MOVED_CAMERA = Check("moved-camera", "calibrate each part with `semcal calibrate --split`, or record again")
+MOVED_CAMERA = Check(
+    "moved-camera", "calibrate the frames of each part as a drive of their own, or record again"
+)
 # Camera, clocks and motion.
-WRONG_FOCAL_LENGTH = Check("focal-length", "check fx and fy in K, and that K belongs to images of this size")
+WRONG_FOCAL_LENGTH = Check(
+    "focal-length", f"check fx and fy in K, and that K belongs to images of this size, {OR_ESTIMATE_K}"
+)
 WRONG_INTRINSICS = Check(
     "intrinsics",
-    "check K and the distortion, and that K belongs to images of this size, or calibrate the lens again",
+    "check K and the distortion, and that K belongs to images of this size, or calibrate the lens again, "
+    f"{OR_ESTIMATE_K}",
 )
-WRONG_CLOCKS = Check("clocks", "check the clocks of camera and LiDAR, and correct image_stamp")
+WRONG_CLOCKS = Check(
+    "clocks",
+    "check the clocks of camera and LiDAR, and correct image_stamp, or calibrate with --estimate-delay",
+)
 MOTION = Check("motion", GIVE_MOTION)
 SHUTTER = Check("shutter", GIVE_MOTION)
 FAR_CAMERA = Check("baseline", "give a larger --max-baseline-m if the camera is farther away")

@@ -27,16 +27,8 @@ class PaperConfig:
 
 @dataclass(frozen=True)
 class SoicConfig:
-    """How SOIC computes centroids and costs, and how Powell's method minimises the cost."""
+    """How SOIC computes its cost, and how Powell's method minimises it."""
 
-    num_sectors: int = 24
-    """Directions in which centroids are computed."""
-    centroid_error_deg: float = 5.0
-    """Error to expect of centroids of things that the two sensors see partly and from different places."""
-    min_centroids: int = 8
-    """Number of centroids that must agree on a pose."""
-    min_pixels: int = 50
-    """Least number of pixels in an image, and of points in a sector, for a class to have a centroid there."""
     block_px: int = 2
     """Side of the blocks in which distances to classes are stored."""
     max_points: int = 400_000
