@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from click.testing import Result
 from commands import invoke
+from laboratory.raw_drive import RawDrive
 
 from semcal_cli import pipeline
 from semcal_cli.drive import loading
@@ -17,7 +18,6 @@ from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.pipeline.parts import split
 from semcal_cli.report import read_report_input, write_report
 from semcal_cli.result.calibration import Calibration, read_calibration
-from semcal_cli.synthetic.raw_drive import RawDrive
 
 
 @pytest.fixture(scope="module")
