@@ -19,6 +19,8 @@ from click.testing import Result
 from commands import invoke
 from hypothesis import settings
 from hypothesis import strategies as st
+from laboratory import spoiling
+from laboratory.raw_drive import RawDrive, read_raw_drive, write_raw_drive
 from refined import spoiled, with_camera
 from scipy.spatial.transform import Rotation
 from selenium import webdriver
@@ -37,8 +39,6 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.report.view.session import Session
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
-from semcal_cli.synthetic import spoiling
-from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure

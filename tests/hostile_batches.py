@@ -174,9 +174,9 @@ PIPES: dict[str, Hostile] = {
         check=reason_is("out/drive/log.txt: found a pipe, needed a file or nothing"),
     ),
     "a pipe for an experiment's results": Hostile(
-        pipe("out/accuracy/results.jsonl"),
-        ("experiment", "accuracy", "--seeds", "1", "-o", "out"),
-        r"^semcal: error: out/accuracy/results.jsonl: found a pipe, needed a file or nothing$",
+        pipe("out/pairs/results.jsonl"),
+        ("experiment", "pairs", "--seeds", "1", "-o", "out"),
+        r"^semcal: error: out/pairs/results.jsonl: found a pipe, needed a file or nothing$",
     ),
 }
 NAMES: dict[str, Hostile] = {

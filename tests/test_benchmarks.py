@@ -14,9 +14,9 @@ import pytest
 import yaml
 from conftest import TEST_DATA, make_pose
 from documentation import PAGES, ROOT, text_of_all
+from laboratory.page_tables import END, find_place
 
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.experiments.page_tables import END, find_place
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.synthetic.synthesis import synthesize
@@ -150,12 +150,15 @@ def test_plain_torch_ends_near_the_truth(places: dict[str, Path]) -> None:
 
 def test_the_speed_beside_plain_torch(places: dict[str, Path], tmp_path: Path) -> None:
     small = "--repeats 1 --only refine --frames 1 --width 160 --height 90 -o OUT"
-    script = str(BENCHMARKS / "plain_torch.py")
     page = page_for("speed", tmp_path)
-    command = [str(places["SEMCAL"]), "experiment", "speed", "--plain-torch", script, *small.split()]
-    printed = run([*command, "--into", str(page)], places)
-    called = "semcal experiment speed --plain-torch plain_torch.py --repeats 1 --only refine"
-    assert f"<!-- table: speed -->\n\n{printed}\nMeasured by `{called} " in page.read_text()
+    speed, kept_table = ([sys.executable, str(BENCHMARKS / f"{name}.py")] for name in ("speed", "kept_table"))
+    printed = run([*speed, "--plain-torch", *small.split(), "--into", str(page)], places)
+    written = f"<!-- table: speed -->\n\n{printed}\nMeasured by `COMMAND "
+    command = "python tests/benchmarks/speed.py --plain-torch --repeats 1 --only refine"
+    assert written.replace("COMMAND", command) in page.read_text()
+    folder, options = places["OUT"] / "speed_1_160x90", ["semcal experiment", "--into", f"{page}#speed"]
+    assert run([*kept_table, str(folder), *options], places) == printed
+    assert written.replace("COMMAND ", "semcal experiment` ") in page.read_text()
     for estimator in ("exact", "mine"):
         figures = rf"\| 1 \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER} \| {NUMBER} deg, {NUMBER} cm \|"
         assert re.search(rf"^\| refine, {estimator} {figures} {NUMBER} \|$", printed, re.MULTILINE)
@@ -179,7 +182,6 @@ def test_a_script_has_the_options_that_the_documentation_gives_it(
     script: str, options: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "argv", [script, "--help"])
-    monkeypatch.syspath_prepend(BENCHMARKS)
     with pytest.raises(SystemExit):
         runpy.run_path(str(BENCHMARKS / script), run_name="__main__")
     known = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", capsys.readouterr().out))
@@ -187,9 +189,8 @@ def test_a_script_has_the_options_that_the_documentation_gives_it(
 
 
 def test_every_script_is_run() -> None:
-    scripts = {command.split()[0] for command in RUNS} | {"plain_torch.py"}
-    assert scripts == {path.name for path in BENCHMARKS.glob("*.py")} - {
-        "benchmark.py",
-        "real_data.py",
-        "profiles.py",
-    }
+    """Other tests run the experiments, and `profiles.py` and `real_data.py` are no scripts."""
+    scripts = {command.split()[0] for command in RUNS} | {"plain_torch.py", "speed.py", "kept_table.py"}
+    experiments = {f"{name}.py" for name in ("accuracy", "check_limits", "gradient", "jointly", "trust")}
+    others = {"benchmark.py", "real_data.py", "profiles.py", "troubleshooting.py"}
+    assert scripts | experiments | others == {path.name for path in BENCHMARKS.glob("*.py")}

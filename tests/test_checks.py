@@ -5,12 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commands import invoke
-from conftest import STREET
-from documentation import ROOT, blocks
-
-from semcal_cli.experiments.drives import RIGS, Pool
-from semcal_cli.experiments.limits import (
+from check_limits import (
     ANOTHER_DRIVE,
     BAD_OF,
     FEW,
@@ -26,7 +21,12 @@ from semcal_cli.experiments.limits import (
     rows,
     run,
 )
-from semcal_cli.experiments.trust import OTHER_DRIVE
+from conftest import STREET
+from documentation import ROOT, blocks
+from laboratory.outcomes import OTHER_DRIVE
+from laboratory.rigs import RIGS
+
+from semcal_cli.experiments.drives import Pool
 from semcal_cli.result import checks
 from semcal_cli.result.checks import (
     CHECKS,
@@ -145,12 +145,6 @@ def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> 
         assert CHECKS[topic].limits[name].is_kept_by(number), topic
     assert exchanged[("wrong-pairing", "labels")] > good[("wrong-pairing", "labels")]
     assert leaked[("leaked-labels", "")] > LEAKED_LABELS.limit() > good[("leaked-labels", "")]
-
-
-def test_limits_are_measured_of_all_parts() -> None:
-    found = invoke("experiment", "trust", "--limits", "--only", "good")
-    assert found.exit_code == 2
-    assert "--limits has no parts: leave out --only" in found.output
 
 
 def test_the_check_of_the_guide_for_contributors() -> None:

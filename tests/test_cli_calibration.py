@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from conftest import Cli, edited
+from laboratory.raw_drive import RawDrive, write_raw_drive
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import EXIT_FAILURE
@@ -19,7 +20,6 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, compare_poses, inverse
 from semcal_cli.result.calibration import Calibration, read_calibration
-from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
 NOT_LABELLED = 0
 """The id that synthetic drives ignore."""

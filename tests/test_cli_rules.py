@@ -182,7 +182,7 @@ def test_what_does_not_go_together_is_refused(line: str, cli: Cli) -> None:
         "synth d --motion mixed --delay-ms 201",
         *(f"verify d c --max-delay-ms {value}" for value in ("0", "-1", "nan", "inf", "x")),
         "experiment",
-        "experiment accuracy --seeds 0",
+        "experiment pairs --seeds 0",
         *(f"calibrate d --intrinsics-sigma {pair}" for pair in ("nan 10", "2 inf", "-1 10", "2 x", "2")),
         *(f"calibrate d --refine-intrinsics {names}" for names in ("fx,fy,fx", ",", "fx,", "fx,,fy")),
     ],

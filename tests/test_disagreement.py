@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laboratory import spoiling
+from laboratory.raw_drive import RawDrive, RawFrame, write_raw_drive
 
 from semcal_cli import _core
 from semcal_cli.assessment.disagreement import FrameCheck, FrameScores, check_frames
@@ -25,8 +27,6 @@ from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.report.figures import frames_plots
 from semcal_cli.result.checks import findings_among
 from semcal_cli.result.stage import Finding
-from semcal_cli.synthetic import spoiling
-from semcal_cli.synthetic.raw_drive import RawDrive, RawFrame, write_raw_drive
 
 CM = 0.01
 

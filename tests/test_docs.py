@@ -19,6 +19,7 @@ import click
 import pytest
 from documentation import PAGES, README, ROOT, anchors, blocks, commands, links, named_commands
 from test_findings import PLACES
+from troubleshooting import with_limits
 
 import semcal_cli
 from semcal_cli import pipeline
@@ -36,7 +37,6 @@ from semcal_cli.formats import format
 from semcal_cli.geometry import poses
 from semcal_cli.pipeline.verification import LOOKS_LIKE
 from semcal_cli.result.checks import CHECKS, Check
-from semcal_cli.result.troubleshooting import with_limits
 from semcal_cli.schemas import MODELS, schema_file
 
 DOCS = ROOT / "docs"

@@ -5,33 +5,41 @@ import math
 import os
 import resource
 import signal
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import accuracy
+import check_limits
+import gradient
+import jointly
 import numpy as np
 import pytest
-from click.testing import CliRunner
+import speed
+import trust
+from accuracy import Result
+from benchmark import SEMCAL, run_process, script
 from conftest import FINE_STREET, make_pose
+from laboratory import spoiled
+from laboratory.outcomes import AS_IT_IS, MOVED, TURNED, Outcome, run_case
+from laboratory.outcomes import Case as TrustCase
+from laboratory.rates import Rate
+from laboratory.rigs import RIGS, row_cases
+from laboratory.rigs import Case as RowCase
 
 from semcal_cli.batches.pace import Pace
-from semcal_cli.cli import semcal
-from semcal_cli.cli.experiment_options import Progress
+from semcal_cli.cli.experiment import Progress
 from semcal_cli.cli.terminal import make_console
 from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.experiments import accuracy, drives, gradient, jointly, rivals, speed, trust, trust_table
-from semcal_cli.experiments.accuracy import Result
-from semcal_cli.experiments.drives import Case as RowCase
-from semcal_cli.experiments.drives import Pool, row_cases
+from semcal_cli.experiments import drives, rivals
+from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report, in_words
-from semcal_cli.experiments.summary import Rate
-from semcal_cli.experiments.trust import Case as TrustCase
-from semcal_cli.experiments.trust import Outcome
 from semcal_cli.files.writing import locked
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
@@ -183,20 +191,38 @@ def test_summary_and_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "message"),
+    ("arguments", "ending"),
     [
-        (["--row", "nothing", "-o", "OUT"], 2, "found 'nothing', needed one of: clean labels, 20 pairs"),
-        (["--seeds", "1", "-o", "OUT/file"], 1, ": cannot be created: "),
+        (["--row", "nothing", "-o", "OUT"], 2),
+        (["--seeds", "1", "-o", "OUT/file"], "OUT/file/accuracy: cannot"),
     ],
 )
 def test_a_wrong_row_or_folder_is_an_error(
-    arguments: list[str], code: int, message: str, tmp_path: Path
+    arguments: list[str], ending: int | str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()
     words = [word.replace("OUT", str(tmp_path)) for word in arguments]
-    found = CliRunner().invoke(semcal, ["experiment", "accuracy", *words])
-    assert found.exit_code == code
-    assert message in f"{found.output}{found.exception}"
+    monkeypatch.setattr(sys, "argv", ["accuracy.py", *words])
+    with pytest.raises(SystemExit) as ended:
+        script(accuracy.main)
+    assert str(ended.value.code).startswith(str(ending).replace("OUT", str(tmp_path)))
+
+
+@pytest.mark.parametrize(
+    ("main", "told"),
+    [
+        (accuracy.main, "accuracy: 32"),
+        (check_limits.main, "limits: 19"),
+        (gradient.main, "gradient: 2"),
+        (jointly.main, "jointly: 17"),
+        (trust.main, f"trust: {19 + len(spoiled.KINDS)}"),
+    ],
+)
+def test_a_script_runs_all_cases_of_its_experiment(
+    main: Callable[..., Iterable[str]], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Experiment, "measure", lambda made, *_: f"{made.name}: {len(made.cases)}")
+    assert [*main(seeds=1, output=tmp_path)] == [told]
 
 
 def test_every_row_on_every_seed_and_starts_on_more() -> None:
@@ -225,12 +251,12 @@ def test_accuracy_of_a_small_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_processes_are_timed_and_failures_are_errors(tmp_path: Path) -> None:
-    seconds, peak_gib, _ = speed.run_process([*speed.SEMCAL, "--version"])
+    seconds, peak_gib, _ = run_process([*SEMCAL, "--version"])
     assert seconds > 0.0
     own_gib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     assert 0.005 < peak_gib < 1.0 + own_gib
     with pytest.raises(CalibrationError, match=r"exit code 1: .*no such file"):
-        speed.run_process([*speed.SEMCAL, "calibrate", str(tmp_path / "nowhere")])
+        run_process([*SEMCAL, "calibrate", str(tmp_path / "nowhere")])
 
 
 def test_the_ratio_is_that_of_the_medians() -> None:
@@ -263,7 +289,7 @@ def test_rates_of_trust() -> None:
         outcome("labels shuffled", "trusted", 3.9),
         Outcome("as it is", 0, "default", 20, 0.0, "fail", ""),
     ]
-    rates = {rate.name: (rate.count, rate.n) for rate in trust_table.rates(outcomes)}
+    rates = {rate.name: (rate.count, rate.n) for rate in trust.rates(outcomes)}
     assert rates["trusted: axes in the 95 % interval"] == (18, 24)
     assert rates["trusted, 10 pairs"] == (18, 24)
     assert rates["trusted, 5 pairs"] == (0, 0)
@@ -274,25 +300,25 @@ def test_rates_of_trust() -> None:
     assert rates["not trusted or failed, labels shuffled"] == (1, 3)
     assert rates["verify fails, as it is"] == (1, 1)
     expected = 1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0)
-    assert trust_table.sharpness(outcomes) == pytest.approx(expected)
+    assert trust.sharpness(outcomes) == pytest.approx(expected)
     low, high = Rate("", 3, 10).interval  # Wilson's, as in Brown, Cai and DasGupta (2001)
     assert (low, high) == pytest.approx((0.1078, 0.6032), abs=1e-4)
 
 
 def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: Path) -> None:
-    seed = 6 * 7 + list(drives.RIGS).index("default")
+    seed = 6 * 7 + list(RIGS).index("default")
     synthesize(replace(FINE_STREET, seed=seed), tmp_path / f"pool/default_{seed:06d}")
     pool = Pool(tmp_path / "pool")
     kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
-    found = {kind: trust.run(pool, TrustCase(kind, seed, 2, 0.0)) for kind in kinds}
+    found = {kind: run_case(pool, TrustCase(kind, seed, 2, 0.0)) for kind in kinds}
     verified = {each.kind: each.status for each in found["verify"]}
-    assert list(verified) == [trust.AS_IT_IS, trust.TURNED, trust.MOVED[seed % 3]]
-    assert verified.pop(trust.AS_IT_IS) in ("pass", "inconclusive")
-    assert verified[trust.TURNED] == "fail"
-    assert verified[trust.MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small image
+    assert list(verified) == [AS_IT_IS, TURNED, MOVED[seed % 3]]
+    assert verified.pop(AS_IT_IS) in ("pass", "inconclusive")
+    assert verified[TURNED] == "fail"
+    assert verified[MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small image
     assert found["good"][0].status == "trusted"
     assert {found[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
-    report = trust_table.report([each for listed in found.values() for each in listed])
+    report = trust.report([each for listed in found.values() for each in listed])
     assert "| confident and wrong, of all | 0 | 4 | 0.0% |" in report.table
 
 

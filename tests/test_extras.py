@@ -56,7 +56,7 @@ if __name__ == "__main__":
     semcal_cli.cli.demo.NUM_FRAMES = 2
     endings = [run(arguments) for arguments in json.loads(sys.argv[1])]
     assert "torch" not in sys.modules
-    import semcal_cli.report.view.server, semcal_cli.report.view.session, semcal_cli.experiments.trust  # noqa
+    import semcal_cli.report.view.server, semcal_cli.report.view.session  # noqa
     assert "torch" not in sys.modules
     print(json.dumps(endings))
 """
@@ -136,12 +136,9 @@ WITH_TORCH = {
     "calibrate nowhere --method paper": "--method paper",
     "refine nowhere --init none.yaml --estimator mine": "--estimator mine",
     "batch here -o results -- --method paper": "--method paper",
-    "experiment accuracy": "semcal experiment accuracy --estimator mine",
-    "experiment trust": "semcal experiment trust --only good",
     "experiment pairs": "semcal experiment pairs",
     "experiment noise": "semcal experiment noise",
     "experiment table nowhere": "semcal experiment table",
-    "experiment speed": "semcal experiment speed",
 }
 """What each command says that it found no torch for; no drive is there, so that no file is read before."""
 

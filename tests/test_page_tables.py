@@ -1,6 +1,5 @@
 """Tables are written into their places of a page, with where and when they were measured."""
 
-import importlib
 import os
 import re
 import subprocess
@@ -9,27 +8,22 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import gradient
 import pytest
-from commands import invoke
+from benchmark import script
 from documentation import ROOT
+from laboratory import page_tables
+from laboratory.page_tables import command_line, find_place
 
 from semcal_cli.batches.pace import Pace
 from semcal_cli.errors import InputError
-from semcal_cli.experiments import experiment, measured, page_tables
+from semcal_cli.experiments import experiment, measured
 from semcal_cli.experiments.experiment import Experiment, Report, read_measured
-from semcal_cli.experiments.page_tables import command_line, find_place
 
 BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"
 AFTER = "<!-- end of table -->\n\nMore \u00e9, without a line break at the end"
 THEIRS = "<!-- table: theirs -->\n<!-- end of table -->\n"
 PRINTED = "2 cores\n| a |\n|---|\n| 1 |\n\nwords | between\n| b |\n|---|\nwritten to FILE\n"
-
-
-@pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], Iterable[str]]], None]:
-    """What runs the scripts of tests/benchmarks."""
-    monkeypatch.syspath_prepend(ROOT / "tests/benchmarks")
-    return importlib.import_module("benchmark").script
 
 
 @pytest.fixture
@@ -39,12 +33,11 @@ def page(tmp_path: Path) -> Path:
     return page
 
 
-def test_only_the_place_is_written(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["/usr/bin/semcal", "experiment", "ours", "--into", str(page)])
+def test_only_the_place_is_written(page: Path) -> None:
     for _ in range(2):
-        find_place(str(page), "ours").write(PRINTED, ["one machine", "another"])
+        find_place(str(page), "ours").write(PRINTED, "a command", ["one machine", "another"])
         content = "\n| a |\n|---|\n| 1 |\n\n| b |\n|---|\n\n"
-        measured = "Measured by `semcal experiment ours` on one machine; on another.\n\n"
+        measured = "Measured by `a command` on one machine; on another.\n\n"
         assert page.read_bytes().decode() == f"{BEFORE}{content}{measured}{AFTER}"
 
 
@@ -100,10 +93,14 @@ def test_a_page_may_have_the_sign_of_a_place_in_its_name(name: str, page: Path) 
     assert find_place(str(other), "ours") == find_place(f"{other}#ours", "theirs") == (other, "ours")
 
 
-def test_an_experiment_refuses_before_it_measures(page: Path, tmp_path: Path) -> None:
+def test_an_experiment_refuses_before_it_measures(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "out"
-    ended = invoke("experiment", "gradient", "-o", out, "--into", page)
-    assert f"{page}: found 0 places from a line '<!-- table: gradient -->'" in str(ended.exception)
+    monkeypatch.setattr(sys, "argv", ["gradient.py", "-o", str(out), "--into", str(page)])
+    with pytest.raises(SystemExit) as ended:
+        script(gradient.main)
+    assert f"{page}: found 0 places from a line '<!-- table: gradient -->'" in str(ended.value.code)
     assert not out.exists()
 
 
@@ -111,8 +108,8 @@ def test_an_experiment_refuses_before_it_measures(page: Path, tmp_path: Path) ->
     ("arguments", "line"),
     [
         (
-            ["/a/bin/semcal", "experiment", "accuracy", "--row", "16 channels", "--into=b.md", "-o", "/c/d/"],
-            "semcal experiment accuracy --row '16 channels' -o d",
+            ["/a/tests/benchmarks/accuracy.py", "--row", "16 channels", "--into=b.md", "-o", "/c/d/"],
+            "python tests/benchmarks/accuracy.py --row '16 channels' -o d",
         ),
         (
             ["tests/benchmarks/cues.py", "--seeds", "2", "--pool=/a/b", "-o/c/d", "../shared/data", "x/y"],
@@ -187,9 +184,7 @@ def refused() -> Iterator[str]:
     raise InputError("drive.yaml: found nothing, needed a drive")
 
 
-def test_a_script_writes_its_table_into_the_page(
-    script: Callable[..., None], page: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_script_writes_its_table_into_the_page(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["ours.py", "--into", str(page)])
     with pytest.raises(SystemExit) as ended:
         script(whole)
@@ -209,7 +204,6 @@ def test_a_script_without_a_whole_table_leaves_the_page(
     main: Callable[[], Iterable[str]],
     options: list[str],
     ending: int | str,
-    script: Callable[..., None],
     page: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

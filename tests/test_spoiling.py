@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import STREET
+from laboratory import spoiling
+from laboratory.raw_drive import RawDrive, write_raw_drive
 
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.synthetic import spoiling
-from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
 
 def test_a_drive_is_written_as_it_was_read(raw: RawDrive, street: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from semcal_cli.errors import told_apart
 from semcal_cli.result.stage import Finding
 
 LIMITS_FILE = Path(__file__).with_name("limits.json")
-"""Limits by topic and name, with what `semcal experiment trust --limits` measured on both sides of each."""
+"""Limits by topic and name, with what `tests/benchmarks/check_limits.py` measured on both sides of each."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What all scripts of this folder share: options on the command line, tables in a page, and timing.
+"""What all scripts of this folder share: options on the command line, tables in a page, experiments, and timing.
 
 The `main` of a script yields the lines of Markdown that it prints. Its parameters are the arguments of the command
 line, and those by keyword only its options.
@@ -7,26 +7,38 @@ line, and those by keyword only its options.
 from __future__ import annotations
 
 import inspect
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import click
+from laboratory.page_tables import command_line, find_place
 
+from semcal_cli.cli.experiment import measure
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.errors import SemcalError
+from semcal_cli.errors import CalibrationError, SemcalError
+from semcal_cli.experiments.experiment import Experiment, read_measured
 from semcal_cli.experiments.measured import measured_here
-from semcal_cli.experiments.page_tables import find_place
-from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.experiments.summary import Column, markdown_table, summarise, summary_table, table_row
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic.synthesis import synthesize
+
+OUTPUT = Path("semcal_experiments")
+"""Folder of the results of experiments, unless `-o` names another one."""
+SEMCAL = [
+    sys.executable,
+    "-c",
+    "import sys; sys.path = list(filter(None, sys.path)); from semcal_cli.cli import main; main()",
+]
+"""The installed command, even if the working directory contains its source."""
 
 
 def script(main: Callable[..., Iterable[str]]) -> None:
@@ -54,11 +66,38 @@ def script(main: Callable[..., Iterable[str]]) -> None:
 def _print(main: Callable[..., Iterable[str]], name: str, into: str | None, **options: Any) -> None:
     place = None if into is None else find_place(into, name)
     measured, lines = measured_here(), []
-    for line in main(**options):
+    printed = main(**options)
+    for line in printed:
         print(line, flush=True)
         lines.append(line)
-    if place is not None:
-        place.write("\n".join(lines), [measured])
+    if place is None:
+        return
+    if isinstance(printed, KeptTable):
+        place.write(printed.text, printed.command, printed.measured)
+    else:
+        place.write("\n".join(lines), command_line(sys.argv), [measured])
+
+
+@dataclass(frozen=True)
+class KeptTable:
+    """The lines of a table whose results are kept in files."""
+
+    text: str
+    measured: Sequence[str]
+    """Where and when the results were measured, as `measured_here` tells it; several if a run resumed elsewhere."""
+    command: str
+    """Command that measured them."""
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.text.splitlines())
+
+
+def run_experiment(experiment: Experiment[Any, Any], jobs: int | None = None) -> KeptTable:
+    """Run an experiment with its progress on standard error; a stopped run resumes where it stopped."""
+    # The cases run in processes of their own, in which NumPy uses one thread, as in those of `semcal`.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    text = measure(experiment, jobs)
+    return KeptTable(text, read_measured(experiment.folder), command_line(sys.argv))
 
 
 def _parameter(parameter: inspect.Parameter, hint: Any) -> click.Parameter:
@@ -95,10 +134,38 @@ def street(folder: Path, seed: int, frames: int, width: int, **more: Any) -> tup
     return read_drive(folder), read_transform(folder)
 
 
+class Ended(NamedTuple):
+    """A finished process."""
+
+    seconds: float
+    """Wall-clock time."""
+    peak_gib: float
+    """Largest resident memory."""
+    messages: str
+    """What it wrote to standard error."""
+
+
+def run_process(command: Sequence[str]) -> Ended:
+    """Run a process that ends with a result, trusted or not, and measure its time and memory.
+
+    Linux counts the memory of this process as the new one's until it starts, so the peak is at least that.
+
+    Raises:
+        CalibrationError: the process failed.
+    """
+    begin = perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    with process.stderr as errors:
+        messages = errors.read()
+    # `Popen.wait` does not report the memory.
+    _, status, usage = os.wait4(process.pid, 0)
+    code = process.returncode = os.waitstatus_to_exitcode(status)
+    if code not in (0, 3):
+        raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(messages.split()[-30:])}")
+    return Ended(perf_counter() - begin, usage.ru_maxrss / 2**20, messages)
+
+
 def seconds_of(*arguments: object) -> float:
-    """Time `semcal` with arguments, as a whole process that ends with a result, trusted or not."""
-    start = perf_counter()
-    ended = subprocess.run([*SEMCAL, *map(str, arguments), "-q"], capture_output=True, check=False)
-    if ended.returncode not in (0, 3):
-        raise click.ClickException(f"exit code {ended.returncode}: {ended.stderr.decode()[-500:]}")
-    return perf_counter() - start
+    """Time `semcal` with arguments, as a whole process."""
+    return run_process([*SEMCAL, *map(str, arguments), "-q"]).seconds

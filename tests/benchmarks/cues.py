@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from benchmark import script, street, summary
+from laboratory.rigs import RIGS
 
 from semcal_cli import _core
 from semcal_cli.cli.options import CUES as CUE_NAMES
@@ -29,7 +30,6 @@ from semcal_cli.drive.cues.table import summed
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_frame_image
-from semcal_cli.experiments.drives import RIGS
 from semcal_cli.experiments.summary import NUMBER, common, count, error_columns, median_and_worst
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced

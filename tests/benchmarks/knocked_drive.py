@@ -13,14 +13,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from benchmark import script, street
+from laboratory.raw_drive import read_raw_drive, write_raw_drive
+from laboratory.spoiling import knocked, wrong_labels
 from matplotlib.figure import Figure
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.drive.loading import load
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.pipeline import calibrate
-from semcal_cli.synthetic.raw_drive import read_raw_drive, write_raw_drive
-from semcal_cli.synthetic.spoiling import knocked, wrong_labels
 
 NOISE = 0.1
 """Share of wrong labels on both sides."""

@@ -1,4 +1,4 @@
-"""The refinement in plain torch, which `semcal experiment speed` compares with: one-hot maps, grid_sample, autograd.
+"""The refinement in plain torch, which `speed.py` compares with: one-hot maps, grid_sample, autograd.
 
 python tests/benchmarks/plain_torch.py DRIVE --init FILE --estimator exact -o pose.npy
 

@@ -15,9 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
-from benchmark import script, street, table
-
-from semcal_cli.experiments.speed import Ended, run_process
+from benchmark import Ended, run_process, script, street, table
 
 STAGES = ("load", "initial", "refined", "polished", "assessed")
 STAGE = re.compile(rf"^({'|'.join(STAGES)}) +([0-9.]+) s ", re.MULTILINE)

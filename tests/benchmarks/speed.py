@@ -1,22 +1,27 @@
-"""Time and memory of whole processes, and the ratio to the same refinement in plain torch, measured in one run."""
+"""Measures time and memory of whole processes, and compares the refinement with the same one in plain torch.
+
+    python tests/benchmarks/speed.py --plain-torch
+
+Needs an idle machine, and takes about three minutes per repeat. Writes results.csv, summary.json and table.md to a
+folder in `semcal_experiments`, where a stopped run resumes. `--frames` is the number of rendered frames, which is also
+the largest number of pairs besides 1,000.
+"""
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
-from typing import NamedTuple
+from typing import Literal, get_args
 
 import numpy as np
+from benchmark import OUTPUT, SEMCAL, KeptTable, run_experiment, run_process, script
 
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
-from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.errors import check_torch
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.summary import (
     NUMBER,
@@ -41,17 +46,13 @@ LONG_DRIVE = 1000
 MAKE_FRAMES = 70
 """Number of rendered frames. The long drive repeats them; each repetition is read and processed."""
 STREET = SynthConfig(num_frames=MAKE_FRAMES, seed=SEED)
-COMMANDS = ("calibrate", "refine")
+Command = Literal["calibrate", "refine"]
+COMMANDS = get_args(Command)
 PLAIN_TORCH = "plain torch"
 """Name of the script that semcal is compared with."""
+PLAIN_TORCH_SCRIPT = Path(__file__).with_name("plain_torch.py")
 START = 5.0, 0.3
 """Distance of the start from the truth in degrees and metres, for processes that only refine."""
-SEMCAL = [
-    sys.executable,
-    "-c",
-    "import sys; sys.path = list(filter(None, sys.path)); from semcal_cli.cli import main; main()",
-]
-"""The installed command, even if the working directory contains its source."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def cases(
     return [Case(*process, repeat) for repeat in range(repeats) for process in processes]
 
 
-def run(folder: Path, plain_torch: Path | None, street: SynthConfig, case: Case) -> list[Timing]:
+def run(folder: Path, street: SynthConfig, case: Case) -> list[Timing]:
     """Run a process on a drive in a folder and compare its pose with the truth."""
     drive = make_drive(folder, case.num_pairs, street)
     truth = read_transform(drive)
@@ -113,7 +114,7 @@ def run(folder: Path, plain_torch: Path | None, street: SynthConfig, case: Case)
         # The rival does not polish; neither does semcal here.
         process = [*SEMCAL, command, *options, "-q", "--no-polish", "--init", str(start)]
     else:
-        process = [sys.executable, str(plain_torch), *options, "--init", str(start)]
+        process = [sys.executable, str(PLAIN_TORCH_SCRIPT), *options, "--init", str(start)]
     ended = run_process(process)
     T = np.load(output) if command == PLAIN_TORCH else read_transform(output)
     error = compare_poses(T, truth)
@@ -147,62 +148,6 @@ def report(timings: Sequence[Timing]) -> Report:
     return Report.of(timings, columns)
 
 
-def experiment(
-    out: Path, repeats: int, street: SynthConfig, plain_torch: Path | None, commands: Sequence[str]
-) -> Experiment[Case, Timing]:
-    """Declare the experiment; drives of another size have their own folder.
-
-    Args:
-        out: Folder of all experiments.
-        repeats: Number of runs of each process.
-        street: The rendered drive.
-        plain_torch: Script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None.
-        commands: Commands that are timed; `refine` is compared with the script.
-
-    Raises:
-        InputError: there is no such script.
-    """
-    if plain_torch is not None and not plain_torch.is_file():
-        raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
-    of_size = "" if street == STREET else f"_{street.num_frames}_{street.width}x{street.height}"
-    folder = out / f"speed{of_size}"
-    chosen = cases(repeats, street.num_frames, commands, with_torch=plain_torch is not None)
-    run_case = partial(run, folder, plain_torch and plain_torch.resolve(), street)
-    return Experiment("speed", folder, chosen, run_case, Timing, report)
-
-
-class Ended(NamedTuple):
-    """A finished process."""
-
-    seconds: float
-    """Wall-clock time."""
-    peak_gib: float
-    """Largest resident memory."""
-    messages: str
-    """What it wrote to standard error."""
-
-
-def run_process(command: list[str]) -> Ended:
-    """Run a process and measure its time and memory.
-
-    Linux counts the memory of this process as the new one's until it starts, so the peak is at least that.
-
-    Raises:
-        CalibrationError: the process failed.
-    """
-    begin = perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    with process.stderr as errors:
-        messages = errors.read()
-    # `Popen.wait` does not report the memory.
-    _, status, usage = os.wait4(process.pid, 0)
-    code = process.returncode = os.waitstatus_to_exitcode(status)
-    if code not in (0, 3):
-        raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(messages.split()[-30:])}")
-    return Ended(perf_counter() - begin, usage.ru_maxrss / 2**20, messages)
-
-
 def make_drive(folder: Path, count: int, street: SynthConfig = STREET) -> Path:
     """Make a drive of `count` pairs.
 
@@ -219,3 +164,25 @@ def make_drive(folder: Path, count: int, street: SynthConfig = STREET) -> Path:
 def _write(path: Path, document: dict[str, object]) -> Path:
     write_text(document_text(document, "yaml"), path)
     return path
+
+
+def main(
+    *,
+    repeats: int = 3,
+    plain_torch: bool = False,
+    only: tuple[Command, ...] = COMMANDS,
+    frames: int = STREET.num_frames,
+    width: int = STREET.width,
+    height: int = STREET.height,
+    output: Path = OUTPUT,
+) -> KeptTable:
+    """Time commands, beside the script or not; drives of another size have their own folder."""
+    check_torch("--estimator mine")
+    street = replace(STREET, num_frames=frames, width=width, height=height)
+    folder = output / ("speed" if street == STREET else f"speed_{frames}_{width}x{height}")
+    listed = cases(repeats, frames, only, with_torch=plain_torch)
+    return run_experiment(Experiment("speed", folder, listed, partial(run, folder, street), Timing, report))
+
+
+if __name__ == "__main__":
+    script(main)

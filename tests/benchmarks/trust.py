@@ -1,4 +1,12 @@
-"""How often a calibration's own statements are true: intervals, verdicts, and what it says about spoiled drives."""
+"""Counts how often a calibration's own statements are true: intervals, verdicts, and what it says of spoiled drives.
+
+    python tests/benchmarks/trust.py [--seeds 60] [--only PART]
+
+Each drive takes six calibrations unchanged, two with the same classes wrong in all frames, five of impossible variants,
+and 15 verifications: about two minutes, and seven per spoiled drive. Drives are spoiled the way real recordings are, or
+given subtle faults; together with other parts, `spoiled` and `subtle` spoil only every fifth drive. Writes results.csv,
+summary.json and table.md to a folder in `semcal_experiments`, where a stopped run resumes.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +14,44 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
+from benchmark import OUTPUT, KeptTable, run_experiment, script
+from laboratory import spoiled
+from laboratory.outcomes import (
+    BAD,
+    MOVED,
+    MOVED_M,
+    NOISES,
+    OFFSETS,
+    PAIRS,
+    SHARED,
+    SHARED_PAIRS,
+    Case,
+    Outcome,
+    run_case,
+)
+from laboratory.rates import Rate, rate_of, rates_by
+from laboratory.rigs import RIGS
+from laboratory.spoiled import KINDS, KNOCKED
 
-from semcal_cli.experiments import spoiled, trust
-from semcal_cli.experiments.drives import RIGS, Pool
+from semcal_cli.errors import check_torch
+from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
-from semcal_cli.experiments.spoiled import KINDS, KNOCKED
 from semcal_cli.experiments.summary import (
-    Rate,
     cell,
     common,
     count,
     grouped,
     markdown_table,
-    rate_of,
-    rates_by,
     summarise,
     summary_table,
 )
-from semcal_cli.experiments.trust import NOISES, PAIRS, SHARED, SHARED_PAIRS, Case, Outcome
 
+Part = Literal["good", "bad", "spoiled", "subtle", "verify"]
+PARTS = get_args(Part)
+"""Parts of the experiment; MINE runs on the good drives."""
 VERIFY_DRAWS = 5
 """Number of draws of wrong labels for `verify` on each drive, each with a transform that is off in another
 direction."""
@@ -57,7 +81,7 @@ def cases(seeds: range, parts: Sequence[str]) -> list[Case]:
     for seed in seeds:
         rng = np.random.default_rng(seed)
         found += [Case("good", seed, num_pairs, float(rng.choice(NOISES))) for num_pairs in PAIRS]
-        found += [Case(kind, seed, int(rng.choice(PAIRS)), float(rng.choice(NOISES))) for kind in trust.BAD]
+        found += [Case(kind, seed, int(rng.choice(PAIRS)), float(rng.choice(NOISES))) for kind in BAD]
         found += [Case(SHARED, seed, num_pairs, 0.0) for num_pairs in SHARED_PAIRS]
         noises = [*NOISES, *rng.choice(NOISES[1:], VERIFY_DRAWS - len(NOISES)).tolist()]
         found += [Case("verify", seed, PAIRS[-1], noise, draw) for draw, noise in enumerate(noises)]
@@ -72,12 +96,12 @@ def _part(kind: str) -> str:
     """Name the part of the experiment to which a kind belongs."""
     if kind in KINDS:
         return "subtle" if KINDS[kind].is_subtle else "spoiled"
-    return "bad" if kind in trust.BAD else "verify" if kind == "verify" else "good"
+    return "bad" if kind in BAD else "verify" if kind == "verify" else "good"
 
 
 def run(pool: Pool, pool_with_images: Pool, case: Case) -> list[Outcome]:
     """Run a case; spoiled drives are made from drives with images."""
-    return spoiled.run(pool_with_images, case) if case.kind in KINDS else trust.run(pool, case)
+    return spoiled.run(pool_with_images, case) if case.kind in KINDS else run_case(pool, case)
 
 
 def _is_told(outcome: Outcome) -> bool:
@@ -87,7 +111,7 @@ def _is_told(outcome: Outcome) -> bool:
 
 def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     """Compute the rates of all statements that semcal makes."""
-    calibrated = [f for f in outcomes if f.kind not in trust.OFFSETS and f.kind not in KINDS]
+    calibrated = [f for f in outcomes if f.kind not in OFFSETS and f.kind not in KINDS]
     trusted = list(filter(TRUSTED, calibrated))
     good, mine = ([f for f in calibrated if f.kind == kind] for kind in ("good", "mine"))
     trusted_good, trusted_mine = list(filter(TRUSTED, good)), list(filter(TRUSTED, mine))
@@ -106,9 +130,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         rate_of("good drives are trusted, all", good, TRUSTED),
         rate_of(f"good drives are trusted, {MANY_PAIRS} pairs or more", many, TRUSTED),
         rate_of("good drives are trusted, MINE, 10 pairs", mine, TRUSTED),
-        *rates_by(
-            "not trusted or failed, {}", outcomes, lambda f: f.kind, lambda f: not f.is_trusted(), trust.BAD
-        ),
+        *rates_by("not trusted or failed, {}", outcomes, lambda f: f.kind, lambda f: not f.is_trusted(), BAD),
         *_rates_of_verify(outcomes),
         *spoiled_rates(outcomes),
         *subtle_rates(outcomes),
@@ -119,8 +141,8 @@ def _rates_of_verify(outcomes: Sequence[Outcome]) -> list[Rate]:
     """Compute the rates of the verdicts of `verify` for each offset, and for the three moves together."""
     found = []
     for name, kinds in (
-        *((kind, (kind,)) for kind in trust.OFFSETS),
-        (f"{100 * trust.MOVED_M:.0f} cm off, all", trust.MOVED),
+        *((kind, (kind,)) for kind in OFFSETS),
+        (f"{100 * MOVED_M:.0f} cm off, all", MOVED),
     ):
         chosen = [f for f in outcomes if f.kind in kinds]
         found.append(rate_of(f"verify fails, {name}", chosen, lambda f: f.status == "fail"))
@@ -274,7 +296,21 @@ def report(outcomes: Sequence[Outcome]) -> Report:
     return Report([vars(rate) for rate in found], table, facts=facts)
 
 
-def experiment(out: Path, seeds: range, parts: Sequence[str]) -> Experiment[Case, Outcome]:
-    """Declare the experiment for some parts; see `cases`."""
-    run_case = partial(run, Pool(out / "pool"), Pool(out / "pool_with_images", has_images=True))
-    return Experiment("trust", out / "trust", cases(seeds, parts), run_case, Outcome, report)
+def main(
+    *,
+    seeds: int = 60,
+    first_seed: int = 20_000,
+    jobs: int = 1,
+    only: tuple[Part, ...] = PARTS,
+    output: Path = OUTPUT,
+) -> KeptTable:
+    """Run all parts or some."""
+    if "good" in only:
+        check_torch("--only good")
+    listed = cases(range(first_seed, first_seed + seeds), only)
+    run_one = partial(run, Pool(output / "pool"), Pool(output / "pool_with_images", has_images=True))
+    return run_experiment(Experiment("trust", output / "trust", listed, run_one, Outcome, report), jobs)
+
+
+if __name__ == "__main__":
+    script(main)

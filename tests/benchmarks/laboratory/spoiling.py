@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from laboratory.raw_drive import Labels, RawDrive, RawFrame, transformed
 
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
@@ -17,7 +18,6 @@ from semcal_cli.files.images import read_image
 from semcal_cli.geometry.poses import Pose, Vector
 from semcal_cli.geometry.twists import displaced, pose_at
 from semcal_cli.synthetic.label_noise import POINT_SHARE, mislabel, pixels_by_a_network
-from semcal_cli.synthetic.raw_drive import Labels, RawDrive, RawFrame, transformed
 
 UNLABELLED = 0
 """Id of points and pixels without a class."""

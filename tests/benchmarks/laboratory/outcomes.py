@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from laboratory.rigs import RIGS, rig_of
 
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig, Limits, RefinementConfig
@@ -15,7 +16,7 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.drives import RIGS, Pool, calibrate_from, rig_of
+from semcal_cli.experiments.drives import Pool, calibrate_from
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize
@@ -49,7 +50,7 @@ class Case:
     """One run on the drive of one seed."""
 
     kind: str
-    """Kind of the run: `good`, `mine`, a key of `trust.BAD` or of `spoiled.KINDS`, or `verify`."""
+    """Kind of the run: `good`, `mine`, a key of `BAD` or of `spoiled.KINDS`, or `verify`."""
     seed: int
     """Seed of the drive."""
     num_pairs: int
@@ -65,7 +66,7 @@ class Outcome:
     """What a calibration or a verification states, and its true errors."""
 
     kind: str
-    """Kind of the case; for a verification one of `trust.OFFSETS`."""
+    """Kind of the case; for a verification one of `OFFSETS`."""
     seed: int
     """Seed of the drive."""
     rig: str
@@ -226,7 +227,7 @@ BAD: dict[str, Degrade] = {
 """Ways to make a drive impossible to calibrate, by name."""
 
 
-def run(pool: Pool, case: Case) -> list[Outcome]:
+def run_case(pool: Pool, case: Case) -> list[Outcome]:
     """Calibrate or verify a drive and compare with the truth."""
     rig = rig_of(case.seed)
     rng = np.random.default_rng((case.seed, case.num_pairs, case.draw, *case.kind.encode()))

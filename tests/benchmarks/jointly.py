@@ -1,4 +1,10 @@
-"""Intrinsics and time offset, estimated together with the pose: errors against the truth."""
+"""Compares intrinsics and time offsets, estimated together with the pose, with the truth.
+
+    python tests/benchmarks/jointly.py [--seeds 20] [--row NAME]
+
+Takes about two minutes per seed. Writes results.csv, summary.json and table.md to a folder in `semcal_experiments`,
+where a stopped run resumes.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +14,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
+from benchmark import OUTPUT, KeptTable, run_experiment, script
+from laboratory.rates import Rate
+from laboratory.rigs import Case, Degrade, consecutive, row_cases, wrong
 
 from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import InitializationConfig, JointlyConfig, RefinementConfig
@@ -19,13 +29,12 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.drives import Case, Degrade, Pool, calibrate_from, consecutive, row_cases, wrong
+from semcal_cli.experiments.drives import Pool, calibrate_from
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.summary import (
     NUMBER,
     SECONDS,
     Column,
-    Rate,
     common,
     count,
     digits,
@@ -106,6 +115,7 @@ ROWS: dict[str, Row] = {
     "rolling shutter 30 ms": replace(_rolling(0.0), with_delay=False),
     "rolling shutter 30 ms, clock 20 ms late": _rolling(20.0),
 }
+RowName = Literal[tuple(ROWS)]
 
 
 @dataclass(frozen=True)
@@ -265,8 +275,19 @@ COLUMNS = (
 )
 
 
-def experiment(out: Path, seeds: range, rows: Sequence[str]) -> Experiment[Case, Result]:
-    """Declare the experiment for some keys of `ROWS`, or for all if none are given."""
-    run_case = partial(run, Pool(out / "pool"))
-    report = partial(Report.of, columns=COLUMNS)
-    return Experiment("jointly", out / "jointly", row_cases(rows or ROWS, seeds), run_case, Result, report)
+def main(
+    *,
+    seeds: int = 20,
+    first_seed: int = 80_000,
+    jobs: int = 1,
+    row: tuple[RowName, ...] = (),
+    output: Path = OUTPUT,
+) -> KeptTable:
+    """Calibrate in all rows or some."""
+    listed = row_cases(row or ROWS, range(first_seed, first_seed + seeds))
+    run_case, report = partial(run, Pool(output / "pool")), partial(Report.of, columns=COLUMNS)
+    return run_experiment(Experiment("jointly", output / "jointly", listed, run_case, Result, report), jobs)
+
+
+if __name__ == "__main__":
+    script(main)

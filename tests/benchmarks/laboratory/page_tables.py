@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -32,11 +31,12 @@ class Place(NamedTuple):
         """The line above the place."""
         return f"<!-- table: {self.name} -->"
 
-    def write(self, printed: str, measured: Sequence[str]) -> None:
+    def write(self, printed: str, command: str, measured: Sequence[str]) -> None:
         """Write the tables of what a command printed; the rest of the page stays as it is.
 
         Args:
             printed: Text with Markdown tables; its other lines are left out.
+            command: The command, as from `command_line`.
             measured: Where and when, as from `measured_here`; several if a stopped run was resumed elsewhere.
 
         Raises:
@@ -47,7 +47,7 @@ class Place(NamedTuple):
         tables = "\n".join(TABLE.findall(f"{printed}\n"))
         if not tables:
             raise InputError(f"{self.page}: found no table to write below {self.start!r}, needed one")
-        line = f"Measured by `{command_line(sys.argv)}` on {'; on '.join(measured)}."
+        line = f"Measured by `{command}` on {'; on '.join(measured)}."
         write_text(f"{before}\n\n{tables}\n{line}\n\n{after}", self.page)
 
     def split(self) -> tuple[str, str]:
@@ -82,16 +82,13 @@ def find_place(into: str, name: str) -> Place:
 
 
 def command_line(arguments: Sequence[str]) -> str:
-    """Format a command as it was called, without `--into` and without the folders of this machine.
+    """Format the command of a script as it was called, without `--into` and without the folders of this machine.
 
     Args:
-        arguments: `sys.argv` of `semcal` or of a script of tests/benchmarks.
+        arguments: `sys.argv` of the script.
     """
     program, *words = arguments
-    name = Path(program).name
     # Only the last name of an absolute path, or of one above the working folder, means something elsewhere.
     words = [re.sub(r"(^|^-\w|=)(?:/|\.\./).*/", r"\1", word.rstrip("/")) for word in words]
-    command = shlex.join(
-        [*(("python", f"tests/benchmarks/{name}") if name.endswith(".py") else ("semcal",)), *words]
-    )
+    command = shlex.join(["python", f"tests/benchmarks/{Path(program).name}", *words])
     return re.sub(r" (?:--into |'?--into=)(?:'[^']*'|[^\s']+'?)", "", command)

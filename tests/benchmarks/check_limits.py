@@ -1,4 +1,10 @@
-"""What the checks measure on good and bad drives, by labels and by segments, compared with their limits."""
+"""Compares what the checks measure on good and bad drives, by labels and by segments, with their limits.
+
+    python tests/benchmarks/check_limits.py --first-seed 96000 --seeds 6
+
+Takes 19 calibrations per drive. Writes results.csv, summary.json, table.md and limits.json, for the next version, to a
+folder in `semcal_experiments`, where a stopped run resumes.
+"""
 
 from __future__ import annotations
 
@@ -11,24 +17,26 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from benchmark import OUTPUT, KeptTable, run_experiment, script
+from laboratory import spoiling
+from laboratory.outcomes import OTHER_DRIVE, distance_in_limits, errors_of
+from laboratory.raw_drive import Labels, RawDrive, read_raw_drive, write_raw_drive
+from laboratory.rigs import RIGS, rig_of
+from laboratory.spoiled import KINDS as SPOILED
+from laboratory.spoiled import Spoil
 
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.drives import RIGS, Pool, rig_of
+from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
-from semcal_cli.experiments.spoiled import KINDS as SPOILED
-from semcal_cli.experiments.spoiled import Spoil
 from semcal_cli.experiments.summary import markdown_table
-from semcal_cli.experiments.trust import OTHER_DRIVE, distance_in_limits, errors_of
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.search import Initialization
 from semcal_cli.pipeline import assess, initialize, refine_and_polish
 from semcal_cli.result.checks import CHECKS, LIMITS, Evidence, Limit
-from semcal_cli.synthetic import spoiling
-from semcal_cli.synthetic.raw_drive import Labels, RawDrive, read_raw_drive, write_raw_drive
 
 PAIRS, FEW_PAIRS = (5, 8), (1, 2)
 NUM_FRAMES: dict[str, object] = {"num_frames": max(PAIRS) + 1}
@@ -309,13 +317,20 @@ def markdown(found: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _report(seeds: range, values: Sequence[Value]) -> Report:
-    command = f"semcal experiment trust --limits --first-seed {seeds.start} --seeds {len(seeds)}"
+    command = f"python tests/benchmarks/check_limits.py --first-seed {seeds.start} --seeds {len(seeds)}"
     found = rows(values)
     texts = {LIMITS_FILE: limits_text(found, command, seeds)}
     return Report(found, f"{markdown(found)}\n{RULE}", texts=texts)
 
 
-def experiment(out: Path, seeds: range) -> Experiment[Case, Value]:
-    """Declare the experiment; the limits.json in its folder is for the next version."""
-    run_case = partial(run, Pool(out / "pool_of_limits", has_images=True))
-    return Experiment("limits", out / "limits", cases(seeds), run_case, Value, partial(_report, seeds))
+def main(*, seeds: int = 6, first_seed: int = 96_000, jobs: int = 1, output: Path = OUTPUT) -> KeptTable:
+    """Measure all limits."""
+    chosen = range(first_seed, first_seed + seeds)
+    run_case = partial(run, Pool(output / "pool_of_limits", has_images=True))
+    report = partial(_report, chosen)
+    measured = Experiment("limits", output / "limits", cases(chosen), run_case, Value, report)
+    return run_experiment(measured, jobs)
+
+
+if __name__ == "__main__":
+    script(main)

@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-
-from semcal_cli.drive.frame_selection import with_frames
-from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.diagnosis import (
+from laboratory import spoiling
+from laboratory.diagnosis import (
     Diagnose,
     attempt,
     covers_intrinsics,
@@ -19,10 +17,13 @@ from semcal_cli.experiments.diagnosis import (
     names_leak,
     names_scale,
 )
-from semcal_cli.experiments.drives import NUM_FRAMES, RIGS, Pool, rig_of
-from semcal_cli.experiments.trust import Case, Outcome, distance_in_limits, errors_of
-from semcal_cli.synthetic import spoiling
-from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive
+from laboratory.outcomes import Case, Outcome, distance_in_limits, errors_of
+from laboratory.raw_drive import RawDrive, read_raw_drive
+from laboratory.rigs import RIGS, rig_of
+
+from semcal_cli.drive.frame_selection import with_frames
+from semcal_cli.errors import SemcalError
+from semcal_cli.experiments.drives import NUM_FRAMES, Pool
 
 PAIRS = (10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)

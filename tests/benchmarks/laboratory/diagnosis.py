@@ -10,12 +10,12 @@ from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
 import numpy as np
+from laboratory.outcomes import Outcome, errors_of, in_cm
+from laboratory.raw_drive import RawDrive, write_raw_drive
 
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.trust import Outcome, errors_of, in_cm
 from semcal_cli.pipeline import calibrate
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
 MAX_WIDTH_CHANGE = 1.2
 """Largest ratio, either way, between the intervals from copies of a frame and from the frame alone."""

@@ -1,8 +1,11 @@
-"""Gradient ascent against Powell's method on the same mutual information: the paper's reason for gradients.
+"""Compares gradient ascent with Powell's method on the same mutual information: the paper's reason for gradients.
+
+    python tests/benchmarks/gradient.py [--seeds 20]
 
 From the same starts, both maximise the exact mutual information of the same points over the same pyramid, where each
 level starts at the end of the one before. Adam follows the gradient; Powell's method, that of SciPy with its default
-tolerances, compares values only.
+tolerances, compares values only. Writes results.csv, summary.json and table.md to a folder in `semcal_experiments`,
+where a stopped run resumes.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
+from benchmark import OUTPUT, KeptTable, run_experiment, script
 
 from semcal_cli import _core
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
@@ -178,9 +182,16 @@ COLUMNS = (
 )
 
 
-def experiment(out: Path, seeds: range) -> Experiment[Case, Result]:
-    """Declare the experiment."""
-    folder = out / "gradient"
+def main(*, seeds: int = 20, first_seed: int = 55_000, jobs: int = 1, output: Path = OUTPUT) -> KeptTable:
+    """Run both optimisers on each drive."""
+    folder = output / "gradient"
     drives = folder / "drives"
+    listed = cases(range(first_seed, first_seed + seeds))
     run_case, report = partial(run, Pool(drives), {}), partial(Report.of, columns=COLUMNS)
-    return Experiment("gradient", folder, cases(seeds), run_case, Result, report, scratch=drives)
+    return run_experiment(
+        Experiment("gradient", folder, listed, run_case, Result, report, scratch=drives), jobs
+    )
+
+
+if __name__ == "__main__":
+    script(main)
