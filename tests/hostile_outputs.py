@@ -132,13 +132,6 @@ STREAMS: dict[str, Hostile] = {
         (*VERIFY, "/dev/stdin"),
         r"/dev/stdin: found a descriptor that is open only for reading, needed one to",
     ),
-    "a descriptor to change": Hostile(
-        nothing,
-        ("convert", "drive", "--into", "/dev/stdout"),
-        r"/dev/stdout: found a descriptor, needed a file to change$",
-        said_before=SAID,
-        check=stdout_goes_on(),
-    ),
     "a pipe that nothing reads": Hostile(
         pipe("pipe"),
         (*VERIFY, "pipe"),

@@ -57,17 +57,15 @@ def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
         )
 
 
-def test_calibrate_then_evaluate(street: Path, street_truth: Pose, tmp_path: Path, cli: Cli) -> None:
+def test_calibrate_then_compare(street: Path, street_truth: Pose, tmp_path: Path, cli: Cli) -> None:
     result = tmp_path / "calibration.yaml"
     assert cli("calibrate", street, "-o", result, "-q") == (0, "", "")
     assert read_calibration(result).status == "trusted"
-    code, out, _ = cli("evaluate", result, "--reference", street, "--json")
-    error = json.loads(out)
-    assert code == 0
-    assert error["rotation_deg"] == compare_poses(read_calibration(result).pose, street_truth).rotation_deg
-    assert error["rotation_deg"] < 0.2
-    assert error["camera_center_cm"] < 5.0
-    assert "rotation" in cli("evaluate", result, "--reference", result)[1]
+    error = compare_poses(read_calibration(result).pose, street_truth)
+    assert error.rotation_deg < 0.2
+    assert error.camera_center_cm < 5.0
+    code, out, _ = cli("compare", result, street, "--json")
+    assert (code, json.loads(out)["error"]["rotation_deg"]) == (0, error.rotation_deg)
 
 
 def test_an_answer_that_is_not_trusted_is_written_with_its_reason(

@@ -81,9 +81,7 @@ REFUSED = {
             ("fleet r", "--plot", "/dev/stdout"),
         )
     },
-    "convert a": "Give --to or --into.",
-    "convert a --to tf2 --into b": "--into cannot be used with --to: it changes an existing file in its own format.",
-    "convert a --into b -o c": "--into cannot be used with -o: it changes an existing file in its own format.",
+    "convert a": "Missing option '--to'.",
     # checks
     "verify d c --cue features": "--cue features cannot be used with verify: feature vectors have no histogram.",
     "view d --cue features": "--cue features cannot be used with view: feature vectors have no classes to show.",

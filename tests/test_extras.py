@@ -101,7 +101,6 @@ WITHOUT_TORCH = (
     "report drive c.yaml -o r.html",
     "overlay drive c.yaml -o over",
     "inspect drive",
-    "evaluate c.yaml --reference drive",
     "compare c.yaml drive",
     "convert c.yaml --to opencalib -o c.json",
     "batch drive -o results",

@@ -282,9 +282,6 @@ def test_points_have_the_class_of_their_pixel(tmp_path: Path, convention: str) -
     assert set(np.unique(found)) == ({1, 2} if convention == "round" else {1, 2, _core.NO_ID})
 
 
-FRUSTUM = {"rows": 16, "columns": 128, "elevation_deg": [-25.0, 3.0]}
-
-
 @pytest.mark.parametrize("output", ["scores", "ids", "scores of a batch"])
 def test_a_network_may_take_the_points_themselves(tmp_path: Path, output: str) -> None:
     """The network tells points whose third number, z by the card's mean and deviation, is above 0.5."""
@@ -317,46 +314,14 @@ def test_a_network_may_take_the_points_themselves(tmp_path: Path, output: str) -
     assert 0.02 < found.mean() < 0.98
 
 
-def test_points_share_the_mean_of_their_cell_as_in_frnet(tmp_path: Path) -> None:
-    """The network adds up the heights of a cell's points, by the inputs of FRNet, and gives the sum to each of them."""
-    nodes = [
-        helper.make_node("Gather", ["points", "two"], ["heights"], axis=1),
-        helper.make_node("Shape", ["voxel_coors"], ["shape"]),
-        helper.make_node("Gather", ["shape", "zero"], ["count"]),
-        helper.make_node("ConstantOfShape", ["count"], ["empty"]),
-        helper.make_node("ScatterElements", ["empty", "inverse_map", "heights"], ["sums"], reduction="add"),
-        helper.make_node("Gather", ["voxel_coors", "inverse_map"], ["again"]),
-        helper.make_node("Equal", ["again", "coors"], ["same"]),
-        helper.make_node("Cast", ["same"], ["is same"], to=TensorProto.FLOAT),
-        helper.make_node("ReduceMin", ["is same"], ["is right"], axes=[1], keepdims=0),
-        helper.make_node("Gather", ["sums", "inverse_map"], ["of each"]),
-        helper.make_node("Mul", ["of each", "is right"], ["right"]),
-        helper.make_node("Greater", ["right", "minus ten"], ["is high"]),
-        helper.make_node("Cast", ["is high"], ["y"], to=TensorProto.INT64),
-    ]
-    given = {"two": np.array(2), "zero": np.array([0]), "minus ten": np.array(-10.0, np.float32)}
-    inputs = {
-        "points": (TensorProto.FLOAT, ["n", 4]),
-        "coors": (TensorProto.INT64, ["n", 3]),
-        "voxel_coors": (TensorProto.INT64, ["m", 3]),
-        "inverse_map": (TensorProto.INT64, ["n"]),
-    }
-    net = save(tmp_path / "net.onnx", nodes, inputs, {"y": (TensorProto.INT64, ["n"])}, given)
+def test_a_network_of_points_has_no_other_inputs(tmp_path: Path) -> None:
+    """Such as the cells of its points, which have to be part of it."""
+    nodes = [helper.make_node("Gather", ["points", "cells"], ["y"])]
+    inputs = {"points": (TensorProto.FLOAT, ["n", 4]), "cells": (TensorProto.INT64, ["n"])}
+    net = save(tmp_path / "net.onnx", nodes, inputs, {"y": (TensorProto.FLOAT, ["n", 4])}, {})
     stated = {"semcal_point_model": 1, "kind": "points", "classes": ["low", "high"]}
-    (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated | {"frustum": FRUSTUM}))
-    file, points = sweep(tmp_path)
-    (cloud,) = _core.read_point_clouds([(file, None)])
-    found = sweep_labeller(open_network(net), None).ids(cloud)
-    row, column = rangenet(points, 16, 128)
-    sums = np.zeros((16, 128), np.float32)
-    np.add.at(sums, (row, column), points[:, 2])
-    # A point on the border of two cells may fall into either.
-    assert np.mean(found == (sums[row, column] > -10.0)) > 0.995
-    assert 0.02 < found.mean() < 0.98
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated))
-    with pytest.raises(
-        InputError, match=r"found additional inputs coors, inverse_map, voxel_coors, needed only points"
-    ):
+    with pytest.raises(InputError, match=r"net.onnx: found additional inputs cells, needed only points$"):
         sweep_labeller(open_network(net), None)
 
 

@@ -47,7 +47,7 @@ def page(browser: webdriver.Chrome, made: Path) -> webdriver.Chrome:
 def test_it_has_nothing_serious(page: webdriver.Chrome) -> None:
     assert page.title.endswith("c.yaml")
     images = page.find_elements(By.TAG_NAME, "img")
-    assert len(images) == 5  # Four frames, and the registration.
+    assert len(images) == 4  # One of each frame.
     assert all(int(image.get_property("naturalWidth")) > 100 for image in images)
     assert serious_findings(page) == []
 

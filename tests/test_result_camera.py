@@ -137,8 +137,7 @@ def test_each_stage_is_shown_by_the_camera_that_it_was_found_with(
     report = read_report_input(begun, file)
     first, last = report.overlays(1).views.values()
     assert (first.observations.camera, last.observations.camera) == (wrong, right)
-    assert report.begun.camera == wrong
-    with_K(wrong_drive, right.K)  # as `convert --into` does
+    with_K(wrong_drive, right.K)  # as a user does who starts from it
     first, last = read_report_input(read_drive(wrong_drive), file).overlays(1).views.values()
     assert (first.observations.camera.K, last.observations.camera) == (wrong.K, right)
     first, last = read_report_input(begun, file, made / "c.yaml").overlays(1).views.values()
@@ -261,7 +260,7 @@ def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> N
 
 
 def test_stages_are_shown_by_the_clock_that_they_were_found_with(record: Calibration, street: Path) -> None:
-    """Also after `convert --into`, which gives the drive the clock of the result; an older file does not tell it."""
+    """Also where the drive has the clock of the result by then; an older file does not tell it."""
     late = record.model_copy(update={"camera": None, "clock": clock()})
     drive = moving(read_drive(street)).model_copy(update={"time_offset_s": LATER_S})
     assert as_begun(late, drive).time_offset_s == GIVEN_S

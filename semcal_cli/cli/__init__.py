@@ -13,11 +13,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from keyword import iskeyword
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
 from semcal_cli.cli.ci import annotate
+from semcal_cli.cli.removed import explained
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, SemcalError, printable
 from semcal_cli.plugins import PluginWarning
@@ -66,8 +67,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "experiment": "Measure the figures in the documentation.",
     },
 }
-"""One-line help of each visible command, by section. Each command has a module of the same name."""
-HIDDEN = ("evaluate",)
+"""One-line help of each command, by section. Each command has a module of the same name."""
 
 
 class Sections(click.Group):
@@ -75,7 +75,7 @@ class Sections(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the names of all commands."""
-        return [*(name for section in SECTIONS.values() for name in section), *HIDDEN]
+        return [name for section in SECTIONS.values() for name in section]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; None if there is none with this name."""
@@ -84,6 +84,11 @@ class Sections(click.Group):
         else:  # click suggests a similar name, for which it needs all
             self.load_all()
         return self.commands.get(cmd_name)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; the error about what was removed says what to use instead."""
+        with explained():
+            return super().invoke(ctx)
 
     def load_all(self) -> None:
         """Import all commands."""

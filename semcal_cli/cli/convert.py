@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import click
 
 from semcal_cli.cli.options import Direction, result_file
-from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import INPUT_FILE, argument, command, option
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
-    from semcal_cli.geometry.poses import Pose
-    from semcal_cli.result.calibration import Calibration
 
 Frame: TypeAlias = Literal["optical", "body"]
 LIDAR = "Name of the LiDAR's frame or entry in {}."
@@ -45,9 +42,9 @@ class FormatName(click.ParamType[str]):
         return str(value)
 
 
-def format_name(help: str, *names: str) -> Any:
+def format_name(help: str, *names: str, **about: Any) -> Any:
     """Make an option field for the name of a format."""
-    return option(help, *names, type=FormatName(), metavar="FORMAT")
+    return option(help, *names, type=FormatName(), metavar="FORMAT", **about)
 
 
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
@@ -82,19 +79,10 @@ class WrittenSettings:
 class ConvertSettings(WrittenSettings):
     """Settings of `convert`."""
 
-    rules = [
-        one_of("--to", "--into"),
-        given("--into").excludes("--to", "-o", because="it changes an existing file in its own format"),
-    ]
     source: Path = argument(type=INPUT_FILE, metavar="IN")
     from_: str | None = format_name("Format of IN, if its content does not show it.", "--from")
-    to: str | None = format_name("Format to write; see --formats.")
+    to: str = format_name("Format to write; see --formats.", required=True)
     output: Path | None = result_file("File to write. Standard output if it is - or not given.")
-    into: Path | None = option(
-        "Set the transform in this file instead, and leave every other byte as it is. This also sets intrinsics that "
-        "were estimated together with the transform and, in a drive, the time offset.",
-        metavar="FILE",
-    )
     direction: Direction | None = option(DIRECTION.format("IN"))
     frame: Frame | None = option(FRAME.format("IN"))
     camera: str | None = option(CAMERA.format("IN"), metavar="NAME")
@@ -122,22 +110,14 @@ def convert(settings: ConvertSettings) -> None:
     """Convert the transform in IN, or on standard input if IN is -, to another format.
 
     If IN is a semcal calibration or a drive, the formats camera-info, kalibr and opencv also get the intrinsics of its
-    camera. If IN is a calibration that estimated intrinsics and kept them, --into also sets those that the file
-    already has, and in a drive likewise the time offset, so that the next calibration starts with both.
+    camera.
     """
-    from semcal_cli.errors import InputError
-    from semcal_cli.files.writing import STANDARD_OUTPUT, check_descriptor, descriptor
+    from semcal_cli.files.writing import STANDARD_OUTPUT, check_descriptor
     from semcal_cli.formats import convert as convert_file
 
-    if settings.into is not None:
-        if descriptor(settings.into) is not None:
-            raise InputError(f"{settings.into}: found a descriptor, needed a file to change")
-        _put_into(settings.into, settings)
-        return
     source, output = settings.source, settings.output
     check_descriptor(output or STANDARD_OUTPUT)
     written = settings.written(on_note=partial(click.echo, err=True))
-    assert settings.to is not None  # by a rule
     content = convert_file(
         source,
         settings.to,
@@ -148,63 +128,3 @@ def convert(settings: ConvertSettings) -> None:
     )
     if output is None:
         click.echo(content, nl=False)
-
-
-def _put_into(into: Path, settings: ConvertSettings) -> None:
-    """Set the transform of one file in another, with the intrinsics and the time offset estimated with it."""
-    from semcal_cli.formats import DOUBTED, is_doubted, put_transform, read_extrinsic
-
-    source, written = settings.source, settings.written()
-    found = read_extrinsic(source, settings.from_, settings.read())
-    record = found.record
-    camera, clock = (None, None) if record is None else (record.camera, record.clock)
-    lines: list[str] = []
-    options = replace(
-        written,
-        intrinsics=camera.found if camera is not None and camera.is_kept else None,
-        time_offset_s=clock.time_offset_s if clock is not None and clock.is_kept else None,
-        on_note=lines.append,
-    )
-    before = _transform_in(into, written)
-    if put_transform(found.T_camera_lidar, into, options).has_transform:
-        lines.insert(0, _change(into, before, found.T_camera_lidar))
-    if record is not None:
-        lines += [DOUBTED.format(source)] * is_doubted(record) + _what_stays(record, source, into)
-    for line in lines:
-        click.echo(line, err=True)
-
-
-def _transform_in(path: Path, options: FormatOptions) -> Pose | str:
-    """Read the transform that a file has before it is replaced, or say why there is none."""
-    from semcal_cli.errors import InputError, MisplacedError
-    from semcal_cli.formats import read_transform
-
-    try:
-        return read_transform(path, None, options)
-    except MisplacedError:
-        return "which had none"
-    except InputError:
-        return "which had no readable one"
-
-
-def _change(path: Path, before: Pose | str, T_camera_lidar: Pose) -> str:
-    """Say what was set, and how far it moves the camera."""
-    from semcal_cli.geometry.poses import compare_poses
-
-    if isinstance(before, str):
-        return f"set the transform in {path}, {before}"
-    error = compare_poses(T_camera_lidar, before)
-    return f"set the transform in {path}: moved {error.rotation_deg:.3f} degrees, {error.camera_center_cm:.2f} cm"
-
-
-def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
-    """Say how the camera and the clock of a drive differ from those of the transform that was set in it."""
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.formats.format import Source
-    from semcal_cli.formats.semcal import DRIVE
-    from semcal_cli.result.applied import apply_result
-
-    if DRIVE not in Source.read(into).mapping:
-        return []
-    changes = apply_result(record, read_drive(into), str(source)).changes
-    return [f"the transform belongs to another {label} than the drive's, {line}" for label, line in changes]

@@ -17,7 +17,7 @@ from semcal_cli.documentation import WITH_SCHEMA, schema_address
 from semcal_cli.errors import InputError, describe, mismatch
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.files.writing import descriptor
-from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, plain_value, yaml_loader
+from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml
 
 Format: TypeAlias = Literal["yaml", "json"]
 FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
@@ -167,18 +167,6 @@ def _refuse_constant(name: str) -> float:
 
 JSON = json.JSONDecoder(object_pairs_hook=_mapping, parse_constant=_refuse_constant)
 """The parser of JSON's dialect."""
-
-
-def compose_yaml(text: str) -> yaml.Node:
-    """Find the nodes of a YAML text that `parse` accepts, with their positions."""
-    node = yaml.compose(text, yaml_loader())
-    assert node is not None
-    return node
-
-
-def scalar_of(node: yaml.Node) -> Any:
-    """Give the value of a scalar of `compose_yaml`, the same as from `parse`."""
-    return node.value if getattr(node, "style", None) else plain_value(node.value)
 
 
 def make_dumper(base: Any) -> Any:

@@ -14,7 +14,6 @@ from semcal_cli.files.documents import FORMATS as DOCUMENTS
 from semcal_cli.files.reading import is_same_file
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import bases, semcal
-from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.lenses import UnnamedLensError
 from semcal_cli.formats.semcal import Extrinsic as Extrinsic
@@ -23,12 +22,8 @@ from semcal_cli.formats.table import all_formats as all_formats
 from semcal_cli.formats.table import find_format as find_format
 from semcal_cli.formats.table import plugin_formats as plugin_formats
 from semcal_cli.geometry.poses import Pose, as_transform
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera import offset_words
 
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
-DOUBTED = "{}: the transform is not trusted; see its reasons"
-"""Warning about a transform that is written nevertheless."""
 
 
 class _UnknownFormatError(InputError):
@@ -205,56 +200,9 @@ def convert(
                 f"{source}: found no camera, needed a semcal calibration or a drive: --to {to} writes intrinsics"
             )
     text = write_transform(found.T_camera_lidar, path, to, replace(written, intrinsics=found.camera))
-    if is_doubted(record):
-        written.note(DOUBTED.format(source))
+    if record is not None and record.status == "not_trusted":
+        written.note(f"{source}: the transform is not trusted; see its reasons")
     return text
-
-
-def is_doubted(record: Calibration | None) -> bool:
-    """Whether a transform comes from a calibration that is not trusted."""
-    return record is not None and record.status == "not_trusted"
-
-
-def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> Format:
-    """Replace the transform in a user's file, without changing a byte outside its values.
-
-    Intrinsics of the options are also set where the file has some, and so is the time offset in a drive. In a file
-    without a transform, only the intrinsics are set.
-
-    Returns:
-        The format of the file.
-
-    Raises:
-        InputError: files of this format cannot be edited, or the format needs an option that is missing.
-    """
-    T_camera_lidar, source = as_transform(T_camera_lidar, "T_camera_lidar"), Source.read(path)
-    format = _recognised(source)
-    put = format.put
-    if put is None:
-        able = ", ".join(each.name for each in all_formats() if each.put is not None)
-        raise InputError(
-            f"{path}: found format {format.name}, which cannot be edited in place, needed one of: {able}"
-        )
-    of_file = replace(options or FormatOptions(), file=path, is_written=True)
-    _check_options(format, of_file)
-    try:
-        content = edited(source, lambda document: put(document, T_camera_lidar, of_file))
-    except (AttributeError, KeyError, TypeError, ValueError):
-        what = "a transform" if format.has_transform else "intrinsics"
-        raise InputError(
-            f"{path}: found something else where {format.name} files have {what}, needed a file that "
-            "`semcal convert` reads"
-        ) from None
-    except RecursionError:
-        raise InputError(f"{path}: is nested too deeply, needed a file with a transform") from None
-    if content != source.content:
-        write_bytes(content, path)
-    if of_file.time_offset_s is not None:
-        place = f"left out the time offset: {path} has no key for it"
-        if semcal.DRIVE in source.mapping:
-            place = f"set the time offset in {path}"
-        of_file.note(f"{place}; {offset_words(of_file.time_offset_s)}")
-    return format
 
 
 def _check_options(format: Format, options: FormatOptions) -> None:

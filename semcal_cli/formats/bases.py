@@ -54,7 +54,6 @@ AUTOWARE = base_format(
     _find_in_kit,
     Numbers({"": KIT_KEYS}, are_named=True),
     base="sensor kit",
-    file="sensor_kit_calibration.yaml",
     asks=FRAMES,
 )
 
@@ -91,8 +90,8 @@ def _find_in_table(table: Node, options: FormatOptions) -> Pair:
     if not isinstance(table.value, list) or not all(isinstance(row, dict) for row in table.value):
         raise table.mismatch("a list of mappings")
     channels = _channels(Path(table.file))
-    camera = _record(table, channels, options.camera, f"{options.prefix}camera")
-    lidar = _record(table, channels, options.lidar, f"{options.prefix}lidar")
+    camera = _record(table, channels, options.camera, "--camera")
+    lidar = _record(table, channels, options.lidar, "--lidar")
     sensors = {str(each.value.get("sensor_token")) for each in (camera, lidar)}
     if camera.value is lidar.value or (len(sensors) == 1 and sensors <= channels.keys()):
         found = f"{options.camera!r} and {options.lidar!r}"
@@ -108,6 +107,5 @@ NUSCENES = base_format(
     _find_in_table,
     Numbers({"rotation": WXYZ, "translation": PLACE}),
     base="vehicle",
-    file=TABLE,
     asks=("camera", "lidar"),
 )

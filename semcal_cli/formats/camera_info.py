@@ -1,7 +1,6 @@
 """ROS's sensor_msgs/CameraInfo as YAML, as `camera_calibration` writes it: the intrinsics of a camera, no transform.
 
-R and P are those of a single camera: the rectified image is not rotated, and has the K of the raw image. In a user's
-file they are not changed, because they define the rectified image that the user wants.
+R and P are those of a single camera: the rectified image is not rotated, and has the K of the raw image.
 """
 
 from __future__ import annotations
@@ -16,13 +15,10 @@ from semcal_cli.formats.lenses import (
     NAMES,
     Intrinsics,
     check_lens,
-    check_same_camera,
     coefficients_of,
     matrix_camera,
     numbers_of,
     refuse_camera,
-    tell,
-    with_count,
 )
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.opencv import is_storage
@@ -111,24 +107,13 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     )
 
 
-def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    """Set the intrinsics in an existing or a new file."""
-    camera, where = options.intrinsics, str(options.file) if document else f"--to {NAME}"
+def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
+    camera = options.intrinsics
     if camera is None:
-        found = f"a {NAME} file, which holds only intrinsics" if document else "no camera"
-        needed = (
-            "calibration that estimated intrinsics and kept them"
-            if document
-            else "semcal calibration or a drive"
-        )
-        raise InputError(f"{where}: found {found}, needed IN to be a {needed}")
-    check_lens(where, camera, LENS_NAMES)
-    if document:
-        _set(Node(where, document), camera, options)
-        tell(options, camera)
-        return
+        raise InputError(f"--to {NAME}: found no camera, needed IN to be a semcal calibration or a drive")
+    check_lens(f"--to {NAME}", camera, LENS_NAMES)
     fx, _, cx, _, fy, cy, *_ = numbers_of(camera)
-    document |= {
+    return {
         "image_width": camera.width,
         "image_height": camera.height,
         "camera_name": options.camera or CAMERA,
@@ -150,28 +135,12 @@ def _matrix(rows: int, data: list[float]) -> dict[str, Any]:
     return {"rows": rows, "cols": len(data) // rows, "data": data}
 
 
-def _set(document: Node, camera: Camera, options: FormatOptions) -> None:
-    """Replace K and the coefficients of a file, in its own layout."""
-    K, distortion, width, height = (
-        document.first(NAMES[key]) for key in ("K", "distortion", "width", "height")
-    )
-    lens, needed = document.at(LENS), LENS_NAMES[camera.model]
-    known = needed if MODELS.get(str(lens.value)) == MODELS[needed] else lens.value
-    sides = ((width.key, width.value, camera.width), (height.key, height.value, camera.height))
-    check_same_camera(options, *sides, (LENS, known, needed))
-    after = [numbers_of(camera), _coefficients(with_count(camera, len(distortion.data())))]
-    for node, before, numbers in zip((K, distortion), (K.data(), distortion.data()), after, strict=True):
-        if isinstance(node.value, dict) and len(numbers) != len(before):
-            node.value.update(rows=1, cols=len(numbers))
-        before[:] = numbers
-
-
 FORMAT = Format(
     NAME,
     "no transform: size, K and distortion of a ROS CameraInfo; IN is a calibration or a drive",
     _is_camera_info,
     _read,
-    put=_put,
+    _make,
     asks=("camera",),
     has_transform=False,
     read_lens=_read_lens,

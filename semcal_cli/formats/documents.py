@@ -18,8 +18,8 @@ from semcal_cli.geometry.poses import Pose, inverse
 
 Find: TypeAlias = Callable[[Node, FormatOptions], Node]
 """Finds the entry of a document that holds the pose, and adds it to a new document."""
-SetLens: TypeAlias = Callable[[dict[str, Any], Camera, FormatOptions, bool], None]
-"""Sets the intrinsics in the entry of a camera; the flag says whether the file is new."""
+MakeLens: TypeAlias = Callable[[Camera], dict[str, Any]]
+"""Makes the keys of a camera's intrinsics."""
 
 
 def under(*keys: str) -> Find:
@@ -43,26 +43,27 @@ def entry_format(
     notation: Notation,
     *,
     maps_camera: bool = False,
-    set_lens: SetLens | None = None,
+    make_lens: MakeLens | None = None,
     **others: Any,
 ) -> Format:
     """Make a format of documents with one entry that holds T_camera_lidar or, if `maps_camera`, its inverse.
 
-    `set_lens` sets intrinsics in the same entry. `others` are fields of `Format`.
+    `make_lens` makes the keys of the intrinsics in the same entry. `others` are fields of `Format`.
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
         T = notation.read(find(source.node, options), options)
         return inverse(T) if maps_camera else T
 
-    def put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-        is_new = not document
-        entry = find(Node(str(options.file), document), options).mapping
+    def make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
+        document: dict[str, Any] = {}
+        entry = find(Node(f"--to {name}", document), options).mapping
         notation.put(entry, inverse(T_camera_lidar) if maps_camera else T_camera_lidar)
-        if set_lens is not None and options.intrinsics is not None:
-            set_lens(entry, options.intrinsics, options, is_new)
+        if make_lens is not None and options.intrinsics is not None:
+            entry |= make_lens(options.intrinsics)
+        return document
 
-    return Format(name, equation, recognises, read, put=put, **others)
+    return Format(name, equation, recognises, read, **{"make": make, **others})
 
 
 class Pair(NamedTuple):
@@ -82,13 +83,11 @@ def base_format(
     notation: Notation,
     *,
     base: str,
-    file: str,
     asks: tuple[str, ...],
 ) -> Format:
     """Make a format of documents with the poses of sensors on a base, p_base = T p_sensor.
 
-    A new file cannot be made, because the extrinsics do not determine the poses of camera and LiDAR on the base. The
-    message names the base, and the file into which a transform can be put.
+    No file can be made, because the extrinsics do not determine the poses of camera and LiDAR on the base.
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:
@@ -97,15 +96,10 @@ def base_format(
         return inverse(T_base_optical) @ notation.read(pair.lidar, options)
 
     def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-        needed = f"needed --into a {file} with the LiDAR's own entry"
+        needed = "needed another format: the transform between two sensors does not determine these poses"
         raise InputError(f"--to {name}: poses are relative to the {base}, {needed}")
 
-    def put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-        pair = find(Node(str(options.file), document), options)
-        T_base_optical = notation.read(pair.lidar, options) @ inverse(T_camera_lidar)
-        notation.put(pair.camera.mapping, T_base_optical @ inverse(pair.T_frame_optical))
-
-    return Format(name, equation, recognises, read, make, put, asks)
+    return Format(name, equation, recognises, read, make, asks)
 
 
 RELLIS_3D_KEY = "os1_cloud_node-pylon_camera_node"
@@ -138,7 +132,7 @@ DIRECT_VISUAL_LIDAR = entry_format(
 
 
 def camera_format(
-    name: str, equation: str, key: str, first_camera: str, *, set_lens: SetLens | None = None, **others: Any
+    name: str, equation: str, key: str, first_camera: str, *, make_lens: MakeLens | None = None, **others: Any
 ) -> Format:
     """Make a format of files with an entry for each camera, which holds p_camera = T p_lidar under a key."""
 
@@ -146,13 +140,14 @@ def camera_format(
         return [camera for camera, entry in document.items() if isinstance(entry, dict) and key in entry]
 
     def find(document: Node, options: FormatOptions) -> Node:
-        if options.is_written and not document.value:
+        if options.is_written:
             document.mapping[options.camera or first_camera] = {key: None}
         found = cameras(document.mapping)
         camera = options.camera or (found[0] if len(found) == 1 else None)
         if camera not in found:
-            needed = f"needed {options.prefix}camera to name one of them"
-            raise InputError(f"{document.where}: found {key} of {listed(found)}, {needed}")
+            raise InputError(
+                f"{document.where}: found {key} of {listed(found)}, needed --camera to name one of them"
+            )
         return document.at(camera)
 
     return entry_format(
@@ -162,7 +157,7 @@ def camera_format(
         find,
         Matrix(key),
         asks=("camera",),
-        set_lens=set_lens,
+        make_lens=make_lens,
         **others,
     )
 
@@ -182,7 +177,7 @@ def _blocks(node: Node) -> list[Node]:
 
 
 def _find_block(document: Node, options: FormatOptions) -> Node:
-    if options.is_written and not document.value:
+    if options.is_written:
         return under("extrin_calib")(document, options)
     blocks = _blocks(document)
     if len(blocks) != 1:
@@ -229,7 +224,7 @@ def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
     found = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
     if len(found) != 1:
         known = listed(camera.value.get(NAME) for camera in cameras)
-        needed = f"needed {options.prefix}camera with the {NAME} of one of them"
+        needed = f"needed --camera with the {NAME} of one of them"
         raise InputError(f"{document.where}: found cameras {known}, {needed}")
     return found[0]
 

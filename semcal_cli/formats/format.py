@@ -40,19 +40,16 @@ class FormatOptions:
     lidar: str | None = None
     """Name of the LiDAR's frame, entry or token in the file."""
     file: Path | None = None
-    """Path of the file to write or edit, if there is one."""
+    """Path of the file to write, if there is one."""
     intrinsics: Camera | None = None
-    """Camera whose intrinsics are written with the transform, if the format can hold them. In a user's file they are
-    set only where the file already has some."""
-    time_offset_s: float | None = None
-    """Time offset in seconds, to be set in a user's drive; None leaves that of the drive."""
+    """Camera whose intrinsics are written with the transform, if the format can hold them."""
     on_note: Callable[[str], None] | None = None
-    """Called with a line that says which intrinsics and time offset were set in a user's file, or why none were, and
-    with a warning about a transform that is not trusted."""
+    """Called with a line that says why the intrinsics are left out, and with a warning about a transform that is not
+    trusted."""
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that is replaced by the nearest rotation; None refuses such files."""
     is_written: bool = False
-    """Whether the file is written or edited, in which case the options of the command begin with `--to-`."""
+    """Whether the file is written, in which case the options of the command begin with `--to-`."""
 
     def __post_init__(self) -> None:
         """Check the values that a program passes; the command line checks its own options.
@@ -194,32 +191,29 @@ class Format:
     recognises: Callable[[Source], bool]
     read: Callable[[Source, FormatOptions], Pose]
     """Reads T_camera_lidar; raises `InputError` if the file is wrong or leaves something open."""
-    make: Callable[[Pose, FormatOptions], bytes] | None = None
-    """Makes a new file from T_camera_lidar; None if `put` can fill an empty document."""
-    put: Callable[[Any, Pose, FormatOptions], None] | None = None
-    """Replaces T_camera_lidar in a document and keeps the rest; None if files of the format cannot be edited."""
+    make: Callable[[Pose, FormatOptions], bytes | dict[str, Any]] | None = None
+    """Makes a file of T_camera_lidar: its content, or the document of a YAML or JSON file; None if files of the format
+    are only read."""
     asks: tuple[str, ...] = ()
     """Those of `direction`, `frame`, `camera` and `lidar` that its files leave open."""
     has_transform: bool = True
     """Whether its files hold a transform; the others hold only intrinsics."""
     as_json: bool = False
-    """Whether a new document is JSON, whatever the suffix of its file."""
+    """Whether a document is written as JSON, whatever the suffix of its file."""
     read_lens: Callable[[Source, str | None, str | None], Intrinsics | None] | None = None
     """Reads the intrinsics of a camera, given its name and the camera model that the user chooses, if any. Returns None
     if the file is of another format."""
 
     def write(self, T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-        """Make the content of a new file.
+        """Make the content of a file.
 
         Raises:
-            InputError: an option is missing, or the format has no new files.
+            InputError: an option is missing, or files of the format are only read.
         """
-        options = replace(options, is_written=True)
-        if self.make is not None:
-            return self.make(T_camera_lidar, options)
-        if self.put is None:
+        if self.make is None:
             raise InputError(f"found format {self.name}, which is only read, needed one that is written")
-        document: dict[str, Any] = {}
-        self.put(document, T_camera_lidar, options)
+        made = self.make(T_camera_lidar, replace(options, is_written=True))
+        if isinstance(made, bytes):
+            return made
         is_json = self.as_json or (options.file is not None and options.file.suffix.lower() == ".json")
-        return document_text(document, "json" if is_json else "yaml").encode()
+        return document_text(made, "json" if is_json else "yaml").encode()

@@ -64,8 +64,7 @@ def camera_and_lidar(
         if wanted is None and len(found) == 1 and not has_word(found[0], other_words):
             wanted = found[0]
         if wanted is None or wanted not in names:
-            option = f"{options.prefix}{side}"
-            raise InputError(f"{where}: found {kind} {listed(names)}, needed {option} to name {needed}")
+            raise InputError(f"{where}: found {kind} {listed(names)}, needed --{side} to name {needed}")
         chosen.append(wanted)
     camera, lidar = chosen
     return camera, lidar
@@ -102,7 +101,7 @@ def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
     """
     frame = options.frame or ("optical" if has_word(camera, OPTICAL_WORDS) else None)
     if frame is None:
-        needed = f"needed {options.prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        needed = "needed --frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
         raise InputError(f"{where}: found the camera frame {camera!r}, {needed}")
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 

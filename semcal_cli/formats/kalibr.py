@@ -6,17 +6,14 @@ from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.formats.documents import camera_format
-from semcal_cli.formats.format import FormatOptions, Source
+from semcal_cli.formats.format import Source
 from semcal_cli.formats.lenses import (
     Intrinsics,
     UnnamedLensError,
     check_lens,
-    check_same_camera,
     coefficients_of,
     intrinsic_matrix,
     pixels_of,
-    tell,
-    with_count,
 )
 from semcal_cli.formats.node import Node, pick
 
@@ -66,19 +63,19 @@ def _known(name: Node, known: dict[str, Any]) -> str:
     return str(name.value)
 
 
-def _entry(where: str, camera: Camera) -> dict[str, Any]:
-    """Make the keys of a camera; errors name `where`, an option or a file.
+def _make_lens(camera: Camera) -> dict[str, Any]:
+    """Make the keys of a camera's intrinsics.
 
     Raises:
         UnnamedLensError: Kalibr has no name for the lens, or the lens has more coefficients than Kalibr's.
     """
-    check_lens(where, camera, MODELS)
+    check_lens("--to kalibr", camera, MODELS)
     kind, lens = MODELS[camera.model]
     distortion = coefficients_of(camera) if camera.model == "fisheye" else list(camera.distortion)
     if camera.model == "plumb_bob":
         if any(distortion[4:]):
             needed = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
-            raise UnnamedLensError(f"{where}: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
+            raise UnnamedLensError(f"--to kalibr: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
         distortion = distortion[:4]
     return {
         "camera_model": kind,
@@ -92,28 +89,11 @@ def _entry(where: str, camera: Camera) -> dict[str, Any]:
     }
 
 
-def _set_lens(entry: dict[str, Any], camera: Camera, options: FormatOptions, is_new: bool) -> None:
-    """Add the intrinsics to a new entry, or replace those of an existing entry that has some."""
-    if is_new:
-        entry |= _entry("--to kalibr", camera)
-        return
-    if not {"camera_model", "intrinsics"} <= entry.keys():
-        return
-    coefficients = entry.get("distortion_coeffs")
-    count = len(coefficients) if isinstance(coefficients, list) else 0
-    found = _entry(str(options.file), with_count(camera, count))
-    names = ("camera_model", "distortion_model")
-    stated = [("resolution", entry.get("resolution")), *((key, entry.get(key, found[key])) for key in names)]
-    check_same_camera(options, *((key, value, found[key]) for key, value in stated))
-    entry |= found
-    tell(options, camera)
-
-
 FORMAT = camera_format(
     "kalibr",
     "T_cam_lidar of a camchain's camera",
     "T_cam_lidar",
     "cam0",
-    set_lens=_set_lens,
+    make_lens=_make_lens,
     read_lens=_read_lens,
 )

@@ -1,13 +1,12 @@
-"""The names that other tools give to lenses, and the intrinsics that are set in a user's files."""
+"""The names that other tools give to lenses, and the intrinsics in their files."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
-from semcal_cli.errors import InputError, counted, describe
-from semcal_cli.formats.format import FormatOptions
+from semcal_cli.drive.camera import Camera, CameraModel
+from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.node import Node
 
 NAMES = {
@@ -91,13 +90,6 @@ def coefficients_of(camera: Camera) -> list[float]:
     return list(camera.distortion) or [0.0] * LEAST_COUNTS[camera.model]
 
 
-def with_count(camera: Camera, count: int) -> Camera:
-    """Give a lens without distortion as many zeros as a file has coefficients, if its model can have that many."""
-    if camera.distortion or count not in CAMERA_MODELS[camera.model].counts:
-        return camera
-    return camera.model_copy(update={"distortion": (0.0,) * count})
-
-
 class UnnamedLensError(InputError):
     """A format has no name for a lens, or cannot hold all of its coefficients."""
 
@@ -110,29 +102,3 @@ def check_lens(where: str, camera: Camera, known: Mapping[CameraModel, object]) 
     """
     if camera.model not in known:
         raise UnnamedLensError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(known)}")
-
-
-def check_same_camera(options: FormatOptions, *stated: tuple[str, object, object]) -> None:
-    """Check that a user's file describes the camera whose intrinsics are set in it.
-
-    Args:
-        options: Options with the file.
-        stated: Key, value in the file and value of the camera, for each value that must be the same.
-
-    Raises:
-        InputError: the file has another image size or another lens.
-    """
-    for key, found, needed in stated:
-        if found != needed:
-            text = str(found)[:40] if isinstance(found, list) else describe(found)
-            raise InputError(
-                f"{options.file}: {key}: found {text}, needed {needed!r}, the value of the camera that was estimated "
-                "with the transform; --to semcal writes only the transform"
-            )
-
-
-def tell(options: FormatOptions, camera: Camera) -> None:
-    """Note that the intrinsics were set, with focal lengths and principal point."""
-    pixels = zip(("fx", "fy", "cx", "cy"), pixels_of(camera), strict=True)
-    figures = ", ".join(f"{name} {value:.6g}" for name, value in pixels)
-    options.note(f"set the intrinsics in {options.file}: {figures}")

@@ -16,12 +16,11 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from semcal_cli.errors import InputError, counted, listed
-from semcal_cli.formats.documents import under
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
-from semcal_cli.formats.frames import CAMERA_WORDS, between, camera_and_lidar, has_word, named, optical_axes
+from semcal_cli.formats.frames import CAMERA_WORDS, between, has_word, named
 from semcal_cli.formats.node import NUMBER, Node, parse_number
 from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, Numbers, numbers_of, pose_of
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.poses import Pose
 
 PUBLISHER = "static_transform_publisher"
 USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}
@@ -171,18 +170,11 @@ def _read_apollo(source: Source, options: FormatOptions) -> Pose:
     return _read_stamped(source, replace(options, camera=options.camera or child, frame=frame))
 
 
-def _put_stamped(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    where = str(options.file)
-    if "child_frame_id" in document:
-        # A file that names its frames keeps the names and the direction.
-        parent, child = _stamped_frames(Node(where, document))
-        camera, _ = camera_and_lidar(where, "frames", (parent, child), options)
-        T_lidar_frame = inverse(T_camera_lidar) @ inverse(optical_axes(where, camera, options))
-        T = T_lidar_frame if camera == child else inverse(T_lidar_frame)
-    else:
-        T, lidar, camera = named(T_camera_lidar, options)
-        document["header"], document["child_frame_id"] = {"frame_id": lidar}, camera
-    STAMPED_POSE.put(under("transform")(Node(where, document), options).mapping, T)
+def _make_stamped(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
+    T, lidar, camera = named(T_camera_lidar, options)
+    transform: dict[str, Any] = {}
+    STAMPED_POSE.put(transform, T)
+    return {"header": {"frame_id": lidar}, "child_frame_id": camera, "transform": transform}
 
 
 TF2 = Format(
@@ -190,7 +182,7 @@ TF2 = Format(
     "p_parent = T p_child: header.frame_id, child_frame_id, transform.translation, transform.rotation (x y z w)",
     lambda source: {"header", "child_frame_id", "transform"} <= source.mapping.keys(),
     _read_stamped,
-    put=_put_stamped,
+    _make_stamped,
     asks=FRAMES,
 )
 APOLLO = replace(

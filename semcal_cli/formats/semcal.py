@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import model_validator
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.document import MAX_OFFSET_S, Drive
-from semcal_cli.errors import InputError, MisplacedError
+from semcal_cli.drive.document import Drive
+from semcal_cli.errors import MisplacedError
 from semcal_cli.files.validation import (
     StatedTransform,
     StrictModel,
@@ -23,11 +23,9 @@ from semcal_cli.files.validation import (
     Vector4,
     Version,
     Widths,
-    check_not_newer,
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.formats.lenses import check_same_camera, tell, with_count
 from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -124,48 +122,8 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     return np.array(validate(_Transform, source.document, source.path).T_camera_lidar)
 
 
-def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    if CALIBRATION in document or FLEET in document:
-        raise InputError(
-            "--into: found a result, which holds the uncertainty of its own transform, needed another file"
-        )
-    try:
-        check_not_newer(document, (DRIVE, TRANSFORM))
-    except ValueError as error:
-        raise InputError(f"{options.file}: {error}") from None
-    if not document:  # a new file; one that is edited keeps its keys
-        document[TRANSFORM] = 1
-    if DRIVE not in document:
-        document["T_camera_lidar"] = T_camera_lidar.tolist()
-        return
-    assert options.file is not None
-    placed = {"T_camera_lidar": T_camera_lidar.tolist()}
-    validate(Drive, document | placed, options.file)
-    if options.intrinsics is not None:
-        _set_camera(document["camera"], options.intrinsics, options)
-    if (offset_s := options.time_offset_s) is not None:
-        if abs(offset_s) > MAX_OFFSET_S:
-            raise InputError(
-                f"{options.file}: time_offset_s: found the new value {offset_s:g}, needed one from {-MAX_OFFSET_S:g} "
-                f"to {MAX_OFFSET_S:g}; correct image_stamp instead"
-            )
-        document["time_offset_s"] = offset_s
-    document.update(placed)
-    validate(Drive, document, options.file)
-    if options.intrinsics is not None:
-        tell(options, options.intrinsics)
-
-
-def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
-    """Replace the intrinsics in the camera of a drive."""
-    keys = ("width", "height", "model")
-    check_same_camera(options, *((f"camera.{key}", block[key], getattr(camera, key)) for key in keys))
-    camera = with_count(camera, len(block.get("distortion", ())))
-    block["K"] = [list(row) for row in camera.K]
-    if "distortion" in block or any(camera.distortion):
-        block["distortion"] = list(camera.distortion)
-    if camera.parameters:
-        block["parameters"] = dict(camera.parameters)
+def _make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
+    return {TRANSFORM: 1, "T_camera_lidar": T_camera_lidar.tolist()}
 
 
 def _is_ours(source: Source) -> bool:
@@ -179,5 +137,5 @@ FORMAT = Format(
     "p_camera = T p_lidar: T_camera_lidar of a calibration, a drive, a fleet or a bare transform",
     _is_ours,
     _read,
-    put=_put,
+    _make,
 )

@@ -75,15 +75,14 @@ def find_format(name: str) -> Format:
 
 def _guarded(name: str, format: Format) -> Format:
     """Give a plugin's format the name of its entry point, and name the plugin in the errors of its functions."""
-    make, put, read_lens = format.make, format.put, format.read_lens
+    make, read_lens = format.make, format.read_lens
     return replace(
         format,
         name=name,
         equation=str(format.equation),
         recognises=PLUGINS.guarded(name, format.recognises),
         read=PLUGINS.guarded(name, _returning("read", np.ndarray, format.read)),
-        make=None if make is None else PLUGINS.guarded(name, _returning("make", bytes, make)),
-        put=None if put is None else PLUGINS.guarded(name, put),
+        make=None if make is None else PLUGINS.guarded(name, _returning("make", bytes | dict, make)),
         read_lens=None
         if read_lens is None
         else PLUGINS.guarded(name, _returning("read_lens", tuple | None, read_lens)),

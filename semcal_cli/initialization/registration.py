@@ -10,7 +10,7 @@ from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, told_apart
-from semcal_cli.geometry.poses import Pose, Vector, camera_center
+from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.initialization.pnp import solve_pnp
 from semcal_cli.threads import thread_pool
 
@@ -27,35 +27,6 @@ class Candidate:
     """Number of pairs of the registration; None without a registration."""
     num_inliers: int | None = None
     """Number of inliers of PnP; None without PnP."""
-
-
-@dataclass(frozen=True)
-class Registration:
-    """Label images placed on the sphere of LiDAR directions."""
-
-    images: _core.SphericalImages
-    """Spherical label images of all frames (Alg. 2, line 1)."""
-    placements: list[_core.Hypothesis]
-    """Placements that are well apart, sorted by mutual information, best first."""
-    center: Vector
-    """(3,) point in the LiDAR frame from which directions are measured, metres."""
-    observations: Observations
-    """Observations with this point as the origin."""
-
-
-def place(
-    observations: Observations, config: InitializationConfig, around: tuple[Pose, float] | None = None
-) -> Registration:
-    """Register the label images with the spherical images (Alg. 2, lines 1-4), as `register` does."""
-    grid = _grid(observations)
-    center = np.zeros(3) if around is None else camera_center(around[0])
-    if center.any():
-        observations = observations.with_clouds(
-            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
-        )
-    images = _core.SphericalImages(observations.core, grid)
-    placements = _core.register(observations.core, images, config, around)
-    return Registration(images, placements, center, observations)
 
 
 def register(
@@ -80,14 +51,17 @@ def register(
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points are not in the field of view of the drive's `lidar:` block.
     """
-    placed = place(observations, config, around)
+    center = np.zeros(3) if around is None else camera_center(around[0])
+    grid = _grid(observations)
+    if center.any():  # directions are measured from there
+        observations = observations.with_clouds(
+            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
+        )
+    core = observations.core
+    images = _core.SphericalImages(core, grid)
+    placements = _core.register(core, images, config, around)
     samples = _core.sample_correspondences(
-        placed.observations.core,
-        placed.images,
-        config.zoom,
-        placed.placements,
-        config.num_correspondences,
-        seed,
+        core, images, config.zoom, placements, config.num_correspondences, seed
     )
 
     def solve(placement: _core.Hypothesis, pairs: _core.Correspondences) -> Candidate | CalibrationError:
@@ -97,12 +71,12 @@ def register(
             )
         except CalibrationError as error:
             return error
-        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ placed.center
+        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
         return Candidate(T_camera_lidar, placement.num_pairs, num_inliers)
 
     # OpenCV solves each problem on one core.
     with thread_pool() as pool:
-        solved = list(pool.map(solve, placed.placements, samples))
+        solved = list(pool.map(solve, placements, samples))
     found = [each for each in solved if isinstance(each, Candidate)]
     if not found:
         failure = solved[-1] if solved else "no placement of the image"

@@ -280,17 +280,6 @@ class PointCard(Card):
         ]
 
 
-class FrustumConfig(StrictModel):
-    """Direction grid whose cells a network takes in addition to points: FRNet, Xu et al., 2025."""
-
-    rows: Annotated[int, Field(ge=2, le=4096)]
-    """Rows of the grid."""
-    columns: Annotated[int, Field(ge=2, le=0xFFFF)]
-    """Columns of the grid."""
-    elevation_deg: Elevations
-    """Elevations of the lower and the upper border, degrees; points beyond fall into the outermost rows."""
-
-
 class CloudCard(Card):
     """Card of a network that takes the points of a sweep."""
 
@@ -306,8 +295,6 @@ class CloudCard(Card):
     """Standard deviation to divide by, one for each channel; 1 by default."""
     intensity_scale: Spread = 1.0
     """Factor for intensities, if the network was trained with another range than the LiDAR's."""
-    frustum: FrustumConfig | None = None
-    """Grid of the additional inputs coors, voxel_coors and inverse_map, if the network has them."""
 
     @model_validator(mode="after")
     def _check_channels(self) -> CloudCard:
@@ -316,9 +303,7 @@ class CloudCard(Card):
 
     def describe(self) -> list[tuple[str, str]]:
         """Describe the input, as pairs of a label and a text."""
-        grid = self.frustum
-        cells = "" if grid is None else f", in a grid of {grid.columns} x {grid.rows} cells"
-        return [("points", f"{' '.join(self.channels)}{cells}")]
+        return [("points", " ".join(self.channels))]
 
 
 def _check_lengths(card: PointCard | CloudCard) -> None:

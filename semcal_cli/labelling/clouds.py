@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,8 @@ import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.arrays import Cloud
-from semcal_cli.labelling.card import CloudCard, FrustumConfig, PointCard
-from semcal_cli.labelling.model import CELLS, Model
+from semcal_cli.labelling.card import CloudCard, PointCard
+from semcal_cli.labelling.model import Model
 
 
 class CloudLabeller:
@@ -31,12 +30,10 @@ class CloudLabeller:
             InputError: the cloud lacks a field that the network needs, or the network or its output is wrong.
         """
         network, card = self.model.network, self.model.card
-        port, tensor = network.points, self.tensor(cloud)
+        port, tensor = network.input, self.tensor(cloud)
         if port.shape[-1] != len(card.channels):
             tensor = tensor.T
-        tensors: dict[str, npt.NDArray[Any]] = {port.name: tensor[None] if len(port.shape) == 3 else tensor}
-        if card.frustum is not None:
-            tensors |= zip(CELLS, frustum_cells(cloud.points, card.frustum), strict=True)
+        tensors = {port.name: tensor[None] if len(port.shape) == 3 else tensor}
         (output,) = network.run(tensors, self.model.outputs).values()
         return self._ids(output, len(cloud.points))
 
@@ -77,28 +74,3 @@ def values_of(cloud: Cloud, channel: str, model: Model[PointCard] | Model[CloudC
     if values is None:
         raise InputError(f"found points without {channel}, which {model.network.path} needs")
     return values * model.card.intensity_scale if channel == "intensity" else values
-
-
-def frustum_cells(
-    points: npt.NDArray[np.float32], grid: FrustumConfig
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Sort points (N, 3) into the cells of a direction grid, as Autoware's FRNet does.
-
-    Returns:
-        The cell of each point (N, 3): batch (0), row and column. The occupied cells (M, 3), sorted. The index of each
-        point's cell among them (N,).
-    """
-    xyz = points.astype(np.float64)
-    low, high = map(math.radians, grid.elevation_deg)
-    ranges = np.maximum(np.linalg.norm(xyz, axis=1), np.finfo(np.float64).tiny)
-    across = 0.5 * (1.0 - np.arctan2(xyz[:, 1], xyz[:, 0]) / math.pi) * grid.columns
-    down = (high - np.arcsin(np.clip(xyz[:, 2] / ranges, -1.0, 1.0))) / (high - low) * grid.rows
-    rows = np.clip(down, 0, grid.rows - 1).astype(np.int64)
-    columns = np.clip(across, 0, grid.columns - 1).astype(np.int64)
-    cells = np.stack([np.zeros_like(rows), rows, columns], axis=1)
-    filled, places = np.unique(rows * grid.columns + columns, return_inverse=True)
-    return (
-        cells,
-        np.stack([np.zeros_like(filled), filled // grid.columns, filled % grid.columns], axis=1),
-        places,
-    )

@@ -41,8 +41,6 @@ PLAIN = ("logits", "output", "out", "output_0", "pred", "prediction", "semantic_
 """Names of the output to read if a network has several, in order of preference."""
 MASKS = ("class_queries_logits", "masks_queries_logits")
 """Names of the two outputs of Mask2Former and similar networks."""
-CELLS = ("coors", "voxel_coors", "inverse_map")
-"""Inputs of FRNet besides the points: the cell of each point, the occupied cells, and each point's index among them."""
 AnyStated: TypeAlias = ImageCard | PointCard | CloudCard
 AnyCard = TypeVar("AnyCard", CompleteImageCard, PointCard, CloudCard)
 
@@ -134,14 +132,9 @@ def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
     """Combine a network that takes points with its card; arguments and errors are those of `image_model`."""
     stated, card_path = card_of(network, card)
     assert isinstance(stated, CloudCard)  # callers have checked it
-    names = {port.name for port in network.inputs}
-    known = set() if stated.frustum is None else set(CELLS)
-    if unknown := sorted(names - known - {network.points.name}):
-        needed = "only points" if stated.frustum else f"only points, or frustum: with {', '.join(CELLS)}"
-        raise network.unfit(f"additional inputs {', '.join(unknown)}", needed)
-    if missing := sorted(known - names):
-        raise wrong_key(card_path, "frustum", "a grid", f"none: {network.path} has no input {missing[0]}")
-    port, count = network.points, len(stated.channels)
+    if others := network.others():
+        raise network.unfit(f"additional inputs {', '.join(others)}", "only points")
+    port, count = network.input, len(stated.channels)
     if not port.dtype.startswith("float") or len(port.shape) not in (2, 3) or count not in port.shape[-2:]:
         raise network.unfit(f"input {port}", f"any x {count} float, as the channels of {card_path}")
     return _with_output(network, stated, card_path)

@@ -60,11 +60,6 @@ class Network:
         """The first input with four axes, as of images and range images, or else the first input."""
         return next((port for port in self.inputs if len(port.shape) == 4), self.inputs[0])
 
-    @property
-    def points(self) -> Port:
-        """The input named `points`, or else the first input."""
-        return next((port for port in self.inputs if port.name == "points"), self.inputs[0])
-
     def others(self) -> list[str]:
         """List the names of all inputs but `input`."""
         return [port.name for port in self.inputs if port.name != self.input.name]

@@ -50,8 +50,6 @@ class ReportInput:
     """Another transform to compare with."""
     drive: Drive
     """The drive of the frames, with the camera and the clock that were estimated together with the transform."""
-    begun: Drive
-    """The drive with the camera and the clock that the calibration began with."""
     changes: tuple[tuple[str, str], ...]
     """Where these and those of the other transform differ from the drive's own: `camera` or `clock`, and a line that
     says how."""
@@ -123,11 +121,10 @@ def make_report_input(
         InputError: a file is missing or wrong.
         CalibrationError: one side's labels carry a single class.
     """
-    begun = as_begun(record, drive)
     if before is None and record is not None:
         stage = next(iter(record.stages.values()), None)
         if stage is not None and stage.T_camera_lidar != record.rows_camera_lidar:
-            before = Before("the first stage", np.array(stage.T_camera_lidar), begun)
+            before = Before("the first stage", np.array(stage.T_camera_lidar), as_begun(record, drive))
     drive, changes = apply_result(record, drive, name)
     used, notices = (None, []) if record is None else _used(drive, record)
     staying = apply_result(record, drive, name).sentences
@@ -149,7 +146,6 @@ def make_report_input(
         record=record,
         before=before,
         drive=used,
-        begun=begun,
         changes=changes,
         observations=unrolled(load_cues(used, cues, sweeps), T_camera_lidar),
         is_of_record=is_of_record,

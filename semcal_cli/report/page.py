@@ -25,12 +25,11 @@ from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.figures import class_agreements, curve_plots, frames_plots, information_curves
-from semcal_cli.report.images import MAX_BYTES, MAX_FRAMES, data_uri, make_images
+from semcal_cli.report.images import MAX_FRAMES, make_images
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import T_notation, files, notations
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.points import View
-from semcal_cli.report.registration import RegistrationImages
 from semcal_cli.report.template import Verdict, linked, render_page
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.calibration import Calibration
@@ -125,29 +124,18 @@ def _drawn(report: ReportInput, progress: Callable[[str], None]) -> dict[str, An
         progress("computing the mutual information along six axes")
         curves = information_curves(observations, T, record.believed_uncertainty if record else None)
         plots = pool.submit(curve_plots, curves)
-        registration = pool.submit(_registration, report)
         cloud = pool.submit(frame_cloud, report)
         progress("calibrating each frame on its own")
         of_frames: FrameOffsets | None = None
         if observations.num_frames > 1 and not observations.has_vectors:
             of_frames = frame_offsets(observations, T, parts)
-        progress("drawing the registration")
     return {
         "images": images,
         "plots": plots.result(),
-        "registration": registration.result(),
         "cloud": asdict(cloud.result()),
         "of_frames": of_frames,
         "num_parts": len(parts),
     }
-
-
-def _registration(report: ReportInput) -> str | None:
-    """Draw the registration of the first frame, as a data URI; None if the calibration had none."""
-    if report.record is None or not report.is_of_record:
-        return None
-    found = RegistrationImages.of_record(report.seen_as(report.begun), report.record)
-    return None if found is None else data_uri(found.draw(0), MAX_BYTES)
 
 
 def _parts(report: ReportInput) -> tuple[DrivePart, ...]:
