@@ -19,44 +19,44 @@ if TYPE_CHECKING:
     from semcal_cli.api.calls import refine as refine
     from semcal_cli.api.calls import verify as verify
     from semcal_cli.api.many import batch as batch
-    from semcal_cli.assessment.priors import Prior as Prior
     from semcal_cli.config import CalibrationConfig as CalibrationConfig
     from semcal_cli.config import InitializationConfig as InitializationConfig
     from semcal_cli.config import JointlyConfig as JointlyConfig
     from semcal_cli.config import Limits as Limits
     from semcal_cli.config import RefinementConfig as RefinementConfig
-    from semcal_cli.drive.arrays import ArrayInput as ArrayInput
     from semcal_cli.drive.camera import Camera as Camera
     from semcal_cli.drive.document import Drive as Drive
     from semcal_cli.drive.document import read_drive as read_drive
-    from semcal_cli.drive.loading import load as load
+    from semcal_cli.drive.held_arrays import ArrayInput as ArrayInput
     from semcal_cli.errors import CalibrationError as CalibrationError
     from semcal_cli.errors import InputError as InputError
     from semcal_cli.errors import SemcalError as SemcalError
+    from semcal_cli.estimation.adjust.priors import Prior as Prior
+    from semcal_cli.estimation.search.initial_pose import InitialPose as InitialPose
     from semcal_cli.formats import convert as convert
     from semcal_cli.formats import read_transform as read_transform
     from semcal_cli.formats import write_transform as write_transform
     from semcal_cli.formats.format import FormatOptions as FormatOptions
     from semcal_cli.geometry.poses import compare_poses as compare_poses
-    from semcal_cli.initialization.initial_pose import InitialPose as InitialPose
-    from semcal_cli.result.calibration import write_calibration as write_calibration
+    from semcal_cli.observations.loading import load as load
+    from semcal_cli.result.calibration_document import write_calibration as write_calibration
 
     __version__: str
 
 _MODULES = {
-    "ArrayInput": "drive.arrays",
+    "ArrayInput": "drive.held_arrays",
     "Calibration": "api.calibration",
     "CalibrationConfig": "config",
     "CalibrationError": "errors",
     "Camera": "drive.camera",
     "Drive": "drive.document",
     "FormatOptions": "formats.format",
-    "InitialPose": "initialization.initial_pose",
+    "InitialPose": "estimation.search.initial_pose",
     "InitializationConfig": "config",
     "InputError": "errors",
     "JointlyConfig": "config",
     "Limits": "config",
-    "Prior": "assessment.priors",
+    "Prior": "estimation.adjust.priors",
     "RefinementConfig": "config",
     "SemcalError": "errors",
     "assess": "api.calls",
@@ -64,23 +64,18 @@ _MODULES = {
     "calibrate": "api.calls",
     "compare_poses": "geometry.poses",
     "convert": "formats",
-    "load": "drive.loading",
+    "load": "observations.loading",
     "read_calibration": "api.calibration",
     "read_drive": "drive.document",
     "read_transform": "formats",
     "refine": "api.calls",
     "verify": "api.calls",
-    "write_calibration": "result.calibration",
+    "write_calibration": "result.calibration_document",
     "write_transform": "formats",
 }
 """Where the public names are defined."""
 
 __all__ = [*_MODULES, "__version__"]
-NO_CORE = (
-    "found the sources without their compiled core: leave this folder, so that Python finds the installed package, or "
-    "build the core with `pip install -e .`"
-)
-"""Error of a package that has not been built, such as that of a clone."""
 
 
 def __getattr__(name: str) -> object:
@@ -89,11 +84,6 @@ def __getattr__(name: str) -> object:
         from importlib.metadata import version
 
         return version("semcal")
-    if name == "_core":
-        from importlib.util import find_spec
-
-        if find_spec(f"{__name__}._core") is None:
-            raise ImportError(f"{__path__[0]}: {NO_CORE}", name=__name__)
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

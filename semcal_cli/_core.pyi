@@ -16,9 +16,9 @@ from semcal_cli.config import (
     SensitivityConfig,
 )
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.cues.segments import SegmentationConfig
-from semcal_cli.experiments.baselines.config import SoicConfig
+from semcal_cli.experiments.soic_config import SoicConfig
 from semcal_cli.labelling.card import NeighborsConfig
+from semcal_cli.observations.cues.segments import SegmentationConfig
 
 _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 
-from semcal_cli import _core
+from semcal_cli import core
 
 _num_threads: int | None = None
 
@@ -22,7 +22,7 @@ def set_num_threads(num_threads: int | None) -> None:
     global _num_threads
     _num_threads = num_threads
     if num_threads is not None:
-        _core.set_num_threads(num_threads)
+        core.set_num_threads(num_threads)
 
 
 def thread_pool() -> ThreadPoolExecutor:

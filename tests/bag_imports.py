@@ -13,11 +13,11 @@ from bags import NS, START_NS, BagWriter
 from click.testing import Result
 from commands import invoke
 
-from semcal_cli.datasets.bags.importing import ImportedDrive, import_bag
-from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import pose_from_mounting
+from semcal_cli.importing.bags.bag_import import ImportedDrive, import_bag
+from semcal_cli.importing.bags.topics import Request
 
 Maker = Callable[[BagWriter, int, int], Any]
 """Makes a message of a writer, the index of a moment and its stamp; or none."""

@@ -19,9 +19,9 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.reading import read_clouds
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.observations.reading import read_clouds
 
 NS = 1_000_000_000
 START_NS = 1_581_624_663_000_000_000

@@ -29,16 +29,16 @@ from semcal_cli.cli import main, semcal
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
-from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import load_observations, read_clouds
 from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.loading import load
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import load_observations, read_clouds
 from semcal_cli.report.view.session import Session
-from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
+from semcal_cli.result.calibration_document import Calibration, read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure

@@ -12,8 +12,8 @@ from typing import ClassVar
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.images import write_image
-from semcal_cli.synthetic.motion import lidar_twist
+from semcal_cli.files.image_files import write_image
+from semcal_cli.synthetic.street_motion import lidar_twist
 from semcal_cli.synthetic.synthesis import make_renderer, mounting, synthesize
 
 APART_S = 0.2

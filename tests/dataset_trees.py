@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from camera_infos import KITTI_360_FISHEYE, ROS
 
-from semcal_cli.files.images import write_image
+from semcal_cli.files.image_files import write_image
 from semcal_cli.geometry.poses import Pose
 
 FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])

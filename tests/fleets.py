@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from conftest import make_pose
 
-from semcal_cli.fleet.members import Member
+from semcal_cli.fleet.fleet_drives import Member
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import pose_at
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from hostile_commands import Hostile
 from hostile_files import pipe
 
-from semcal_cli.batches.folders import MARK
+from semcal_cli.many.batch.folders import MARK
 
 BOTH = ("batch", "drive", "other", "-o")
 QUICK = ("--", "--no-polish", "--search-deg", "5", "--init", "other")

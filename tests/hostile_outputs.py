@@ -10,7 +10,7 @@ from hostile_commands import Hostile
 from hostile_files import absent, pipe
 from test_calibration import POSE, make_calibration
 
-from semcal_cli.result.calibration import write_calibration
+from semcal_cli.result.calibration_document import write_calibration
 
 NOTHING = r"^$"
 SAID = b"said before\n"

@@ -15,14 +15,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.datasets.bags.clouds import PointTimes, Sweep
-from semcal_cli.datasets.odometry import NS, tum_text
 from semcal_cli.files.documents import document_text
-from semcal_cli.files.images import write_image
+from semcal_cli.files.image_files import write_image
 from semcal_cli.geometry.poses import Pose, inverse
-from semcal_cli.synthetic.motion import VehicleMotion
+from semcal_cli.importing.bags.point_messages import PointTimes, Sweep
+from semcal_cli.importing.sweep_odometry import NS, tum_text
+from semcal_cli.synthetic.street_motion import VehicleMotion
 from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting
 
 NUM_SWEEPS, SWEEP_S = 30, 0.1
@@ -100,10 +100,10 @@ class MovingStreet:
         self._twist_per_s = [speed_m_s, 0.0, 0.0, 0.0, 0.0, yaw_rate_rad_s]
 
     @cached_property
-    def _whole(self) -> _core.RenderedFrame:
+    def _whole(self) -> core.RenderedFrame:
         return self._rendered(self.config)
 
-    def _rendered(self, config: StreetConfig) -> _core.RenderedFrame:
+    def _rendered(self, config: StreetConfig) -> core.RenderedFrame:
         return make_renderer(config, self.T_camera_lidar).frame(config.seed, 0, self._twist_per_s)
 
     def _even_s(self, seconds: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -128,7 +128,7 @@ class MovingStreet:
         is_in = (times_s >= 0.0) & (times_s < SWEEP_S)
         return Timed(self._whole.points[is_in, :3], times_s[is_in], self._whole.point_labels[is_in])
 
-    def image(self, stamp_s: float) -> _core.RenderedFrame:
+    def image(self, stamp_s: float) -> core.RenderedFrame:
         """Render the image whose reading begins at a time, with its labels."""
         begin_s, end_s = self._even_s([stamp_s - FIRST_S, stamp_s - FIRST_S + self._readout_s])
         late_s, readout_s = begin_s - 0.5 * self.config.sweep_s, end_s - begin_s

@@ -3,8 +3,8 @@
 from typing import Any
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
+from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.refined_camera import Clock, Intrinsic, RefinedCamera
 
 GAIN, GAIN_SIGMA = 0.0123, 0.001
 GIVEN_S, LATER_S = 0.005, 0.0231

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.alike import alike_frames, ranges_of, shares_alike
+from semcal_cli.observations.scenes import alike_frames, ranges_of, shares_alike
 
 NUM_DIRECTIONS = 20
 

@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 import semcal_cli as semcal
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.reading import read_clouds, read_frame_image
 from semcal_cli.errors import InputError
+from semcal_cli.observations.reading import read_clouds, read_frame_image
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_points_are_projected_as_the_core_does(
 ) -> None:
     found, T = calibration.project(points), calibration.T_camera_lidar
     assert found.is_in_front.tolist() == ((points @ T[:3, :3].T + T[:3, 3])[:, 2] > 0.0).tolist()
-    seen = _core.project_points(core_camera(synthetic.camera), points, T)
+    seen = core.project_points(core_camera(synthetic.camera), points, T)
     assert found.is_in_image.tolist() == np.isfinite(seen.ranges).tolist()
     np.testing.assert_allclose(found.pixels[found.is_in_image], seen.pixels[found.is_in_image], atol=1e-9)
     assert np.isnan(found.pixels[~found.is_in_front]).all()

@@ -22,11 +22,11 @@ import semcal_cli as semcal
 from semcal_cli.config import CalibrationConfig, CueName, RefinementConfig
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Ignore, read_drive
-from semcal_cli.drive.frame_selection import select_frames
-from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import load_observations, read_clouds
 from semcal_cli.errors import InputError
+from semcal_cli.observations.frame_selection import select_frames
+from semcal_cli.observations.loading import load
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import load_observations, read_clouds
 from semcal_cli.result.provenance import describe_input
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -29,14 +29,14 @@ from bag_imports import (
 )
 from bags import KINDS, NS, START_NS, BagWriter, Messages
 
-from semcal_cli.datasets.bags.importing import import_bag
-from semcal_cli.datasets.bags.messages import Message, Topic
-from semcal_cli.datasets.bags.motion import MotionSource, Trajectory
-from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_points
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.poses import Pose, pose_from_mounting
+from semcal_cli.importing.bags.bag_import import import_bag
+from semcal_cli.importing.bags.messages import Message, Topic
+from semcal_cli.importing.bags.recorded_motion import MotionSource, Trajectory
+from semcal_cli.importing.bags.topics import Request
+from semcal_cli.observations.reading import load_points
 
 
 @pytest.mark.parametrize(("count", "changed"), [(6, 4), (600, 333)])

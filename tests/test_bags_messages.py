@@ -25,11 +25,11 @@ from bag_imports import (
 )
 from bags import START_NS, BagWriter, Messages, jpeg, png
 
-from semcal_cli.datasets.bags.clouds import read_sweep
-from semcal_cli.datasets.bags.images import ENCODINGS, image_file
-from semcal_cli.datasets.bags.messages import Message, MessageError, Topic
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.reading import read_clouds
+from semcal_cli.importing.bags.image_messages import ENCODINGS, image_file
+from semcal_cli.importing.bags.messages import Message, MessageError, Topic
+from semcal_cli.importing.bags.point_messages import read_sweep
+from semcal_cli.observations.reading import read_clouds
 
 
 def sweep_of(bag: Messages, message: Any, stamp_ns: int = START_NS) -> Any:

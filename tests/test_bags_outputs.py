@@ -10,11 +10,11 @@ import yaml
 from bag_imports import image, imported, refused, small
 from bags import write_drive_as_bag
 
-from semcal_cli.datasets.bags.images import image_file
-from semcal_cli.datasets.bags.importing import import_bag
-from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
+from semcal_cli.importing.bags.bag_import import import_bag
+from semcal_cli.importing.bags.image_messages import image_file
+from semcal_cli.importing.bags.topics import Request
 
 
 def test_a_refused_import_leaves_no_folder_that_it_made(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_a_refused_import_leaves_no_file(
             raise InputError("no space left")
         return image_file(*arguments)
 
-    monkeypatch.setattr("semcal_cli.datasets.bags.frames.image_file", refuse)
+    monkeypatch.setattr("semcal_cli.importing.bags.recorded_frames.image_file", refuse)
     (tmp_path / "drive").mkdir()
     with pytest.raises(InputError, match="no space left"):
         import_bag(Request([path]), tmp_path / "drive")
@@ -89,7 +89,7 @@ def test_an_interrupted_import_leaves_nothing_half_written(
             raise KeyboardInterrupt
         return image_file(*arguments)
 
-    monkeypatch.setattr("semcal_cli.datasets.bags.frames.image_file", stop)
+    monkeypatch.setattr("semcal_cli.importing.bags.recorded_frames.image_file", stop)
     with pytest.raises(KeyboardInterrupt):
         import_bag(Request([path]), tmp_path / "drive")
     assert not (tmp_path / "drive/drive.yaml").exists()

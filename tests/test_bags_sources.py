@@ -19,13 +19,13 @@ from foxglove_recordings import FoxgloveWriter, VideoWriter, encoded
 from mcap.records import Chunk
 from mcap.writer import Writer as McapWriter
 
-from semcal_cli.datasets.bags.mcap_file import _opened
-from semcal_cli.datasets.bags.unpacking import unpack
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.reading import read_clouds
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.importing.bags.mcap_file import _opened
+from semcal_cli.importing.bags.unpacking import unpack
+from semcal_cli.observations.reading import read_clouds
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 VIDEO_GREY = 3.5
@@ -260,7 +260,7 @@ def test_topics_of_a_bag_are_listed_without_unpacking_it(
 ) -> None:
     path = fill(BagWriter(tmp_path, "ros1", "BZ2"), 30)
     unpacked: list[Any] = []
-    monkeypatch.setattr("semcal_cli.datasets.bags.ros1_file.unpack", lambda *of: unpacked.append(of))
+    monkeypatch.setattr("semcal_cli.importing.bags.ros1_file.unpack", lambda *of: unpacked.append(of))
     rows = run_cli("import", "bag", path, "--list").output.splitlines()
     assert [" ".join(row.split()[2:6]) for row in rows if row.startswith("/points")] == [
         "30 10.0 0.000 2.900"

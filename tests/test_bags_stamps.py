@@ -17,7 +17,7 @@ from bag_imports import (
 )
 from bags import NS, START_NS, BagWriter
 
-from semcal_cli.datasets.bags.candidates import longest_ascending
+from semcal_cli.importing.bags.candidates import longest_ascending
 
 
 def test_a_stamp_that_is_far_off_and_a_clock_that_stands(tmp_path: Path) -> None:

@@ -16,13 +16,13 @@ from bags import KINDS, NS, START_NS, BagWriter, cut, write_drive_as_bag
 from conftest import run
 from mcap.writer import IndexType
 
-from semcal_cli.datasets.bags.bag import Bag
-from semcal_cli.datasets.bags.importing import import_bag
-from semcal_cli.datasets.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.reading import read_clouds
-from semcal_cli.files.images import read_image
-from semcal_cli.files.reading import MAX_DOCUMENT_BYTES
+from semcal_cli.files.image_files import read_image
+from semcal_cli.files.input_files import MAX_DOCUMENT_BYTES
+from semcal_cli.importing.bags.bag import Bag
+from semcal_cli.importing.bags.bag_import import import_bag
+from semcal_cli.importing.bags.topics import Request
+from semcal_cli.observations.reading import read_clouds
 
 
 @pytest.mark.parametrize("kind", KINDS)

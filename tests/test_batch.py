@@ -23,14 +23,14 @@ from hostile_drives import break_drive
 from refined import with_camera
 
 import semcal_cli as semcal
-from semcal_cli.batches.folders import MARKER
-from semcal_cli.batches.records import worst
-from semcal_cli.batches.tasks import Task, describe_result, find_drives, folder_of
 from semcal_cli.errors import InputError
-from semcal_cli.files.writing import locked
+from semcal_cli.files.output_files import locked
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.result.calibration import Calibration, write_calibration
+from semcal_cli.many.batch.folders import MARKER
+from semcal_cli.many.batch.records import worst
+from semcal_cli.many.batch.tasks import Task, describe_result, find_drives, folder_of
+from semcal_cli.result.calibration_document import Calibration, write_calibration
 from semcal_cli.result.provenance import camera_hash
 
 
@@ -323,7 +323,7 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
 
 
 def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from semcal_cli.batches import cluster
+    from semcal_cli.many.batch import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_S", 1)
     found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"])

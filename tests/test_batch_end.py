@@ -7,14 +7,14 @@ import pytest
 from fleets import TRUTH, fleet
 from rich.console import Console
 
-from semcal_cli.batches.records import write_summary
-from semcal_cli.batches.tasks import Outcome, failed
 from semcal_cli.cli.batch_progress import MAX_NAMED, BatchProgress, print_end
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.members import read_members
+from semcal_cli.fleet.fleet_drives import read_members
 from semcal_cli.geometry.poses import camera_center
+from semcal_cli.many.batch.records import write_summary
+from semcal_cli.many.batch.tasks import Outcome, failed
 
 
 def trusted_drives(count: int) -> list[Outcome]:

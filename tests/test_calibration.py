@@ -12,7 +12,12 @@ from hypothesis import strategies as st
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.calibration import Calibration, calibration_text, read_calibration, write_calibration
+from semcal_cli.result.calibration_document import (
+    Calibration,
+    calibration_text,
+    read_calibration,
+    write_calibration,
+)
 from semcal_cli.result.sections import HeldOut, Hypothesis, Input, InputFrame, Quality, Settings, Stage
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty
 

@@ -27,8 +27,8 @@ from laboratory.outcomes import OTHER_DRIVE
 from laboratory.rigs import RIGS
 
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.result import checks
-from semcal_cli.result.checks import (
+from semcal_cli.findings import check as checks
+from semcal_cli.findings.check import (
     CHECKS,
     LEAKED_LABELS,
     LIMITS,

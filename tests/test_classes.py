@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from semcal_cli.drive.observations import NO_CLASS
-from semcal_cli.drive.reading import class_table
+from semcal_cli.observations.observations import NO_CLASS
+from semcal_cli.observations.reading import class_table
 
 
 def test_ids_are_numbered_in_order_and_ignored_ones_carry_nothing() -> None:

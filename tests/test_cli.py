@@ -23,7 +23,7 @@ import semcal_cli
 from semcal_cli.cli import EXIT_FAILURE, SECTIONS, semcal
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.result.calibration import write_calibration
+from semcal_cli.result.calibration_document import write_calibration
 
 
 @pytest.mark.parametrize(("edit", "message"), HOSTILE.values(), ids=HOSTILE.keys())

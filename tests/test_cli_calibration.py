@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
-from semcal_cli.drive.cues.table import choose_frames
 from semcal_cli.drive.document import read_drive
 from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, compare_poses, inverse
-from semcal_cli.result.calibration import Calibration, read_calibration
+from semcal_cli.observations.cues.cue_table import choose_frames
+from semcal_cli.result.calibration_document import Calibration, read_calibration
 
 NOT_LABELLED = 0
 """The id that synthetic drives ignore."""

@@ -14,7 +14,7 @@ from test_hostile_commands import SMALL
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
+from semcal_cli.result.calibration_document import Calibration, read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 OPEN = "not determined: drive at different speeds, with turns"

@@ -10,23 +10,23 @@ from conftest import edited, make_pose, run
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from semcal_cli.assessment.clock_error import KNOW_MOTION, UnknownClock, notes_on_clock
-from semcal_cli.assessment.motion_error import KNOW_POSES, covariance_of_motion
-from semcal_cli.assessment.priors import Prior, fuse_with_priors
 from semcal_cli.config import CalibrationConfig, PolishConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, Motion, MotionSigma, Twist, read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.motion import delayed
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.estimation.adjust.clock import KNOW_MOTION, UnknownClock, notes_on_clock
+from semcal_cli.estimation.adjust.priors import Prior, fuse_with_priors
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, camera_center, cross_matrix
 from semcal_cli.geometry.twists import local_coordinates
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.motion import delayed
+from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.pipeline import calibrate
-from semcal_cli.refinement.polish import newton
 from semcal_cli.report.words import NOT_BELIEVED
-from semcal_cli.result.calibration import Calibration, read_calibration
+from semcal_cli.result.calibration_document import Calibration, read_calibration
 from semcal_cli.result.uncertainty import stated_error
 from semcal_cli.synthetic.synthesis import synthesize
 

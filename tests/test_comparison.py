@@ -2,10 +2,10 @@
 
 import pytest
 
-from semcal_cli.assessment.comparison import Axis, Comparison
-from semcal_cli.assessment.limits import Verdict
 from semcal_cli.errors import told_apart
 from semcal_cli.geometry.poses import PoseError
+from semcal_cli.pipeline.comparison import Axis, Comparison
+from semcal_cli.pipeline.verdict import Verdict
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from conftest import with_twists
 
-from semcal_cli import _core
-from semcal_cli.assessment.consistency import check_consistency
-from semcal_cli.assessment.intrinsics import around_intrinsics, wrong_intrinsics
+from semcal_cli import core
+from semcal_cli.checks.consistency import check_consistency
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.pyramid import refine_exactly
+from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, wrong_intrinsics
+from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import refine_exactly
-from semcal_cli.result.checks import findings_among
+from semcal_cli.observations.observations import NO_CLASS, Observations
 
 
 def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:
@@ -119,7 +119,7 @@ def test_wrong_clocks_are_told_from_the_motion(
     twists = [[speed, 0.0, 0.0, 0.0, 0.0, rate] for speed, rate in zip(speeds, rates, strict=True)]
     clouds = [
         cloud.with_points(
-            _core.Trajectory.constant(twist, 0.0).compensate(
+            core.Trajectory.constant(twist, 0.0).compensate(
                 cloud.points, np.full(cloud.num_points, delay_s), 0.0
             )
         )

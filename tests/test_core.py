@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import (
     AlignmentConfig,
     ExactConfig,
@@ -16,12 +16,12 @@ from semcal_cli.config import (
 )
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.cues.segments import SegmentationConfig
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
-from semcal_cli.experiments.baselines.config import SoicConfig
+from semcal_cli.experiments.soic_config import SoicConfig
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.labelling.card import NeighborsConfig
+from semcal_cli.observations.cues.segments import SegmentationConfig
+from semcal_cli.observations.observations import Observations
 
 SUM_ORDER = 1e-9
 
@@ -36,7 +36,7 @@ def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
     num_visible = 0
     for frame in observations.frame_observations:
         points, classes, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
-        projected = _core.project_points(camera, points, street_truth)
+        projected = core.project_points(camera, points, street_truth)
         keep = ~np.isnan(projected.ranges) & ~projected.is_hidden & (classes != 255)
         num_visible += int(keep.sum())
         u, v = np.clip(projected.pixels[keep].T, 0.0, [[width - 1.0], [height - 1.0]])
@@ -50,7 +50,7 @@ def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
     pointwise = np.log(p, where=p > 0, out=np.zeros_like(p)) - np.log(
         independent, where=independent > 0, out=np.zeros_like(p)
     )
-    agreement = _core.agreement(observations.core, street_truth)
+    agreement = core.agreement(observations.core, street_truth)
     assert agreement.mutual_information == pytest.approx((p * pointwise).sum(), abs=SUM_ORDER)
     assert agreement.label_agreement == pytest.approx(p[(p > 0) & (pointwise > 0)].sum(), abs=SUM_ORDER)
     assert agreement.num_inside - agreement.num_hidden == num_visible
@@ -59,19 +59,19 @@ def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
 def test_wrong_arguments_are_errors(street_observations: Observations, street_truth: Pose) -> None:
     """A panic would be no `Exception`."""
     observations, config = street_observations.core, InitializationConfig()
-    images = _core.SphericalImages(observations, _core.estimate_grid([street_observations.clouds[0].points]))
-    cloud = _core.LabelledCloud(np.zeros((50, 3), np.float32), np.zeros(5, np.uint8))
+    images = core.SphericalImages(observations, core.estimate_grid([street_observations.clouds[0].points]))
+    cloud = core.LabelledCloud(np.zeros((50, 3), np.float32), np.zeros(5, np.uint8))
     joint = JointConfig(factors=(1,), changes=(0.0,), sigmas=(1.0,), evidence=1.0)
     for factor in (0, 1000):
         with pytest.raises(ValueError, match="does not fit the image"):
-            _core.sensitivity(observations, street_truth, SensitivityConfig(factor=factor))
+            core.sensitivity(observations, street_truth, SensitivityConfig(factor=factor))
     wrong = "InitializationConfig.roll_step_deg: found 0.0, needed a finite number above 0"
     with pytest.raises(ValueError, match=wrong):
-        _core.register(observations, images, replace(config, roll_step_deg=0.0))
+        core.register(observations, images, replace(config, roll_step_deg=0.0))
     with pytest.raises(ValueError, match="50 points have 5 classes"):
-        _core.steps_at_label_changes([cloud], reach=2, num_blocks=1)
+        core.steps_at_label_changes([cloud], reach=2, num_blocks=1)
     with pytest.raises(ValueError, match="no lens has the intrinsic radial"):
-        _core.maximise(observations, street_truth, joint, ["radial"])
+        core.maximise(observations, street_truth, joint, ["radial"])
 
 
 CONFIGS: dict[str, tuple[type, ...]] = {
@@ -89,7 +89,7 @@ CONFIGS: dict[str, tuple[type, ...]] = {
 
 
 def test_what_the_core_reads_of_settings_is_what_they_are_called() -> None:
-    read = dict(_core.config_attributes())
+    read = dict(core.config_attributes())
     assert read.keys() == CONFIGS.keys()
     for name, attributes in read.items():
         for config in CONFIGS[name]:
@@ -100,7 +100,7 @@ def test_what_the_core_reads_of_settings_is_what_they_are_called() -> None:
 @pytest.mark.parametrize("num_threads", [2**31, 4097])
 def test_more_threads_than_any_machine_has_are_refused(num_threads: int) -> None:
     with pytest.raises(ValueError, match=f"found {num_threads} threads, needed at most 4096"):
-        _core.set_num_threads(num_threads)
+        core.set_num_threads(num_threads)
 
 
 def test_clouds_and_labels_are_read_as_numpy_reads_them(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_clouds_and_labels_are_read_as_numpy_reads_them(tmp_path: Path) -> None:
     kept = np.delete(np.arange(50), [3, 5, 8])
     for names in (("a.bin", "a.label"), ("b.npy", "c.npy")):
         paths = [(tmp_path / names[0], tmp_path / names[1])]
-        (sweep,) = _core.read_point_clouds(paths)
+        (sweep,) = core.read_point_clouds(paths)
         np.testing.assert_array_equal(sweep.points, cloud[kept, :3])
         np.testing.assert_array_equal(sweep.intensity, cloud[kept, 3])
         np.testing.assert_array_equal(sweep.labels, (ids & 0xFFFF)[kept])
@@ -141,7 +141,7 @@ HOSTILE_IMAGES = {
 def test_hostile_label_images(tmp_path: Path, message: str, content: bytes) -> None:
     (tmp_path / "a.png").write_bytes(content)
     with pytest.raises(InputError) as complaint:
-        _core.read_label_images([tmp_path / "a.png"], 4, 3)
+        core.read_label_images([tmp_path / "a.png"], 4, 3)
     assert str(complaint.value).startswith(f"{tmp_path}/{message}")
     assert "\n" not in str(complaint.value)
 
@@ -164,11 +164,11 @@ def test_hostile_npy(tmp_path: Path) -> None:
     for message, content in hostile.items():
         (tmp_path / "a.npy").write_bytes(content)
         with pytest.raises(InputError) as complaint:
-            _core.read_point_clouds([(tmp_path / "a.npy", None)])
+            core.read_point_clouds([(tmp_path / "a.npy", None)])
         assert str(complaint.value).startswith(f"{tmp_path}/a.npy: {message}")
 
 
 @pytest.mark.parametrize("scan", [(1, 1, 0.1, -0.1), (10**9, 10**9, 0.1, -0.1), (64, 1024, -0.1, 0.1)])
 def test_a_lidar_of_no_sensible_size(scan: tuple[int, int, float, float]) -> None:
     with pytest.raises(InputError, match=rf"lidar: found {scan[0]} channels x {scan[1]} columns from"):
-        _core.scan_grid(*scan)
+        core.scan_grid(*scan)

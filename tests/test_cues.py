@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from conftest import SMALL_DRIVE
 
-from semcal_cli.assessment.joint import fit_jointly
-from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.config import (
     CalibrationConfig,
     CueName,
@@ -18,14 +16,16 @@ from semcal_cli.config import (
     RefinementConfig,
     SensitivityConfig,
 )
-from semcal_cli.drive import observations
-from semcal_cli.drive.frame_selection import few_frames
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.estimation.adjust.joint import fit_jointly
+from semcal_cli.estimation.refine.polish import split
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.uncertainty.sensitivity import sensitivity
 from semcal_cli.formats import read_transform
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations import observations
+from semcal_cli.observations.frame_selection import few_frames
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.pipeline import calibrate
-from semcal_cli.refinement.polish import split
 from semcal_cli.synthetic.synthesis import synthesize
 
 PAIRS: tuple[tuple[CueName, CueName], ...] = (("labels", "segments"), ("segments", "intensity"))

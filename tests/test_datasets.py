@@ -20,10 +20,10 @@ from dataset_trees import (
     write_labels,
 )
 
-from semcal_cli.datasets import DATASETS
-from semcal_cli.datasets.kitti_360_windows import read_vertices
-from semcal_cli.datasets.ontologies import ontology_names, read_ontology
 from semcal_cli.errors import InputError
+from semcal_cli.importing import DATASETS
+from semcal_cli.importing.kitti_360_windows import read_vertices
+from semcal_cli.importing.ontologies import ontology_names, read_ontology
 
 
 def test_every_data_set_has_a_tree() -> None:

@@ -12,9 +12,9 @@ from camera_infos import KALIBR
 from dataset_imports import Import, complaint
 from dataset_trees import write
 
-from semcal_cli.datasets.ontologies import ontology_names
 from semcal_cli.errors import InputError
-from semcal_cli.formats.intrinsics import read_intrinsics
+from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.importing.ontologies import ontology_names
 
 TABLES = Path(__file__).parent / "hostile"
 WORDS = {

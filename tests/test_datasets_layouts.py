@@ -26,7 +26,7 @@ from dataset_trees import (
     write_labels,
 )
 
-from semcal_cli.datasets.carla import pose_from_unreal
+from semcal_cli.importing.carla import pose_from_unreal
 
 AS_F32 = 1e-3  # coordinates of some kilometres as f32, as KITTI-360 stores them
 

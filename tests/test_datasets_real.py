@@ -18,14 +18,14 @@ from conftest import real
 from dataset_imports import run_import
 from scipy.spatial.transform import Rotation
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_observations
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.observations.reading import load_observations
 
 PRINTED = 1e-9  # decimals of the reference in the drive.yaml of the real frame
 TURN_DEG = 4.0
@@ -69,7 +69,7 @@ def test_rellis3d(tmp_path: Path) -> None:
     assert {"grass", "tree", "bush"} <= set(observations.point_class_names)
 
     def information(T: Pose) -> float:
-        found = _core.agreement(observations.core, T)
+        found = core.agreement(observations.core, T)
         return found.mutual_information - found.bias
 
     now, older = (read_transform(source / name) for name in ("transforms.yaml", "transforms_older.yaml"))
@@ -105,7 +105,7 @@ def test_kitti_raw_of_the_right_camera(tmp_path: Path) -> None:
 
 def edge_points(path: Path) -> npt.NDArray[np.float32]:
     """Points (N, 3) in front of a jump in range to their neighbour on the ring."""
-    cloud = _core.read_point_clouds([(path, None)])[0]
+    cloud = core.read_point_clouds([(path, None)])[0]
     assert cloud.ring is not None
     ranges = np.linalg.norm(cloud.points, axis=1)
     azimuths = np.arctan2(cloud.points[:, 1], cloud.points[:, 0])
@@ -126,7 +126,7 @@ def on_edges(path: Path, image: Path, camera: Camera, T: Pose) -> float:
     strength = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0))
     weaker = np.sort(strength.ravel()[::37])
     strongest = cv2.dilate(strength, np.ones((1, 3)))
-    projected = _core.project_points(core_camera(camera), edge_points(path), T)
+    projected = core.project_points(core_camera(camera), edge_points(path), T)
     is_seen = np.isfinite(projected.ranges) & ~projected.is_hidden
     u, v = np.rint(projected.pixels[is_seen]).astype(int).T
     if len(u) < LEAST_POINTS:

@@ -6,7 +6,7 @@ from commands import invoke
 from conftest import real
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.result.calibration_document import read_calibration
 
 
 def test_kitti_object_is_trusted_from_import_to_report(tmp_path: Path) -> None:

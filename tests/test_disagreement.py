@@ -9,24 +9,24 @@ import pytest
 from laboratory import spoiling
 from laboratory.raw_drive import RawDrive, RawFrame, write_raw_drive
 
-from semcal_cli import _core
-from semcal_cli.assessment.disagreement import FrameCheck, FrameScores, check_frames
-from semcal_cli.assessment.frame_offsets import frame_offsets
-from semcal_cli.assessment.pairing import check_pairs
-from semcal_cli.assessment.stages import Stages
-from semcal_cli.assessment.uncertainty import estimate_uncertainty
+from semcal_cli import core
+from semcal_cli.checks.disagreement import FrameCheck, FrameScores, check_frames
+from semcal_cli.checks.pairing import check_pairs
 from semcal_cli.config import RefinementConfig
-from semcal_cli.drive.alike import alike_frames, ranges_of
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.estimation.adjust.frame_offsets import frame_offsets
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.uncertainty.covariance import estimate_uncertainty
+from semcal_cli.findings.check import findings_among
+from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.reading import load_observations
+from semcal_cli.observations.scenes import alike_frames, ranges_of
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
+from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.figures import frames_plots
-from semcal_cli.result.checks import findings_among
-from semcal_cli.result.stage import Finding
 
 CM = 0.01
 
@@ -46,7 +46,7 @@ def compared(raw: RawDrive, folder: Path) -> FrameCheck:
 def paired(raw: RawDrive, folder: Path) -> tuple[Finding, ...]:
     """Check the pairs at the true pose, so that only the pairs are wrong."""
     data, T = load(write_raw_drive(raw, folder)), raw.frames[0].T_camera_lidar
-    agreement = _core.agreement(data.observations.core, T)
+    agreement = core.agreement(data.observations.core, T)
     return findings_among(check_pairs(data.observations, T, agreement, names(raw)))
 
 

@@ -23,20 +23,21 @@ from troubleshooting import with_limits
 
 import semcal_cli
 from semcal_cli import pipeline
-from semcal_cli.batches import records
 from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_PIXELS, MAX_POINTS
-from semcal_cli.datasets import kitti_360_windows
-from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import experiment
-from semcal_cli.files import point_clouds, reading, rows, yaml_values
+from semcal_cli.files import input_files as reading
+from semcal_cli.files import point_clouds, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
+from semcal_cli.findings.check import CHECKS, Check
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
+from semcal_cli.importing import kitti_360_windows
+from semcal_cli.importing.ontologies import read_ontology
+from semcal_cli.many.batch import records
 from semcal_cli.pipeline.verification import LOOKS_LIKE
-from semcal_cli.result.checks import CHECKS, Check
 from semcal_cli.schemas import MODELS, schema_file
 
 DOCS = ROOT / "docs"

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 import yaml
 
-from semcal_cli.batches.records import Record
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import LONGEST_LINE, Format, document_text, make_dumper, parse, read_document
 from semcal_cli.files.validation import NEWEST_VERSION, validate
-from semcal_cli.fleet.members import read_members
+from semcal_cli.fleet.fleet_drives import read_members
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.labelling.card import read_card
+from semcal_cli.many.batch.records import Record
+from semcal_cli.many.rig.rig_calibration import RigCalibration, describe_rig
+from semcal_cli.many.rig.rig_document import read_rig
+from semcal_cli.many.rig.rig_result import read_rig_result
 from semcal_cli.report.words import verdict_of
-from semcal_cli.result.calibration import calibration_text, read_calibration
-from semcal_cli.rig.calibration import RigCalibration, describe_rig
-from semcal_cli.rig.document import read_rig
-from semcal_cli.rig.result import read_rig_result
+from semcal_cli.result.calibration_document import calibration_text, read_calibration
 
 DOCUMENTS = Path(__file__).parent / "documents"
 ROUNDING = 1e-12

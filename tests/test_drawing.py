@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.course import SIZE, TOP, course_of, course_plots, plot_fleet
-from semcal_cli.fleet.fleet import Fleet
-from semcal_cli.fleet.members import Member
+from semcal_cli.fleet.fleet_drives import Member
+from semcal_cli.fleet.fleet_result import Fleet
+from semcal_cli.fleet.timeline import SIZE, TOP, course_of, course_plots, plot_fleet
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.report.drawing import BOTTOM, POINTS_PER_INCH, VARIABLES, name_places
 

@@ -11,23 +11,23 @@ import yaml
 from commands import invoke
 from conftest import FINE_STREET, make_pose, without
 
-from semcal_cli import _core
-from semcal_cli.assessment.rivals import check_guide
+from semcal_cli import core
+from semcal_cli.checks.rivals import check_guide
 from semcal_cli.config import AUTO, CalibrationConfig, ExactConfig, PolishConfig
-from semcal_cli.drive.cues.edges import EDGES, NO_EDGE, STARTS, edges_of_sweeps, observe_edges
-from semcal_cli.drive.cues.table import chosen
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.several_starts import SeveralStarts
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.search.mounting_search import led_by
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import led_by
+from semcal_cli.observations.cues.cue_table import chosen
+from semcal_cli.observations.cues.edges import EDGES, NO_EDGE, STARTS, edges_of_sweeps, observe_edges
+from semcal_cli.observations.loading import load
+from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.observations.reading import read_clouds
 from semcal_cli.pipeline import calibrate, initialize
-from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.several_starts import SeveralStarts
 
 FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 """2 degrees and 0.2 m."""
@@ -74,7 +74,7 @@ def test_without_intensities_only_ranges_step(street: Path, tmp_path: Path) -> N
     drive = read_drive(street)
     points = read_clouds(drive)[0].points
     np.save(tmp_path / "bare.npy", points)
-    (cloud,) = _core.read_point_clouds([(tmp_path / "bare.npy", None)], len(points))
+    (cloud,) = core.read_point_clouds([(tmp_path / "bare.npy", None)], len(points))
     assert edges_of_sweeps([cloud]).names == [
         "no edge",
         *(f"range step {level}" for level in (1, 2, 3)),
@@ -103,7 +103,7 @@ def test_information_is_highest_at_the_truth_about_every_axis(seen: Observations
 
 
 def information(seen: Observations, T_camera_lidar: Pose) -> float:
-    agreement = _core.agreement(seen.core, T_camera_lidar)
+    agreement = core.agreement(seen.core, T_camera_lidar)
     return agreement.mutual_information - agreement.bias
 
 
@@ -130,7 +130,7 @@ def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_t
         T = several.ascend(factor, T, visible_only=True).T_camera_lidar
     least = newton(seen, street_truth, PolishConfig()).T_camera_lidar
     config = replace(ExactConfig(), steps=0)
-    found, finished = _core.align(seen.core, [T, least], config, factor=1, visible_only=True, seed=0)
+    found, finished = core.align(seen.core, [T, least], config, factor=1, visible_only=True, seed=0)
     assert found.mutual_information >= finished.mutual_information - 1e-9
 
 

@@ -30,19 +30,19 @@ from laboratory.rates import Rate
 from laboratory.rigs import RIGS, row_cases
 from laboratory.rigs import Case as RowCase
 
-from semcal_cli.batches.pace import Pace
 from semcal_cli.cli.experiment import Progress
 from semcal_cli.cli.terminal import make_console
 from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments import drives, rivals
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report, in_words
-from semcal_cli.files.writing import locked
+from semcal_cli.files.output_files import locked
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
+from semcal_cli.many.batch.pace import Pace
+from semcal_cli.observations.reading import load_observations
 from semcal_cli.synthetic.synthesis import synthesize
 
 pytestmark = pytest.mark.slow

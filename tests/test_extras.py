@@ -12,7 +12,7 @@ from commands import invoke
 
 from semcal_cli import cli
 from semcal_cli.errors import InputError, check_installed, is_installed
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.result.calibration_document import read_calibration
 
 pytestmark = pytest.mark.slow
 
@@ -159,7 +159,7 @@ def test_what_needs_torch_says_what_to_install_before_it_reads_a_file(tmp_path: 
             "semcal.calibrate('nowhere', mine)",
             "estimator 'mine'",
         ),
-        ("import semcal_cli.refinement.objective", "semcal_cli.refinement.objective"),
+        ("import semcal_cli.estimation.refine.objective", "semcal_cli.estimation.refine.objective"),
     ],
 )
 def test_the_library_says_it_too(tmp_path: Path, code: str, asked: str) -> None:

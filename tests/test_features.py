@@ -12,16 +12,16 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
 from semcal_cli.config import CalibrationConfig, RefinementConfig
-from semcal_cli.drive.cues.features import observe_features
-from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.estimation.refine.torch_geometry import exp_se3
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.cues.cue_table import load_cues
+from semcal_cli.observations.cues.features import observe_features
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import calibrate, refine
-from semcal_cli.refinement.torch_geometry import exp_se3
 
 RIGHT_DEG, RIGHT_CM = 0.3, 6.0
 """Of four small pairs with noise as long as classes are apart."""

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import semcal_cli
-from semcal_cli.result import checks
-from semcal_cli.result.checks import CHECKS, Check
+from semcal_cli.findings import check as checks
+from semcal_cli.findings.check import CHECKS, Check
 
 PACKAGE = Path(semcal_cli.__file__).parent
 MAKERS = {"finding": 0, "without_value": 0, "measured": 1}

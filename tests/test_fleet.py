@@ -13,13 +13,13 @@ from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
-from semcal_cli.fleet.fleet import Offset, describe_fleet
+from semcal_cli.fleet.fleet_drives import Member, read_members
+from semcal_cli.fleet.fleet_result import Offset, describe_fleet
+from semcal_cli.fleet.fleet_verdict import SIGNS, motions
 from semcal_cli.fleet.history import change_points, drift
-from semcal_cli.fleet.members import Member, read_members
-from semcal_cli.fleet.verdict import SIGNS, motions
 from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.provenance import camera_hash
 
 MANY = 1e6

@@ -9,10 +9,10 @@ from camera_infos import LENS
 from dataset_imports import complaint, run_import
 from dataset_trees import POINTS, own_data, write
 
-from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
+from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
+from semcal_cli.observations.reading import read_clouds
 
 
 @pytest.mark.parametrize(

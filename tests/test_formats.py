@@ -33,7 +33,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import inverse
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.result.calibration_document import read_calibration
 
 PRINTED = 1e-9  # decimals of the reference in the drive.yaml of the real frame
 

@@ -19,9 +19,9 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.validation import validate
 from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.format import Direction, FormatOptions
-from semcal_cli.formats.intrinsics import read_intrinsics
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 
 L2C = ["--to-direction", "lidar-to-camera"]
 SIZE = {"width": 64, "height": 32}

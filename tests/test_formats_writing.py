@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS, convert, find_format, read_transform, write_transform
 from semcal_cli.formats.format import CameraFrame, FormatOptions, Source
-from semcal_cli.formats.kitti import KITTI_360_FILE
+from semcal_cli.formats.kitti_files import KITTI_360_FILE
 
 
 @pytest.mark.parametrize("name", ["semcal", "tf2", "kalibr", "rellis-3d", "fast-livo2"])

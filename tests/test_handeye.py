@@ -10,14 +10,10 @@ from commands import invoke
 from conftest import make_pose
 from consecutive_images import LongSweeps, write_images
 
-from semcal_cli.assessment.motion import disagreement
-from semcal_cli.assessment.stages import Stages
+from semcal_cli.checks.camera_motion import disagreement
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, compare_poses, inverse, pose_from_mounting, rotation_error_deg
-from semcal_cli.initialization.camera_motion import across, refined
-from semcal_cli.initialization.handeye import (
+from semcal_cli.estimation.search.hand_eye import (
     MAX_HALF_WIDTH_DEG,
     HandEye,
     NotDetermined,
@@ -27,7 +23,11 @@ from semcal_cli.initialization.handeye import (
     rotation_between,
     solve,
 )
-from semcal_cli.synthetic.motion import VehicleMotion
+from semcal_cli.estimation.search.visual_motion import across, refined
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.poses import Pose, compare_poses, inverse, pose_from_mounting, rotation_error_deg
+from semcal_cli.pipeline.stages import Stages
+from semcal_cli.synthetic.street_motion import VehicleMotion
 
 TRUTH = pose_from_mounting((2.0, -5.0, 70.0), (0.4, 0.3, -0.2))
 EXACT_DEG = math.degrees(1e-9)

@@ -20,8 +20,8 @@ from model_hub import ModelHub, serve
 from networks import STREET_COLORS, color_network
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.events import Progress, StageDone
 from semcal_cli.errors import InputError
+from semcal_cli.events import Progress, StageDone
 from semcal_cli.labelling.hub import RECOMMENDED, _bar, find_model, hub_name
 
 NAME = "lab/street"

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import InitializationConfig
-from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
 from semcal_cli.geometry.poses import Pose, camera_center, compare_poses, inverse, rotation_error_deg
-from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
+from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.result.sections import Hypothesis
 
 RIGHT_DEG = 1.0  # images of 640 x 360 ascend on blocks of 2 pixels, a quarter of a degree
@@ -40,7 +40,7 @@ def turned_about_z(T: Pose, angle_deg: float) -> Pose:
 def test_the_mounting_is_found(street_observations: Observations, street_truth: Pose, zoom: str) -> None:
     hypotheses = from_nothing(street_observations, zoom=zoom)
     check(hypotheses[0], street_truth)
-    agreements = [_core.agreement(street_observations.core, h.pose) for h in hypotheses]
+    agreements = [core.agreement(street_observations.core, h.pose) for h in hypotheses]
     ranks = [agreement.mutual_information - agreement.bias for agreement in agreements]
     assert ranks == sorted(ranks, reverse=True)
 
@@ -76,7 +76,7 @@ def test_a_portrait_camera_needs_all_rolls(street_observations: Observations, st
 def test_threads_do_not_change_a_bit(street_observations: Observations) -> None:
     found = []
     for num_threads in (1, 2):
-        _core.set_num_threads(num_threads)
+        core.set_num_threads(num_threads)
         found.append(str(from_nothing(street_observations)))
     assert found[0] == found[1]
 

@@ -12,15 +12,15 @@ import yaml
 from commands import invoke
 from conftest import edited, make_pose
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.cues.intensity import INTENSITY, lens_mask, observe_intensity
-from semcal_cli.drive.cues.table import choose_frames, load_cues, summed
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.observations.cues.cue_table import choose_frames, load_cues, summed
+from semcal_cli.observations.cues.intensity import INTENSITY, lens_mask, observe_intensity
+from semcal_cli.observations.observations import Observations
 from semcal_cli.synthetic.synthesis import make_camera
 
 UNMOVED = 0.9
@@ -119,8 +119,8 @@ def test_frames_without_labels_are_chosen_evenly(street: Path) -> None:
 def test_cues_together_add_up(street: Path, street_observations: Observations, street_truth: Pose) -> None:
     """The block of each has its share w of the pairs: I = sum w I_i - sum w log w."""
     intensity = observe_intensity(read_drive(street))
-    both = _core.agreement(summed(street_observations, intensity).core, street_truth)
-    parts = [_core.agreement(each.core, street_truth) for each in (street_observations, intensity)]
+    both = core.agreement(summed(street_observations, intensity).core, street_truth)
+    parts = [core.agreement(each.core, street_truth) for each in (street_observations, intensity)]
     weights = np.array([part.joint.sum() for part in parts]) / both.joint.sum()
     each = np.array([part.mutual_information for part in parts])
     assert both.mutual_information == pytest.approx(weights @ each - weights @ np.log(weights))

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.intrinsics import read_intrinsics
+from semcal_cli.formats.camera_block import read_intrinsics
 
 MODELS = "plumb_bob, rational_polynomial, thin_prism, fisheye, omnidirectional, equirectangular, fov, double_sphere"
 

@@ -3,7 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semcal_cli.assessment.intrinsics import (
+from semcal_cli.config import PolishConfig
+from semcal_cli.drive.camera import Camera, IntrinsicsSigma
+from semcal_cli.estimation.adjust.priors import Prior, fuse_with_priors
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.uncertainty.covariance import MANY, Matrix, estimate_uncertainty
+from semcal_cli.estimation.uncertainty.intrinsics import (
     around_intrinsics,
     covariance_of_intrinsics,
     implausible_intrinsics,
@@ -12,15 +17,10 @@ from semcal_cli.assessment.intrinsics import (
     shift_by,
     wrong_intrinsics,
 )
-from semcal_cli.assessment.priors import Prior, fuse_with_priors
-from semcal_cli.assessment.uncertainty import MANY, Matrix, estimate_uncertainty
-from semcal_cli.config import PolishConfig
-from semcal_cli.drive.camera import Camera, IntrinsicsSigma
-from semcal_cli.drive.observations import Observations
+from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
-from semcal_cli.refinement.polish import newton
-from semcal_cli.result.checks import findings_among
+from semcal_cli.observations.observations import Observations
 
 CONFIG = PolishConfig()
 SIGMA = IntrinsicsSigma(fx=2.0, fy=2.0, cx=2.0, cy=2.0)

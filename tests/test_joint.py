@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from conftest import with_twists
 
-from semcal_cli.assessment.joint import Joint, fit_jointly
-from semcal_cli.assessment.joint_fit import LEAST_EVIDENCE, Problem, Variables
-from semcal_cli.assessment.stages import Stages
-from semcal_cli.assessment.uncertainty import with_others
 from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.motion import delayed
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
+from semcal_cli.estimation.adjust.joint_fit import LEAST_EVIDENCE, Problem, Variables
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.uncertainty.covariance import with_others
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.motion import delayed
+from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import assess, calibration, refine_and_polish, start_at
+from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, synthesize
 

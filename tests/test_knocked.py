@@ -6,11 +6,11 @@ import pytest
 from laboratory.raw_drive import RawDrive
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import calibrate
 from semcal_cli.report import read_report_input, write_report
-from semcal_cli.result.calibration import Calibration, write_calibration
+from semcal_cli.result.calibration_document import Calibration, write_calibration
 
 
 @pytest.fixture(scope="module")

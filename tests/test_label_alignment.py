@@ -6,20 +6,20 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from semcal_cli.assessment.inspection import inspect
-from semcal_cli.assessment.label_alignment import check_label_alignment, spread
-from semcal_cli.assessment.pairing import frame_list
+from semcal_cli.checks.inspection import inspect
+from semcal_cli.checks.label_alignment import check_label_alignment, spread
+from semcal_cli.checks.pairing import frame_list
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import load_observations
-from semcal_cli.files.images import read_image, write_image
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.files.image_files import read_image, write_image
+from semcal_cli.findings.check import findings_among
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import load
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import load_observations
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.checks import findings_among
 from semcal_cli.synthetic.label_noise import as_by_a_network, with_ragged_things, with_wrong_labels
 
 Labels = npt.NDArray[np.uint8]

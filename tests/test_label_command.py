@@ -23,15 +23,15 @@ from networks import (
 )
 from onnx import TensorProto, helper
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_clouds, read_label_images
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.labelling.card import card_names, find_card, read_card, read_classes
-from semcal_cli.labelling.images import ImageLabeller
+from semcal_cli.labelling.image_labeller import ImageLabeller
 from semcal_cli.labelling.model import image_model
-from semcal_cli.labelling.network import open_network
+from semcal_cli.labelling.onnx_network import open_network
+from semcal_cli.observations.reading import read_clouds, read_label_images
 
 
 def test_a_labelled_drive_has_all_that_the_old_one_has(plain: Path, tmp_path: Path) -> None:
@@ -119,14 +119,14 @@ def test_probabilities_are_those_that_a_calibration_reads(plain: Path, tmp_path:
         found = invoke("label", plain, "--image-model", net, "-o", tmp_path / name, *options)
         assert found.exit_code == 0, found.output
     hard, soft = (read_label_images(read_drive(tmp_path / name))[0] for name in ("hard", "soft"))
-    assert isinstance(soft, _core.ClassShares)
+    assert isinstance(soft, core.ClassShares)
     # Shares in 1/255 may be equal where scores are not quite.
     assert np.mean(soft.classes == hard.ravel()) > 0.98
     labeller = ImageLabeller(image_model(open_network(net), None), read_drive(plain).camera)
     image = cv2.imread(str(sorted((plain / "images").iterdir())[0]))
     exact = labeller.shares(image).astype(np.float16) / 255
     np.savez(tmp_path / "float16.npz", exact)
-    (expected,) = _core.read_class_shares([tmp_path / "float16.npz"], image.shape[:2])
+    (expected,) = core.read_class_shares([tmp_path / "float16.npz"], image.shape[:2])
     assert np.array_equal(expected.classes, soft.classes)
 
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.observations import (
+from semcal_cli.observations.observations import (
     NO_CLASS,
     FrameObservation,
     LabelledCloud,
     LabelledImage,
     Observations,
 )
-from semcal_cli.drive.reading import mend
+from semcal_cli.observations.reading import mend
 from semcal_cli.synthetic.label_noise import (
     BLOB_SHARE,
     POINT_SHARE,

@@ -11,8 +11,8 @@ from commands import invoke as run
 from networks import POINT_CARD, STREET_COLORS, card, color_network, range_network, street_network
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_label_images
-from semcal_cli.labelling.sweeps import SweepLabeller
+from semcal_cli.labelling.sweep_labeller import SweepLabeller
+from semcal_cli.observations.reading import read_label_images
 
 
 def two_networks(folder: Path, names: list[str]) -> list[object]:

@@ -9,9 +9,9 @@ from networks import card, constant_network, save
 from onnx import TensorProto, helper
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.labelling.images import ImageLabeller, joined_masks
+from semcal_cli.labelling.image_labeller import ImageLabeller, joined_masks
 from semcal_cli.labelling.model import image_model
-from semcal_cli.labelling.network import open_network
+from semcal_cli.labelling.onnx_network import open_network
 
 SIDE, STARTS = 32, (0, 25, 51)
 """Side of a window, and the first columns of three windows of 83 x 32 pixels: `_split_image` of EoMT's processor."""

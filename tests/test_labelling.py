@@ -11,13 +11,13 @@ import yaml
 from networks import COLORS, NAMES, POINT_CARD, card, color_network, constant_network, range_network, save
 from onnx import TensorProto, helper
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.labelling.images import ImageLabeller, joined_masks
+from semcal_cli.labelling.image_labeller import ImageLabeller, joined_masks
 from semcal_cli.labelling.model import image_model, point_model
-from semcal_cli.labelling.network import open_network
-from semcal_cli.labelling.sweeps import SweepLabeller, sweep_labeller
+from semcal_cli.labelling.onnx_network import open_network
+from semcal_cli.labelling.sweep_labeller import SweepLabeller, sweep_labeller
 from semcal_cli.labelling.views import resized
 
 WIDTH, HEIGHT = 96, 64
@@ -201,7 +201,7 @@ def test_the_way_through_rectified_images_moves_no_border_by_more_than_a_pixel(
     classes = ((rows + 80.0 * columns / camera.width) // 40 % 2).astype(int)
     image = COLORS[classes][..., ::-1].copy()
     found = labeller(tmp_path / "net.onnx", camera, is_rectified=True).ids(image).astype(int)
-    seen = found != _core.NO_ID
+    seen = found != core.NO_ID
     assert seen.mean() > 0.75
     if name == "equirectangular":
         seen[[0, -1]] = False  # a row at a pole is one point
@@ -258,7 +258,7 @@ def test_points_have_the_class_of_their_pixel(tmp_path: Path, convention: str) -
     )
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(values))
     file, points = sweep(tmp_path)
-    (cloud,) = _core.read_point_clouds([(file, None)])
+    (cloud,) = core.read_point_clouds([(file, None)])
     found = SweepLabeller(point_model(open_network(net), None)).ids(cloud)
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
@@ -274,12 +274,12 @@ def test_points_have_the_class_of_their_pixel(tmp_path: Path, convention: str) -
     for index in np.argsort(ranges)[::-1]:
         nearest[row[index], column[index]] = index
     expected = [
-        1 + int(points[nearest[row[i], column[i]], 0] > 20.0) if inside[i] else _core.NO_ID
+        1 + int(points[nearest[row[i], column[i]], 0] > 20.0) if inside[i] else core.NO_ID
         for i in range(len(points))
     ]
     # A point on the border of two pixels may fall into either.
     assert np.mean(found == np.array(expected)) > 0.999
-    assert set(np.unique(found)) == ({1, 2} if convention == "round" else {1, 2, _core.NO_ID})
+    assert set(np.unique(found)) == ({1, 2} if convention == "round" else {1, 2, core.NO_ID})
 
 
 @pytest.mark.parametrize("output", ["scores", "ids", "scores of a batch"])
@@ -308,7 +308,7 @@ def test_a_network_may_take_the_points_themselves(tmp_path: Path, output: str) -
     numbers = {"mean": [0, 0, -1.0, 0, 0], "std": [1, 1, 2.0, 1, 1], "classes": ["low", "high"]}
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(stated | numbers))
     file, points = sweep(tmp_path)
-    (cloud,) = _core.read_point_clouds([(file, None)])
+    (cloud,) = core.read_point_clouds([(file, None)])
     found = sweep_labeller(open_network(net), None).ids(cloud)
     assert np.array_equal(found, (points[:, 2].astype(float) + 1.0) / 2.0 > 0.5)
     assert 0.02 < found.mean() < 0.98
@@ -329,6 +329,6 @@ def test_a_network_for_sweeps_says_what_it_lacks(tmp_path: Path) -> None:
     net = range_network(tmp_path / "net.onnx", 5, 16, 128, 1, 0.0)
     (tmp_path / "net.yaml").write_text(yaml.safe_dump(POINT_CARD | {"row_by": "ring"}))
     file, _ = sweep(tmp_path)
-    (cloud,) = _core.read_point_clouds([(file, None)])
+    (cloud,) = core.read_point_clouds([(file, None)])
     with pytest.raises(InputError, match=r"found points without ring, which .*net\.onnx needs"):
         SweepLabeller(point_model(open_network(net), None)).ids(cloud)

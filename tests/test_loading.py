@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, CueName
-from semcal_cli.drive.cues.table import files_of
-from semcal_cli.drive.loading import load
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.cues.cue_table import files_of
+from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import make_calibration, start_at
+from semcal_cli.pipeline.stages import Stages
 
 CHOSEN = [3, 1]
 

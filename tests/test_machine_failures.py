@@ -14,10 +14,10 @@ from time import sleep
 import pytest
 from batches import TINY, run, summary
 
-from semcal_cli import _core
-from semcal_cli.batches.processes import ProcessError, Worker
-from semcal_cli.batches.run import is_of_machine
+from semcal_cli import core
 from semcal_cli.errors import InputError
+from semcal_cli.many.batch.processes import ProcessError, Worker
+from semcal_cli.many.batch.run import is_of_machine
 from semcal_cli.synthetic.synthesis import synthesize
 
 UNREADABLE = Path("/proc/self/mem")
@@ -42,7 +42,7 @@ def test_the_core_keeps_the_number_of_the_systems_error(tmp_path: Path) -> None:
     sweep = tmp_path / "a.bin"
     sweep.write_bytes(bytes(16))
     with pytest.raises(InputError, match=r"^/.*/a.bin: Too many open files") as error, no_descriptors():
-        _core.read_point_clouds([(sweep, None)], 10)
+        core.read_point_clouds([(sweep, None)], 10)
     cause = error.value.__cause__
     assert isinstance(cause, OSError)
     assert (cause.errno, cause.filename) == (errno.EMFILE, str(sweep))
@@ -55,7 +55,7 @@ def test_what_a_parser_makes_of_a_broken_disk_does_not_hide_it(suffix: str, tmp_
     labels = tmp_path / f"a.{suffix}"
     labels.symlink_to(UNREADABLE)
     with pytest.raises(InputError, match=r"^/.*/a\.\w+: Input/output error \(os error 5\)$") as error:
-        _core.read_label_images([labels], 4, 3, None)
+        core.read_label_images([labels], 4, 3, None)
     assert is_of_machine(error.value, tmp_path / "out")
 
 
@@ -64,7 +64,7 @@ def test_what_is_wrong_with_a_file_is_not_the_machines_fault(tmp_path: Path) -> 
         (tmp_path / name).write_bytes(content)
     for name in ("a.bin", "b.npz", "c.pcd", "missing.bin", "d.txt"):
         with pytest.raises(InputError) as error:
-            _core.read_point_clouds([(tmp_path / name, None)], 10)
+            core.read_point_clouds([(tmp_path / name, None)], 10)
         assert error.value.__cause__ is None
         assert not is_of_machine(error.value, tmp_path / "out")
 
@@ -118,7 +118,7 @@ def test_signals_of_the_machine(name: str, is_from_outside: bool, one_worker: Wo
 def test_a_process_that_is_killed_leaves_no_temporary_file(tmp_path: Path) -> None:
     """It writes three megabytes over and over."""
     loop = (
-        "import sys; from pathlib import Path; from semcal_cli.files.writing import write_bytes\n"
+        "import sys; from pathlib import Path; from semcal_cli.files.output_files import write_bytes\n"
         "print(flush=True)\n"
         "while True: write_bytes(bytes(3_000_000), Path(sys.argv[1]))"
     )

@@ -10,11 +10,11 @@ import pytest
 import torch
 from conftest import make_pose
 
-from semcal_cli import _core
-from semcal_cli.drive.observations import Observations
+from semcal_cli import core
+from semcal_cli.estimation.refine.level_points import sample
+from semcal_cli.estimation.refine.statistics_network import Adam, DonskerVaradhan, StatisticsNetwork
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.level_points import sample
-from semcal_cli.refinement.network import Adam, DonskerVaradhan, StatisticsNetwork
+from semcal_cli.observations.observations import Observations
 
 ERROR = 0.1
 CHANNEL_MI = math.log(2) + ERROR * math.log(ERROR) + (1 - ERROR) * math.log(1 - ERROR)
@@ -60,7 +60,7 @@ def test_the_network_learns_the_channels_information() -> None:
 def test_shares_have_the_derivative_of_the_pose(
     street_observations: Observations, street_truth: Pose
 ) -> None:
-    points = _core.AnchoredPoints(
+    points = core.AnchoredPoints(
         street_observations.core, street_truth, factor=8, edge_band_px=0, visible_only=False
     )
     indices = torch.arange(0, len(points.classes), 401)
@@ -75,7 +75,7 @@ def test_points_amid_one_class_count_as_if_drawn(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     def joint(constant_radius: int) -> np.ndarray:
-        points = _core.AnchoredPoints(
+        points = core.AnchoredPoints(
             street_observations.core,
             street_truth,
             factor=4,
@@ -93,7 +93,7 @@ def test_points_amid_one_class_count_as_if_drawn(
 
 
 def test_an_index_beyond_the_points_is_refused(street_observations: Observations, street_truth: Pose) -> None:
-    points = _core.AnchoredPoints(
+    points = core.AnchoredPoints(
         street_observations.core, street_truth, factor=4, edge_band_px=0, visible_only=False
     )
     with pytest.raises(ValueError, match="an index is not one of the"):
@@ -130,11 +130,11 @@ def test_mine_loads_no_compiler(street: Path) -> None:
     # torch's compiler takes longer to load than several levels take.
     script = f"""
 import sys
-from semcal_cli.config.mine import MineConfig
+from semcal_cli.config.mine_config import MineConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.observations.reading import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.refinement.mine import MineEstimator
+from semcal_cli.estimation.refine.mine import MineEstimator
 observations = load_observations(read_drive({str(street)!r}))
 config = MineConfig(steps_per_level=4, warm_up_steps=1)
 MineEstimator(observations, config, 0).ascend(8, read_transform({str(street)!r}), visible_only=True)

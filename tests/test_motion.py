@@ -9,17 +9,17 @@ import pytest
 from conftest import make_pose, run
 from scipy.linalg import expm
 
-from semcal_cli.assessment.inspection import inspect
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import read_clouds, read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import read_clouds, read_observations
+from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 TWIST = {"linear_m_s": [9.0, 0.5, -0.2], "angular_rad_s": [0.03, -0.02, 0.35]}

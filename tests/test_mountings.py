@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from semcal_cli.assessment.rivals import decide_in_full
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, InitializationConfig, RefinementConfig
-from semcal_cli.drive.events import ignore
-from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.estimation.refine.pyramid import Refinement
+from semcal_cli.estimation.search.mounting_search import Initialization, led_by
+from semcal_cli.events import ignore
+from semcal_cli.findings.check import OTHER_MOUNTING
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.search import Initialization, led_by
+from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import initialize, refine
-from semcal_cli.refinement.pyramid import Refinement
-from semcal_cli.result.checks import OTHER_MOUNTING
+from semcal_cli.pipeline.mountings import decide_in_full
 
 OPEN = OTHER_MOUNTING.measured(0.0, "a mounting explains the labels as well").findings
 

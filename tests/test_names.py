@@ -5,7 +5,7 @@ from format_files import T_ANY
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.formats.frames import CAMERA_WORDS, LIDAR_WORDS, between, has_word, named
+from semcal_cli.formats.frame_names import CAMERA_WORDS, LIDAR_WORDS, between, has_word, named
 
 NAMES = {
     (True, False): (

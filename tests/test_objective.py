@@ -4,15 +4,15 @@ import pytest
 import torch
 from conftest import make_pose
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import ExactConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError
+from semcal_cli.estimation.refine.objective import MutualInformation
+from semcal_cli.estimation.refine.torch_geometry import exp_se3
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.objective import MutualInformation
-from semcal_cli.refinement.torch_geometry import exp_se3
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import load_observations
 
 
 class Bilinear(torch.nn.Module):
@@ -32,7 +32,7 @@ def test_the_value_is_that_of_the_core(fine_street: Path, street_truth: Pose) ->
     objective = MutualInformation.from_observations(observations)
     value = objective(torch.from_numpy(street_truth))
     config = ExactConfig(steps=0, max_points=10**9, edge_band_px=0)
-    (there,) = _core.align(observations.core, [street_truth], config, factor=1, visible_only=False, seed=0)
+    (there,) = core.align(observations.core, [street_truth], config, factor=1, visible_only=False, seed=0)
     # The core's has its bias taken off.
     assert value.item() == pytest.approx(there.mutual_information, abs=2e-3)
     assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(there.num_points, rel=1e-3)

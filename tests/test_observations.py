@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
-from semcal_cli.drive.frame_selection import select_frames
-from semcal_cli.drive.observations import LabelledCloud, Observations
-from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.frame_selection import select_frames
+from semcal_cli.observations.observations import LabelledCloud, Observations
+from semcal_cli.observations.reading import load_observations
 
 COLORS = np.random.default_rng(0).integers(0, 256, (256, 3)).astype(np.uint8)
 """Red, green, blue of each id."""
@@ -65,7 +65,7 @@ def test_colours_and_ids_are_the_same_observations(street: Path, rewrite: Callab
 
 def same_agreement(found: Observations, expected: Observations, T_camera_lidar: Pose) -> bool:
     """Whether the core computes the same from both, to the last bit."""
-    one, other = (_core.agreement(each.core, T_camera_lidar) for each in (found, expected))
+    one, other = (core.agreement(each.core, T_camera_lidar) for each in (found, expected))
     return np.array_equal(one.joint, other.joint) and one.sigma == other.sigma
 
 
@@ -105,8 +105,8 @@ def test_arrays_that_do_not_belong_together_are_refused(street_observations: Obs
             _ = wrong.core
 
 
-def few_shares() -> _core.ClassShares:
-    return _core.ClassShares.certain(np.zeros(3, np.uint8))
+def few_shares() -> core.ClassShares:
+    return core.ClassShares.certain(np.zeros(3, np.uint8))
 
 
 def test_the_most_different_frames_are_found_by_colours(street: Path, rewrite: Callable[..., Drive]) -> None:

@@ -12,19 +12,19 @@ from commands import invoke
 from conftest import without
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive, Frame, read_drive
-from semcal_cli.drive.observations import (
+from semcal_cli.errors import InputError
+from semcal_cli.formats import write_transform
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.cues.cue_table import load_cues
+from semcal_cli.observations.observations import (
     NO_CLASS,
     FrameObservation,
     LabelledCloud,
     LabelledImage,
     Observations,
 )
-from semcal_cli.drive.reading import load_observations
-from semcal_cli.errors import InputError
-from semcal_cli.formats import write_transform
-from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.reading import load_observations
 from semcal_cli.report.colors import (
     NO_EDGE_NAME,
     STEP_COLORS,
@@ -33,7 +33,7 @@ from semcal_cli.report.colors import (
     depth_levels,
     level_colors,
 )
-from semcal_cli.report.overlay import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_image
+from semcal_cli.report.overlays import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_image
 from semcal_cli.report.points import View, frame_points, goes_together, points_in_image
 
 CAMERA = Camera(

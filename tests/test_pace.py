@@ -3,8 +3,8 @@
 import pytest
 from rich.console import Console
 
-from semcal_cli.batches.pace import Pace
 from semcal_cli.cli.terminal import MAX_RUNNING, clock_time, live_lines, running_lines, time_left
+from semcal_cli.many.batch.pace import Pace
 
 
 class Clock:

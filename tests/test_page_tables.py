@@ -15,10 +15,10 @@ from documentation import ROOT
 from laboratory import page_tables
 from laboratory.page_tables import command_line, find_place
 
-from semcal_cli.batches.pace import Pace
 from semcal_cli.errors import InputError
 from semcal_cli.experiments import experiment, measured
 from semcal_cli.experiments.experiment import Experiment, Report, read_measured
+from semcal_cli.many.batch.pace import Pace
 
 BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"
 AFTER = "<!-- end of table -->\n\nMore \u00e9, without a line break at the end"

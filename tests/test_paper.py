@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from commands import invoke
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import CalibrationConfig
+from semcal_cli.config.paper_config import PaperConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.reading import read_observations
-from semcal_cli.experiments.baselines import paper
-from semcal_cli.experiments.baselines.config import PaperConfig
-from semcal_cli.experiments.baselines.paper import calibrate_as_published
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.search.registration import Candidate
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.registration import Candidate
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.reading import read_observations
+from semcal_cli.pipeline import paper
+from semcal_cli.pipeline.paper import calibrate_as_published
+from semcal_cli.result.calibration_document import read_calibration
 
 CLEAN_DEG, CLEAN_CM = 0.15, 3.0
 """Error of the paper's method on the clean street, a few times what it is."""
@@ -85,18 +85,18 @@ def test_nothing_of_ours_is_added(
 ) -> None:
     """No edge band, no removal of hidden points, and no exact mutual information that a pose ascends."""
     seen: list[dict[str, object]] = []
-    anchored = _core.AnchoredPoints
+    anchored = core.AnchoredPoints
 
-    def spy(*arguments: object, **settings: object) -> _core.AnchoredPoints:
+    def spy(*arguments: object, **settings: object) -> core.AnchoredPoints:
         seen.append(settings)
         return anchored(*arguments, **settings)  # type: ignore[arg-type]
 
     def forbidden(*_: object, **__: object) -> None:
         raise AssertionError("not of the paper")
 
-    monkeypatch.setattr("semcal_cli.refinement.mine._core.AnchoredPoints", spy)
+    monkeypatch.setattr("semcal_cli.estimation.refine.mine.core.AnchoredPoints", spy)
     for name in ("align", "polish", "despeckle"):
-        monkeypatch.setattr(_core, name, forbidden)
+        monkeypatch.setattr(core, name, forbidden)
     few = PaperConfig(mine=replace(PaperConfig().mine, steps_per_level=4, warm_up_steps=4))
     calibrate_as_published(data, RAW, few)
     assert len(seen) > 4

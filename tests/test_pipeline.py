@@ -11,8 +11,7 @@ from commands import invoke
 from conftest import make_pose
 
 import semcal_cli
-from semcal_cli import _core
-from semcal_cli.assessment.priors import Prior
+from semcal_cli import core
 from semcal_cli.config import (
     CalibrationConfig,
     InitializationConfig,
@@ -21,16 +20,17 @@ from semcal_cli.config import (
     check_config,
 )
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.events import Event, Progress, StageDone
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.adjust.priors import Prior
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.stage import StageResult, announced
+from semcal_cli.events import Event, Progress, StageDone
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.calibration import Calibration, calibration_text
-from semcal_cli.result.stage import StageResult, announced
+from semcal_cli.result.calibration_document import Calibration, calibration_text
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_a_stage_that_keeps_the_pose_is_told_as_one_that_has_not_moved(
 ) -> None:
     events: list[Event] = []
     T = make_pose((0.01, 0.0, 0.0), (0.0, 0.1, 0.0)) @ street_truth if is_moved else street_truth
-    agreement = _core.agreement(street_observations.core, T)
+    agreement = core.agreement(street_observations.core, T)
     found = StageResult(T_camera_lidar=T, agreement=agreement, note="kept", details="of all data")
     assert announced("polished", "polishing", lambda: found, events.append, street_truth) is found
     doing, done = events

@@ -17,16 +17,16 @@ from documentation import ROOT, blocks
 from format_files import T_ANY
 
 import semcal_cli
-from semcal_cli.datasets import read_dataset, recording
-from semcal_cli.datasets.choice import Options
-from semcal_cli.datasets.writing import write_drive
-from semcal_cli.drive.cues.table import load_cues, recorded
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.importing import read_dataset, recording
+from semcal_cli.importing.choice import Options
+from semcal_cli.importing.drive_folder import write_drive
+from semcal_cli.observations.cues.cue_table import load_cues, recorded
 from semcal_cli.plugins import PluginError, Plugins, PluginWarning
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.result.calibration_document import read_calibration
 
 EXAMPLE = Path(__file__).with_name("example_plugin")
 NEEDED = "needed one or more of labels, segments, edges, intensity, features, auto"
@@ -195,9 +195,9 @@ def test_a_plugin_is_loaded_once_and_warned_of_once(tmp_path: Path, monkeypatch:
 CODE = """
 from dataclasses import replace
 import numpy as np
-from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
-from semcal_cli.drive.cues.cue import Cue
-from semcal_cli.drive.cues.table import find_cue
+from semcal_cli.importing.recording import Cloud, Conversion, Recording, SourceFrame
+from semcal_cli.observations.cues.cue import Cue
+from semcal_cli.observations.cues.cue_table import find_cue
 from semcal_cli.formats.format import Format
 
 print("a module that greets")

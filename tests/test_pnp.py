@@ -6,7 +6,7 @@ from test_torch_geometry import MODELS, incidence, make_camera
 from semcal_cli.config import PnpConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import CalibrationError
-from semcal_cli.initialization.pnp import solve_pnp
+from semcal_cli.estimation.search.pnp import solve_pnp
 
 ROUND_OFF = 1e-5
 NOISE = 5e-3  # about five standard errors of a translation from 400 points with noise of a centimetre

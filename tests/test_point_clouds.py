@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import read_point_clouds
+from semcal_cli.observations.reading import read_observations
 
 
-def read(points: Path, labels: Path | None = None) -> _core.PointCloud:
+def read(points: Path, labels: Path | None = None) -> core.PointCloud:
     (cloud,) = read_point_clouds([(points, labels)])
     return cloud
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from conftest import make_pose
 
-from semcal_cli import _core, pipeline
+from semcal_cli import core, pipeline
 from semcal_cli.config import PolishConfig, PyramidConfig, RefinementConfig
-from semcal_cli.drive.cues.segments import STARTS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.estimation.refine.polish import polish_pose, split
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.refinement.polish import polish_pose, split
+from semcal_cli.observations.cues.segments import STARTS
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import NO_CLASS, Observations
 
 CONFIG = PolishConfig()
 PIXEL_OFF = make_pose((0.002, -0.003, 0.002), (0.01, 0.01, -0.01))
@@ -109,7 +109,7 @@ def test_frames_without_labels_test_no_polish(
 def test_threads_do_not_change_a_bit(street_observations: Observations, street_truth: Pose) -> None:
     found = []
     for num_threads in (1, 2):
-        _core.set_num_threads(num_threads)
+        core.set_num_threads(num_threads)
         found.append(polish_pose(street_observations, PIXEL_OFF @ street_truth, CONFIG))
     np.testing.assert_array_equal(found[0].T_camera_lidar, found[1].T_camera_lidar)
     assert found[0].held_out == found[1].held_out

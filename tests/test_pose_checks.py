@@ -5,10 +5,10 @@ import pytest
 from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
-from semcal_cli import _core
-from semcal_cli.assessment.pose_checks import check_motion, check_pose, compare_seeds
-from semcal_cli.drive.observations import Observations
+from semcal_cli import core
+from semcal_cli.checks.pose_checks import check_motion, check_pose, compare_seeds
 from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
 
 
@@ -21,7 +21,7 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
         "the LiDAR's motion is not compensated, so half of the points are off by 7.0 pixels or more, needed at most 3: "
         "give motion.poses or motion.twist in the drive, or record at lower speed"
     )
-    agreement = _core.agreement(street_observations.core, street_truth)
+    agreement = core.agreement(street_observations.core, street_truth)
     T = np.eye(4)
     T[:3, 3] = [0.0, 0.9, 0.0]
     assert check_pose(T, agreement, 1.0) == check_pose(T, agreement) == ()

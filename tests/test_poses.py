@@ -10,10 +10,15 @@ from conftest import make_pose, poses
 from hypothesis import given
 from test_calibration import make_calibration
 
-from semcal_cli.fleet.members import _Line
+from semcal_cli.fleet.fleet_drives import _Line
 from semcal_cli.formats import read_extrinsic, read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, as_transform, check_rigid, inverse, orthonormal, quaternion_xyzw
-from semcal_cli.result.calibration import Calibration, calibration_text, read_calibration, write_calibration
+from semcal_cli.result.calibration_document import (
+    Calibration,
+    calibration_text,
+    read_calibration,
+    write_calibration,
+)
 
 POSE = make_pose((0.7, -1.1, 0.4), (0.31, -0.52, 0.17))
 ROUNDED, STRETCHED = np.round(POSE, 3), POSE * [[1.0001, 1.0001, 1.0001, 1.0]]

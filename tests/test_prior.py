@@ -7,13 +7,13 @@ from conftest import make_pose, poses, triples
 from hypothesis import given, settings
 from scipy.linalg import expm
 
-from semcal_cli.assessment.priors import UNSETTLED, Prior, _solve, clamp, fuse_with_priors
-from semcal_cli.assessment.sensitivity import Measurement, Scatter, measure, sensitivity
-from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import PolishConfig, SensitivityConfig
-from semcal_cli.drive.observations import NO_CLASS, LabelledImage, Observations
+from semcal_cli.estimation.adjust.priors import UNSETTLED, Prior, _solve, clamp, fuse_with_priors
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.uncertainty.covariance import estimate_uncertainty
+from semcal_cli.estimation.uncertainty.sensitivity import Measurement, Scatter, measure, sensitivity
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
-from semcal_cli.refinement.polish import newton
+from semcal_cli.observations.observations import NO_CLASS, LabelledImage, Observations
 from semcal_cli.result.uncertainty import Uncertainty
 
 FREE = (np.inf,) * 6

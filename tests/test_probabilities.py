@@ -6,21 +6,21 @@ import pytest
 from conftest import edited
 from scipy.ndimage import uniform_filter
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import CalibrationConfig, ExactConfig, PolishConfig, PyramidConfig
-from semcal_cli.config.mine import MineConfig
+from semcal_cli.config.mine_config import MineConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import LabelledImage, Observations
-from semcal_cli.drive.reading import load_observations, read_observations
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.refine.mine import MineEstimator
+from semcal_cli.estimation.refine.polish import polish_pose
+from semcal_cli.estimation.refine.pyramid import ExactEstimator, LevelOptimizer, refine_pose
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import load
+from semcal_cli.observations.observations import LabelledImage, Observations
+from semcal_cli.observations.reading import load_observations, read_observations
 from semcal_cli.pipeline import refine_and_polish, start_at
-from semcal_cli.refinement.mine import MineEstimator
-from semcal_cli.refinement.polish import polish_pose
-from semcal_cli.refinement.pyramid import ExactEstimator, LevelOptimizer, refine_pose
 
 NUM_CLASSES = 25  # of the synthetic street's ids, 255 is unlabelled
 
@@ -61,10 +61,10 @@ def test_certain_probabilities_are_ids(tmp_path: Path, dtype: type) -> None:
     ids = np.random.default_rng(0).integers(0, NUM_CLASSES, (6, 9)).astype(np.uint8)
     scale = 255 if dtype is np.uint8 else 0.25  # any scale
     path = save(tmp_path / "a.npz", (one_hot(ids) * scale).astype(dtype))
-    (shares,) = _core.read_class_shares([path], (6, 9))
+    (shares,) = core.read_class_shares([path], (6, 9))
     np.testing.assert_array_equal(shares.classes.reshape(6, 9), ids)
     np.testing.assert_array_equal(shares.ids, np.unique(ids))
-    (read,) = _core.read_label_images([path], 9, 6)
+    (read,) = core.read_label_images([path], 9, 6)
     np.testing.assert_array_equal(read, ids)
 
 
@@ -78,8 +78,8 @@ def test_certain_shares_give_the_same_pose(street_observations: Observations, st
     np.testing.assert_allclose(poses[0], poses[1], atol=1e-12)
 
 
-def certain(classes: np.ndarray) -> _core.ClassShares:
-    return _core.ClassShares.certain(classes.ravel())
+def certain(classes: np.ndarray) -> core.ClassShares:
+    return core.ClassShares.certain(classes.ravel())
 
 
 @pytest.mark.parametrize("estimator", ["exact", "mine"])
@@ -149,18 +149,18 @@ def test_probabilities_of_points_are_read_with_their_sweep(street: Path, tmp_pat
 def test_what_are_no_probabilities_is_refused(tmp_path: Path, array: np.ndarray, complaint: str) -> None:
     path = save(tmp_path / "a.npz", array)
     with pytest.raises(InputError, match=rf"a\.npz: .*{complaint}"):
-        _core.read_class_shares([path], (6, 9))
+        core.read_class_shares([path], (6, 9))
 
 
 def test_what_is_no_single_array_is_refused(tmp_path: Path) -> None:
     two = save(tmp_path / "two.npz", np.zeros(3), np.zeros(3))
     with pytest.raises(InputError, match=r"two\.npz: holds 2 arrays, needs one"):
-        _core.read_class_shares([two], (6, 9))
+        core.read_class_shares([two], (6, 9))
     whole = save(tmp_path / "a.npz", np.ones((6, 9, 3), np.float32)).read_bytes()
     for end in range(0, len(whole), 7):
         (tmp_path / "cut.npz").write_bytes(whole[:end])
         with pytest.raises(InputError, match=r"cut\.npz: "):
-            _core.read_class_shares([tmp_path / "cut.npz"], (6, 9))
+            core.read_class_shares([tmp_path / "cut.npz"], (6, 9))
 
 
 @pytest.mark.parametrize(
@@ -175,4 +175,4 @@ def test_headers_that_ask_for_too_much_are_refused(tmp_path: Path, header: bytes
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("arr_0.npy", header)
     with pytest.raises(InputError, match=rf"a\.npz: is not a \.npy array: {complaint}"):
-        _core.read_class_shares([tmp_path / "a.npz"], (6, 9))
+        core.read_class_shares([tmp_path / "a.npz"], (6, 9))

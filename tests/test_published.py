@@ -9,12 +9,12 @@ from dataset_imports import run_import
 from dataset_trees import TREES, moved, write
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.published import PUBLISHED, PublishedRow, published_rows
 from semcal_cli.experiments.table import Comparison, describe, markdown
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, rotation_error_deg, rotation_vector_deg
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.reading import load_observations
 
 
 def test_the_row_of_the_paper_is_the_rotation_vector(rellis3d: Path) -> None:

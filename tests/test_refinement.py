@@ -6,13 +6,13 @@ import torch
 from conftest import make_pose
 
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
-from semcal_cli.config.mine import MineConfig
+from semcal_cli.config.mine_config import MineConfig
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
+from semcal_cli.estimation.refine.mine import MineEstimator
+from semcal_cli.estimation.refine.pyramid import ExactEstimator, LevelOptimizer, pyramid_factors, refine_pose
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.refinement.mine import MineEstimator
-from semcal_cli.refinement.pyramid import ExactEstimator, LevelOptimizer, pyramid_factors, refine_pose
+from semcal_cli.observations.observations import Observations
 
 # Three times what four frames of 640 x 360 were measured to end at.
 MAX_ROTATION_DEG = 0.1

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from conftest import edited, real
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import rotation_error_deg
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.observations.reading import load_observations
+from semcal_cli.result.calibration_document import read_calibration
 
 PUBLISHED_IS_TRUE_TO_DEG = 1.5
 SEMCAL = Path(sysconfig.get_path("scripts")) / "semcal"
@@ -38,7 +38,7 @@ def calibrate(*arguments: object) -> int:
 def check_against_published(result: Path, rellis3d: Path) -> None:
     T_camera_lidar, T_published = read_calibration(result).pose, read_transform(rellis3d)
     observations = load_observations(read_drive(rellis3d)).core
-    found, published = (_core.agreement(observations, T) for T in (T_camera_lidar, T_published))
+    found, published = (core.agreement(observations, T) for T in (T_camera_lidar, T_published))
     assert found.mutual_information > published.mutual_information
     assert rotation_error_deg(T_camera_lidar, T_published) < PUBLISHED_IS_TRUE_TO_DEG
 

@@ -15,7 +15,7 @@ from conftest import make_pose
 from pages import page_of
 from scipy.spatial.transform import Rotation
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config.synthetic import Lens, SynthConfig
 from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
@@ -30,7 +30,7 @@ from semcal_cli.report.figures import class_agreements, information_curves
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.template import Reason
 from semcal_cli.report.words import NOT_BELIEVED, uncertainty_sentences, verdict, verdict_of
-from semcal_cli.result.calibration import read_calibration, write_calibration
+from semcal_cli.result.calibration_document import read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 T_ANY = make_pose((0.4, -1.1, 0.7), (0.3, -0.2, 1.4))
@@ -141,7 +141,7 @@ def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
 
 
 def test_classes_add_up_to_all(report: ReportInput) -> None:
-    agreement = _core.agreement(report.observations.core, report.T_camera_lidar)
+    agreement = core.agreement(report.observations.core, report.T_camera_lidar)
     found = class_agreements(report.observations, agreement, agreement)
     assert sum(each.share for each in found) == pytest.approx(1.0)
     assert sum(each.nats for each in found) == pytest.approx(agreement.mutual_information)
@@ -167,9 +167,9 @@ def test_curves_are_those_of_the_camera_moved_along_its_axes(report: ReportInput
         moved[:3, :3], moved[:3, 3] = R, -R @ center
         motion = moved @ np.linalg.inv(T)
         twist = [*motion[:3, 3], *Rotation.from_matrix(motion[:3, :3]).as_rotvec()]
-        ((at,),) = _core.information_along(report.observations.core, T, [(twist, [1.0])])
+        ((at,),) = core.information_along(report.observations.core, T, [(twist, [1.0])])
         assert curve.nats[-3] == pytest.approx(at, abs=1e-9)
-        in_the_middle = _core.agreement(report.observations.core, T).mutual_information
+        in_the_middle = core.agreement(report.observations.core, T).mutual_information
         assert curve.nats[len(curve.nats) // 2] == pytest.approx(in_the_middle, abs=1e-6)
         assert curve.sigma is not None
         # Within what is known: the curve is of all points, the pose of those in the bands of borders.
@@ -216,7 +216,7 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(report: ReportInput) -
     assert all(len(colors) == len(positions) for colors in by.values())
     T = report.T_camera_lidar
     points = np.asarray(positions, np.float32)
-    projected = _core.project_points(core_camera(observations.camera), points, T)
+    projected = core.project_points(core_camera(observations.camera), points, T)
     is_grey = (by["label of the pixel"] == by["label of the pixel"][-1]).all(axis=1)
     colored = np.flatnonzero(~is_grey & np.isfinite(projected.ranges))
     u, v = np.rint(projected.pixels[colored]).astype(int).T

@@ -17,10 +17,10 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, inverse
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.reading import load_observations
 from semcal_cli.report import read_report_input, write_report
 from semcal_cli.report.colors import depth_levels, level_colors
 from semcal_cli.report.points import points_in_image

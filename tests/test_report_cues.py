@@ -10,15 +10,15 @@ import pytest
 from pages import page_of
 
 from semcal_cli.config import CueName
-from semcal_cli.drive.cues.edges import NO_EDGE
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import NO_CLASS
+from semcal_cli.observations.cues.edges import NO_EDGE
+from semcal_cli.observations.observations import NO_CLASS
 from semcal_cli.report import read_report_input
 from semcal_cli.report.colors import page_colors
-from semcal_cli.report.images import MAX_POINTS, make_images
+from semcal_cli.report.page_images import MAX_POINTS, make_images
 from semcal_cli.report.points import frame_points
 from semcal_cli.report.words import polish_sentences
-from semcal_cli.result.calibration import read_calibration, write_calibration
+from semcal_cli.result.calibration_document import read_calibration, write_calibration
 
 
 def by_cues(made: Path, folder: Path, *cues: CueName) -> Path:

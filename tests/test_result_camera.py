@@ -19,14 +19,14 @@ import semcal_cli
 from semcal_cli.cli.tables import summary_lines
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Motion, read_drive
-from semcal_cli.drive.loading import load
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.loading import load
 from semcal_cli.report import read_report_input
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences
 from semcal_cli.result.applied import apply_result, as_begun
-from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
-from semcal_cli.result.camera import camera_differences
+from semcal_cli.result.calibration_document import Calibration, read_calibration, write_calibration
 from semcal_cli.result.provenance import camera_hash
+from semcal_cli.result.refined_camera import camera_differences
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 INDENT = 17

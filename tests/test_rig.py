@@ -14,15 +14,15 @@ from commands import invoke
 from conftest import NAMES, SMALL, make_pose
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files import point_clouds
 from semcal_cli.files.documents import read_document
 from semcal_cli.geometry.poses import Pose, inverse
 from semcal_cli.geometry.twists import adjoint
-from semcal_cli.result.calibration import Calibration, read_calibration
-from semcal_cli.rig.calibration import Reference, make_pair
-from semcal_cli.rig.document import find_rig, read_rig
+from semcal_cli.many.rig.rig_calibration import Reference, make_pair
+from semcal_cli.many.rig.rig_document import find_rig, read_rig
+from semcal_cli.observations.reading import read_label_images
+from semcal_cli.result.calibration_document import Calibration, read_calibration
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 

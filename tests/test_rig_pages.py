@@ -15,13 +15,13 @@ from conftest import NAMES, edited, make_pose
 
 from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.errors import InputError
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.poses import inverse
+from semcal_cli.many.rig.rig_calibration import RigCalibration
+from semcal_cli.many.rig.rig_page import rig_page_html, rig_verdict
+from semcal_cli.many.rig.rig_result import read_rig_files
 from semcal_cli.report.words import NOT_BELIEVED
-from semcal_cli.result.calibration import read_calibration
-from semcal_cli.rig.calibration import RigCalibration
-from semcal_cli.rig.page import rig_page_html, rig_verdict
-from semcal_cli.rig.result import read_rig_files
+from semcal_cli.result.calibration_document import read_calibration
 
 Results = tuple[Result, Path]
 CAPTION_PX = 20

@@ -16,7 +16,7 @@ from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.methods import METHODS
 from semcal_cli.experiments.plots import plot_png
 from semcal_cli.experiments.rivals import EXPERIMENTS, Result, Setting, cases, complete, report, run
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import mounting_rpy_deg, pose_from_mounting
 

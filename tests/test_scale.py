@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import make_pose
 
-from semcal_cli.assessment.scale import check_scale, judge_scale
-from semcal_cli.drive.observations import Observations
+from semcal_cli.checks.scale import check_scale, judge_scale
+from semcal_cli.observations.observations import Observations
 
 
 def scaled(observations: Observations, scale: float, turn: np.ndarray | None = None) -> Observations:

@@ -15,7 +15,7 @@ from semcal_cli.documentation import ADDRESS, WITH_SCHEMA, schema_address
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.labelling.card import CARDS
-from semcal_cli.result.calibration import read_calibration, write_calibration
+from semcal_cli.result.calibration_document import read_calibration, write_calibration
 from semcal_cli.schemas import FOLDER, MODELS, schema_file, schema_text
 
 COMMENT = re.compile(r"# yaml-language-server: \$schema=(\S+)\n")

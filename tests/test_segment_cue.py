@@ -11,23 +11,23 @@ from commands import invoke, unwrapped
 from conftest import edited, make_pose, without
 from scipy.spatial.transform import Rotation
 
-from semcal_cli import _core
-from semcal_cli.assessment.consistency import check_consistency
-from semcal_cli.assessment.information import information_by_squares
-from semcal_cli.assessment.rivals import check_rivals
+from semcal_cli import core
+from semcal_cli.checks.consistency import check_consistency
+from semcal_cli.checks.rivals import check_rivals
 from semcal_cli.config import CalibrationConfig, CueName, ExactConfig
-from semcal_cli.drive.cues.segments import KINDS, SEGMENTS, STARTS, observe_segments
-from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.estimation.refine.several_starts import SeveralStarts
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.uncertainty.information import information_by_squares
+from semcal_cli.findings.check import findings_among
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.cues.cue_table import load_cues
+from semcal_cli.observations.cues.segments import KINDS, SEGMENTS, STARTS, observe_segments
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, Observations
 from semcal_cli.pipeline import refine_and_polish, start_at
-from semcal_cli.refinement.several_starts import SeveralStarts
-from semcal_cli.result.checks import findings_among
 
 FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 """2 degrees and 0.2 m."""
@@ -50,8 +50,8 @@ def test_points_are_ground_objects_or_nothing(seen: Observations) -> None:
     assert seen.has_segments
     assert list(seen.point_class_names) == list(KINDS.values())
     classes = np.concatenate([cloud.classes for cloud in seen.clouds])
-    assert set(np.unique(classes)) <= {_core.GROUND, _core.OBJECT, 255}
-    assert 0.2 < np.mean(classes == _core.GROUND) < 0.8
+    assert set(np.unique(classes)) <= {core.GROUND, core.OBJECT, 255}
+    assert 0.2 < np.mean(classes == core.GROUND) < 0.8
     assert np.mean(classes == 255) < 0.15
 
 
@@ -90,8 +90,8 @@ def test_the_mounting_of_the_lidar_changes_little(seen: Observations, street_tru
 
 def with_points(seen: Observations, points: list[np.ndarray]) -> Observations:
     """The same images with other sweeps, segmented anew."""
-    segmented = _core.segment_sweeps(points, SEGMENTS.segmentation)
-    partitions = _core.turned_partitions(points, segmented, SEGMENTS.num_turns)
+    segmented = core.segment_sweeps(points, SEGMENTS.segmentation)
+    partitions = core.turned_partitions(points, segmented, SEGMENTS.num_turns)
     kinds = [np.append(sweep.kinds, 255)[np.minimum(sweep.ids, sweep.num_segments)] for sweep in segmented]
     clouds = [
         LabelledCloud(each, kind.astype(np.uint8), partitions=partition)
@@ -156,7 +156,7 @@ def test_images_of_unsure_labels_are_exchanged_as_sure_as_their_own(
         sure = np.eye(len(seen.image_class_names), dtype=np.uint8)
         shares = sure[np.where(image.classes == NO_CLASS, 0, image.classes)] * np.uint8(8) + np.uint8(2)
         np.savez(tmp_path / f"{index}.npz", shares)
-        (read,) = _core.read_class_shares([tmp_path / f"{index}.npz"], image.classes.shape)
+        (read,) = core.read_class_shares([tmp_path / f"{index}.npz"], image.classes.shape)
         unsure.append(replace(image, shares=read))
     found = findings_among(check_consistency(seen.with_images(unsure), street_truth))
     assert not any("images of other frames" in finding.sentence for finding in found)

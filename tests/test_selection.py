@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.frame_selection import farthest_points, num_different, select_frames
 from semcal_cli.errors import InputError
+from semcal_cli.observations.frame_selection import farthest_points, num_different, select_frames
 
 
 def test_rows_that_differ_are_chosen_before_rows_that_repeat() -> None:

@@ -7,24 +7,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semcal_cli import _core
-from semcal_cli.assessment.inspection import inspect
-from semcal_cli.assessment.pose_checks import check_shutter, check_unstated
-from semcal_cli.assessment.stages import Stages
+from semcal_cli import core
+from semcal_cli.checks.inspection import inspect
+from semcal_cli.checks.pose_checks import check_shutter, check_unstated
 from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Motion
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.motion import delayed, exposed_as, points_at, unrolled
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
-from semcal_cli.drive.reading import load_observations, read_clouds
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import apply_twist
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.motion import delayed, exposed_as, points_at, unrolled
+from semcal_cli.observations.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.observations.reading import load_observations, read_clouds
 from semcal_cli.pipeline import calibrate, refine_and_polish, start_at
+from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.input import make_report_input
-from semcal_cli.report.overlay import Overlays
+from semcal_cli.report.overlays import Overlays
 from semcal_cli.report.points import points_in_image
 from semcal_cli.report.view.session import Session
 from semcal_cli.synthetic.synthesis import synthesize
@@ -115,7 +115,7 @@ def truth(data: LoadedDrive) -> Pose:
 
 
 def agreement(data: LoadedDrive) -> float:
-    return _core.agreement(data.observations.core, truth(data)).label_agreement
+    return core.agreement(data.observations.core, truth(data)).label_agreement
 
 
 def found(data: LoadedDrive, config: RefinementConfig | None = None) -> Stages:
@@ -142,7 +142,7 @@ def test_a_pose_is_as_good_as_without_a_rolling_shutter(
     assert rotation_deg < MAX_DEG
     assert center_cm < MAX_CM
     assert stages.unrolled is not None
-    assert _core.agreement(stages.unrolled.core, truth(data)).label_agreement > by_line - 1e-3
+    assert core.agreement(stages.unrolled.core, truth(data)).label_agreement > by_line - 1e-3
     at_middle_deg, at_middle_cm = error(data, found(at_middle_line(data)))
     assert at_middle_deg > 2.0 * rotation_deg
     assert at_middle_cm > 1.2 * center_cm
@@ -195,7 +195,7 @@ def test_a_late_clock_is_found_with_the_lines_that_it_tells(tmp_path: Path) -> N
 
 def test_what_is_shown_is_what_was_exposed(rolling: LoadedDrive) -> None:
     T = truth(rolling)
-    at_truth = _core.agreement(rolling.unrolled(T).observations.core, T)
+    at_truth = core.agreement(rolling.unrolled(T).observations.core, T)
     overlays = Overlays(rolling.drive, rolling.observations, {"truth": T}, "agreement")
     by_line = Overlays(rolling.drive, rolling.unrolled(T).observations, {"truth": T}, "agreement")
     middle = Overlays(rolling.drive, at_middle_line(rolling).observations, {"truth": T}, "agreement")
@@ -204,7 +204,7 @@ def test_what_is_shown_is_what_was_exposed(rolling: LoadedDrive) -> None:
     shown = session.points({"base": T.tolist(), "offsets": [0.0] * 6, "frame": 1})
     assert shown["mutual_information"] == pytest.approx(at_truth.mutual_information, rel=1e-12)
     report = make_report_input(rolling.drive, "truth", T, None)
-    of_report = _core.agreement(report.observations.core, T)
+    of_report = core.agreement(report.observations.core, T)
     assert of_report.mutual_information == pytest.approx(at_truth.mutual_information, rel=1e-12)
 
 

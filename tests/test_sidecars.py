@@ -10,13 +10,13 @@ import pytest
 from networks import COLORS, NAMES, color_network, save
 from onnx import TensorProto, helper
 
-from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
+from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.labelling.card import ImageCard
-from semcal_cli.labelling.images import ImageLabeller
+from semcal_cli.labelling.image_labeller import ImageLabeller
 from semcal_cli.labelling.model import image_model
-from semcal_cli.labelling.network import Network, Port, open_network
+from semcal_cli.labelling.onnx_network import Network, Port, open_network
 from semcal_cli.labelling.sidecars import read_sidecars
 
 MEAN, STD = [0.485, 0.456, 0.406], [0.229, 0.224, 0.225]

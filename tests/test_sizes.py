@@ -11,16 +11,16 @@ import yaml
 from commands import invoke
 from hostile_files import bmp, jpeg, npy, png, sparse
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.files import rows
 from semcal_cli.files.documents import parse
-from semcal_cli.files.images import read_image, read_size
+from semcal_cli.files.image_files import read_image, read_size
+from semcal_cli.files.input_files import read_bytes, read_text
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.files.reading import read_bytes, read_text
 from semcal_cli.files.yaml_values import MAX_DEPTH
+from semcal_cli.observations.reading import read_clouds
 
 MAX_SECONDS = 5.0
 """Time of the processor in which a drive of 10,000 frames is read: it takes a third of a second."""
@@ -60,7 +60,7 @@ def test_devices_are_not_opened(path: str, tmp_path: Path) -> None:
         read_bytes(Path(path))
     (tmp_path / "a.png").symlink_to(path)
     with pytest.raises(InputError, match="is a special file"):
-        _core.read_label_images([tmp_path / "a.png"], 1, 1)
+        core.read_label_images([tmp_path / "a.png"], 1, 1)
 
 
 # Images.

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments.baselines.config import SoicConfig
-from semcal_cli.experiments.baselines.soic import Soic
+from semcal_cli.experiments.soic import Soic
+from semcal_cli.experiments.soic_config import SoicConfig
 from semcal_cli.geometry.poses import Pose, compare_poses, pose_from_mounting
 from semcal_cli.geometry.twists import displaced
+from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 
@@ -47,7 +47,7 @@ def test_the_cost_is_the_distance_to_the_pixels_of_the_class(
     found: dict[str, list[float]] = {}
     for frame in seen.frame_observations:
         points, ids, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
-        pixels = _core.project_points(core_camera(seen.camera), points, street_truth).pixels
+        pixels = core.project_points(core_camera(seen.camera), points, street_truth).pixels
         for name in names:
             place, of_pixels = seen.point_class_names.index(name), seen.image_class_names.index(name)
             u, v = pixels[(ids == place) & np.isfinite(pixels).all(1)].T

@@ -10,11 +10,11 @@ from conftest import STREET
 from laboratory import spoiling
 from laboratory.raw_drive import RawDrive, write_raw_drive
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_observations
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.observations.reading import read_observations
 
 
 def test_a_drive_is_written_as_it_was_read(raw: RawDrive, street: Path, tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_a_knocked_camera_sees_the_same_in_another_pose(
     assert knocked.frames[:3] == raw.frames[:3]
     camera = core_camera(raw.drive.camera)
     seen = [
-        _core.project_points(camera, frame.points, frame.T_camera_lidar).pixels
+        core.project_points(camera, frame.points, frame.T_camera_lidar).pixels
         for frame in (raw.frames[3], knocked.frames[3])
     ]
     assert np.nanmax(np.abs(seen[0] - seen[1])) < 0.1  # coordinates are rounded to single precision
@@ -151,7 +151,7 @@ def test_labels_of_points_are_those_of_images_through_a_wrong_transform(
     leaked = spoiling.point_labels_from_images(raw, rng, is_by_a_network=is_by_a_network)
     camera, shares = core_camera(raw.drive.camera), []
     for frame, before in zip(leaked.frames, raw.frames, strict=True):
-        projected = _core.project_points(camera, frame.points, frame.T_camera_lidar)
+        projected = core.project_points(camera, frame.points, frame.T_camera_lidar)
         is_seen = np.isfinite(projected.ranges)
         column, row = np.rint(projected.pixels[is_seen]).astype(int).T
         pixels = frame.image_labels[row.clip(0, STREET.height - 1), column.clip(0, STREET.width - 1)]

@@ -10,7 +10,7 @@ from hostile_commands import SEMCAL
 
 from semcal_cli.cli.outputs import check_outputs
 from semcal_cli.errors import InputError
-from semcal_cli.files.writing import descriptor, write_text
+from semcal_cli.files.output_files import descriptor, write_text
 
 CONVERT = '"${semcal[@]}" convert "$drive" --to opencalib -o'
 JUNIT = '"${semcal[@]}" verify "$drive" "$drive" --quiet --junit'

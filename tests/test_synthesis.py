@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.cli.synth import synth
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, camera_center, check_rigid
+from semcal_cli.observations.reading import load_observations
 from semcal_cli.synthetic.frame_files import UNLABELED
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, make_renderer, mounting, synthesize
 
@@ -92,7 +92,7 @@ def test_drive_reads_back(tiny: Path) -> None:
     assert (drive.lidar.channels, drive.lidar.columns) == (TINY.channels, TINY.columns)
     observations = load_observations(drive)
     assert observations.num_frames == TINY.num_frames
-    names = {name for _, name in _core.synthetic_classes()}
+    names = {name for _, name in core.synthetic_classes()}
     assert set(observations.point_class_names) | set(observations.image_class_names) <= names
 
 
@@ -171,7 +171,7 @@ def test_visible_points_land_on_pixels_of_their_own_label() -> None:
         T = mounting(config)
         frame = make_renderer(config, T).frame(seed, 0)
         camera = core_camera(make_camera(config))
-        pixels = _core.project_points(camera, frame.points[:, :3].copy(), T).pixels
+        pixels = core.project_points(camera, frame.points[:, :3].copy(), T).pixels
         is_visible = frame.point_visibility == 2
         u, v = np.rint(pixels[is_visible]).astype(int).T
         agree += np.count_nonzero(frame.image_labels[v, u] == frame.point_labels[is_visible] & 0xFFFF)
@@ -188,7 +188,7 @@ def test_label_noise_is_what_was_asked(tiny: Path, tmp_path: Path) -> None:
         found = np.mean(true[labelled] != noisy[labelled])
         standard_error = np.sqrt(share * (1.0 - share) / np.count_nonzero(labelled))
         assert abs(found - share) < STANDARD_ERRORS * standard_error
-        assert set(np.unique(noisy)) <= {UNLABELED, *(id_ for id_, _ in _core.synthetic_classes())}
+        assert set(np.unique(noisy)) <= {UNLABELED, *(id_ for id_, _ in core.synthetic_classes())}
 
 
 def test_disjoint_ontologies_share_no_id_and_merge_nothing(tiny: Path, tmp_path: Path) -> None:

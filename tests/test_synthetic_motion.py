@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from semcal_cli import _core
-from semcal_cli.assessment.inspection import inspect
+from semcal_cli import core
+from semcal_cli.checks.inspection import inspect
 from semcal_cli.cli.synth import synth
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.reading import read_clouds, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.synthetic.motion import lidar_twist, vehicle_motion
+from semcal_cli.observations.reading import read_clouds, read_observations
+from semcal_cli.synthetic.street_motion import lidar_twist, vehicle_motion
 from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting, synthesize, synthesize_rig
 
 MIXED = SynthConfig(num_frames=4, seed=5, channels=32, columns=400, width=320, height=180, motion="mixed")
@@ -46,8 +46,8 @@ def made(config: SynthConfig, folder: Path) -> Drive:
     return read_drive(folder)
 
 
-def agreement(drive: Drive) -> _core.Agreement:
-    return _core.agreement(read_observations(drive).core, np.array(drive.T_camera_lidar))
+def agreement(drive: Drive) -> core.Agreement:
+    return core.agreement(read_observations(drive).core, np.array(drive.T_camera_lidar))
 
 
 def test_compensated_sweeps_agree_as_if_nothing_moved(still: Drive, mixed: Drive) -> None:
@@ -129,7 +129,7 @@ def test_poses_say_the_twist_of_each_frame_and_it_is_level(tmp_path: Path, tilt_
         twists = [frame.twist_per_s for frame in observations.frame_observations]
         np.testing.assert_allclose(twists, [lidar_twist(config, i) for i in range(4)], atol=EXACT)
     for cloud, twist in zip(observations.clouds, twists, strict=True):
-        up = _core.estimate_up([cloud.points])
+        up = core.estimate_up([cloud.points])
         assert up is not None
         motion = vehicle_motion(config, twists.index(twist))
         climb = up.direction @ twist[:3] / motion.speed_m_s

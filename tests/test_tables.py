@@ -6,7 +6,7 @@ import pytest
 from test_calibration import POSE, make_calibration
 
 from semcal_cli.cli.tables import COLUMNS, hypothesis_lines, summary_lines, verdict_lines, wrapped
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.sections import Hypothesis
 
 LONG = (

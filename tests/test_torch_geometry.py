@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from torch.autograd import gradcheck
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.refinement.torch_geometry import Projection, exp_se3, generators
+from semcal_cli.estimation.refine.torch_geometry import Projection, exp_se3, generators
 
 SAME_PIXEL = 1e-6
 ROUND_OFF = 1e-10

@@ -8,23 +8,23 @@ import pytest
 from commands import invoke
 from conftest import edited, run
 
-from semcal_cli import _core
-from semcal_cli.assessment.information import InformationBySquares
-from semcal_cli.assessment.label_alignment import check_leaks
-from semcal_cli.assessment.limits import hotelling_quantile
+from semcal_cli import core
+from semcal_cli.checks.label_alignment import check_leaks
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.uncertainty.information import InformationBySquares
+from semcal_cli.estimation.uncertainty.quantiles import hotelling_quantile
+from semcal_cli.findings.check import findings_among
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import load
+from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.pipeline import calibrate
 from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.calibration import read_calibration
-from semcal_cli.result.checks import findings_among
+from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.result.uncertainty import Uncertainty
 
 LABELS_ALONE = CalibrationConfig(cues=("labels",))
@@ -35,7 +35,7 @@ def painted(observations: Observations, T_camera_lidar: Pose) -> Observations:
     camera, clouds = core_camera(observations.camera), []
     height, width = observations.images[0].classes.shape
     for cloud, image in zip(observations.clouds, observations.images, strict=True):
-        projected = _core.project_points(camera, cloud.points, T_camera_lidar)
+        projected = core.project_points(camera, cloud.points, T_camera_lidar)
         is_seen = np.isfinite(projected.ranges)
         column, row = np.rint(np.where(is_seen[:, None], projected.pixels, 0.0)).astype(int).T
         pixels = image.classes[row.clip(0, height - 1), column.clip(0, width - 1)]

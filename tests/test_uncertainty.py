@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f, t
 
-from semcal_cli import _core
-from semcal_cli.assessment.sensitivity import LEAST_CLASSES, Matrix, Sensitivity, sensitivity
-from semcal_cli.assessment.uncertainty import bled, estimate_uncertainty, label_bleed, undetermined
+from semcal_cli import core
 from semcal_cli.config import PolishConfig, SensitivityConfig
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.uncertainty.covariance import bled, estimate_uncertainty, label_bleed, undetermined
+from semcal_cli.estimation.uncertainty.sensitivity import LEAST_CLASSES, Matrix, Sensitivity, sensitivity
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.refinement.polish import newton
+from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.result.uncertainty import Uncertainty, figure
 
 CONFIG = PolishConfig()
@@ -127,7 +127,7 @@ def test_scatter_follows_a_change_of_variables(street_observations: Observations
 
 
 def test_classes_share_the_curvature(street_observations: Observations, polished: Pose) -> None:
-    found = _core.sensitivity(street_observations.core, polished, SensitivityConfig())
+    found = core.sensitivity(street_observations.core, polished, SensitivityConfig())
     assert found is not None
     np.testing.assert_allclose(found.class_curvatures.sum(axis=0), found.curvature, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.frame_curvatures.sum(axis=0), found.curvature, rtol=1e-9, atol=1e-9)
@@ -175,14 +175,14 @@ def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(
 
 @pytest.mark.parametrize("dof", [1.3, 4.0, 37.5, 1e5, 1e9])
 def test_student_quantile_is_scipys(dof: float) -> None:
-    assert _core.student_quantile(0.975, dof) == pytest.approx(t.ppf(0.975, dof), rel=1e-6)
+    assert core.student_quantile(0.975, dof) == pytest.approx(t.ppf(0.975, dof), rel=1e-6)
 
 
 @pytest.mark.parametrize("alpha", [0.05, 1e-3, 2.5e-5, 1e-7])
 @pytest.mark.parametrize("numerator", [1, 3, 6, 114, 5994])
 def test_fisher_limit_is_exceeded_with_its_probability(alpha: float, numerator: int) -> None:
     denominators = [0.5, 1.0, 4.5, 37.5, 300.0, 1e4, 1e6]
-    limits = [_core.fisher_limit(alpha, numerator, dof) for dof in denominators]
+    limits = [core.fisher_limit(alpha, numerator, dof) for dof in denominators]
     # The core subtracts logarithms of gamma functions, which are up to 1e7.
     assert f.sf(limits, numerator, denominators) == pytest.approx(alpha, rel=1e-8)
 

@@ -19,7 +19,7 @@ from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
     Pose,
@@ -29,7 +29,7 @@ from semcal_cli.geometry.poses import (
     quaternion_xyzw,
 )
 from semcal_cli.pipeline.verification import LOOKS_LIKE, recognise
-from semcal_cli.result.calibration import read_calibration, write_calibration
+from semcal_cli.result.calibration_document import read_calibration, write_calibration
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 GREEN, RED = "\x1b[1;32m", "\x1b[1;31m"

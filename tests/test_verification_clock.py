@@ -11,18 +11,18 @@ from conftest import edited, run
 from refined import clock, of_another_drive
 
 import semcal_cli as semcal_package
-from semcal_cli import _core
-from semcal_cli.assessment.limits import CLOCK, figures, judge_clock, overall_offsets
+from semcal_cli import core
 from semcal_cli.config import CalibrationConfig, JointlyConfig, Limits, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.drive.loading import load
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.formats import read_transform
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import load
+from semcal_cli.pipeline.verdict import CLOCK, figures, judge_clock, overall_offsets
 from semcal_cli.report import read_report_input
 from semcal_cli.report.page import both_overlays
-from semcal_cli.result.calibration import Calibration, write_calibration
+from semcal_cli.result.calibration_document import Calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
@@ -206,7 +206,7 @@ def test_the_estimate_of_a_verification_is_shown_by_its_clock(moving: Path) -> N
     given, last = both_overlays(found, data, start).views.values()
     assert given.observations.clouds[0] is data.observations.clouds[0]
     agreements = [
-        _core.agreement(seen.observations.core, last.T_camera_lidar).label_agreement for seen in (given, last)
+        core.agreement(seen.observations.core, last.T_camera_lidar).label_agreement for seen in (given, last)
     ]
     assert agreements[1] > agreements[0]
     with pytest.raises(InputError, match=r"^delay_s: found -1, needed a number from 0 on$"):

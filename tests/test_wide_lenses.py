@@ -8,11 +8,11 @@ from conftest import STREET
 
 from semcal_cli.config import ExactConfig, InitializationConfig, PyramidConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.estimation.refine.pyramid import ExactEstimator, refine_pose
+from semcal_cli.estimation.search.mounting_search import search_mountings
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.initialization.search import search_mountings
-from semcal_cli.refinement.pyramid import ExactEstimator, refine_pose
+from semcal_cli.observations.reading import load_observations
 from semcal_cli.synthetic.synthesis import synthesize
 
 # Three times what was measured: a pixel is a third of a degree.

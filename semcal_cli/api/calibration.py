@@ -12,13 +12,13 @@ import numpy.typing as npt
 from pydantic import PrivateAttr
 
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.reading import read_clouds, read_frame_image
 from semcal_cli.errors import SemcalError
-from semcal_cli.files.arrays import COLORS, POINTS, Form, check_array, image_of
+from semcal_cli.files.array_forms import COLORS, POINTS, Form, check_array, image_of
 from semcal_cli.formats import write_transform
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.result import calibration as document
-from semcal_cli.result.calibration import write_calibration
+from semcal_cli.observations.reading import read_clouds, read_frame_image
+from semcal_cli.result import calibration_document as document
+from semcal_cli.result.calibration_document import write_calibration
 
 WIDTH_PX = 640
 """Width of the image that a notebook shows; smaller images are not enlarged."""
@@ -55,7 +55,7 @@ class Calibration(document.Calibration):
         Raises:
             InputError: the image or the points have the wrong shape or type.
         """
-        from semcal_cli.report.overlay import draw_depths
+        from semcal_cli.report.overlays import draw_depths
 
         camera, array = self.used_camera, np.asarray(points)
         size = camera.height, camera.width

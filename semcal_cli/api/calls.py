@@ -12,18 +12,18 @@ from typing_extensions import Unpack
 
 from semcal_cli import pipeline
 from semcal_cli.api.calibration import Calibration
-from semcal_cli.assessment.priors import Prior
 from semcal_cli.config import CalibrationConfig, CueName, Limits
-from semcal_cli.drive.arrays import ArrayInput
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.events import Listener, ignore
-from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.held_arrays import ArrayInput
 from semcal_cli.errors import InputError
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.estimation.adjust.priors import Prior
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.events import Listener, ignore
+from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import verification
-from semcal_cli.pipeline.given import as_initial_pose, assess_given, refine_given
+from semcal_cli.pipeline.from_transform import as_initial_pose, assess_given, refine_given
 from semcal_cli.pipeline.verification import Verification
-from semcal_cli.result.calibration import Calibration as Document
+from semcal_cli.result.calibration_document import Calibration as Document
 
 Data: TypeAlias = LoadedDrive | Drive | Path | str
 """A drive, its folder, its drive.yaml, or a drive loaded by `load`."""

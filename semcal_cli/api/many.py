@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 from semcal_cli import pipeline
 from semcal_cli.api.calibration import Calibration
-from semcal_cli.batches.cluster import LostWorkerError, on_cluster, worker_of_thread
-from semcal_cli.batches.processes import ProcessError, Worker, in_processes
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError
-from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.result.calibration import Calibration as Document
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.many.batch.cluster import LostWorkerError, on_cluster, worker_of_thread
+from semcal_cli.many.batch.processes import ProcessError, Worker, in_processes
+from semcal_cli.result.calibration_document import Calibration as Document
 from semcal_cli.threads import num_cores, set_num_threads
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from semcal_cli.cli.verify import VerifySettings, verify
 from semcal_cli.errors import torch_import
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.limits import Verdict
-    from semcal_cli.batches.tasks import Outcome, Task
+    from semcal_cli.many.batch.tasks import Outcome, Task
+    from semcal_cli.pipeline.verdict import Verdict
 
 COMMANDS: dict[str, SettingsCommand[Any]] = {"calibrate": calibrate, "verify": verify}
 OURS = (
@@ -98,11 +98,11 @@ def batch(settings: BatchSettings) -> None:
 
     --calibration accepts {KNOWN_TRANSFORMS}.
     """
-    from semcal_cli.batches.cluster import connect, execute_on
-    from semcal_cli.batches.records import worst
-    from semcal_cli.batches.run import execute_here, run_batch
     from semcal_cli.cli.batch_progress import BatchProgress, print_end
     from semcal_cli.cli.worker import run_task
+    from semcal_cli.many.batch.cluster import connect, execute_on
+    from semcal_cli.many.batch.records import worst
+    from semcal_cli.many.batch.run import execute_here, run_batch
 
     tasks, num_jobs, folder = _make_tasks(settings), settings.jobs or 1, settings.output.absolute()
     with ExitStack() as stack:
@@ -126,7 +126,7 @@ def batch(settings: BatchSettings) -> None:
 
 def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
     """Make a test case of each drive; a drive with an error counts as failed."""
-    from semcal_cli.assessment.limits import together
+    from semcal_cli.pipeline.verdict import together
 
     verdicts: dict[int, Verdict] = {code: verdict for verdict, code in EXIT_CODES.items()}
     cases = [
@@ -139,8 +139,8 @@ def _report(settings: BatchSettings, outcomes: Sequence[Outcome]) -> CiReport:
 
 def _make_tasks(settings: BatchSettings) -> list[Task]:
     """List the tasks: the command on each drive, with a results folder each."""
-    from semcal_cli.batches.folders import check_apart, check_distinct_folders, check_made_by_batch
-    from semcal_cli.batches.tasks import find_drives, folder_of
+    from semcal_cli.many.batch.folders import check_apart, check_distinct_folders, check_made_by_batch
+    from semcal_cli.many.batch.tasks import find_drives, folder_of
 
     make = _task_maker(settings)
     found, folder = find_drives(settings.drives, sys.stdin), settings.output.absolute()
@@ -159,8 +159,8 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
 
     Files are named by absolute paths, because other machines have other working folders.
     """
-    from semcal_cli.batches.tasks import Task
     from semcal_cli.drive.document import drive_file
+    from semcal_cli.many.batch.tasks import Task
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
     calibration, found = settings.calibration, _checked(settings, rest)
@@ -170,7 +170,7 @@ def _task_maker(settings: BatchSettings) -> partial[Task]:
             found.check_estimator()
             if found.device == "cuda":
                 with torch_import():
-                    from semcal_cli.refinement.mine import check_device
+                    from semcal_cli.estimation.refine.mine import check_device
 
                 check_device("cuda")
         for name, values in _files(settings, found).items():
@@ -224,7 +224,7 @@ def _without(words: Sequence[str], name: str) -> list[str]:
 
 def _checked(settings: BatchSettings, rest: list[str]) -> CalibrateSettings | VerifySettings:
     """Parse the options that go to the command, and check everything that can be checked without a drive."""
-    from semcal_cli.batches.tasks import RESULTS
+    from semcal_cli.many.batch.tasks import RESULTS
 
     if "--" in rest:
         raise click.UsageError("-- --: found a second --, needed options of the command")

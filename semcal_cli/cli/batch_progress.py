@@ -11,12 +11,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from semcal_cli.batches.pace import Pace
-from semcal_cli.batches.records import CSV, JSONL
-from semcal_cli.batches.tasks import FAILED, Outcome
 from semcal_cli.cli.tables import labelled, pose_rows, wrapped
 from semcal_cli.cli.terminal import COLORS, live_lines, make_console, running_lines, time_left
 from semcal_cli.errors import SemcalError, printable
+from semcal_cli.many.batch.pace import Pace
+from semcal_cli.many.batch.records import CSV, JSONL
+from semcal_cli.many.batch.tasks import FAILED, Outcome
 
 RECENT = 8
 """Number of finished drives that are shown."""
@@ -98,7 +98,7 @@ def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> No
     """Print the summary of a batch whose results are in a folder."""
     if console.quiet:
         return
-    from semcal_cli.fleet.verdict import MIN_DRIVES
+    from semcal_cli.fleet.fleet_verdict import MIN_DRIVES
 
     counts = _counts_text(Counter(outcome.status for outcome in outcomes))
     done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts
@@ -133,7 +133,7 @@ def _agreement(trusted: set[str], folder: Path) -> list[tuple[str, str]]:
     """Describe the pose that the trusted drives agree on, and its uncertainty, as labels and texts."""
     from semcal_cli.config import Limits
     from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.members import read_members
+    from semcal_cli.fleet.fleet_drives import read_members
     from semcal_cli.result.uncertainty import widest
 
     try:

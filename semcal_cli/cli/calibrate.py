@@ -16,17 +16,17 @@ from semcal_cli.cli.label import ImageSettings, label_on_the_way
 from semcal_cli.cli.options import ResultSettings
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import command, option, output_file, setting_of
-from semcal_cli.cli.stages import PRIORS, STARTS, RefinementSettings, SearchSettings
+from semcal_cli.cli.stage_options import PRIORS, STARTS, RefinementSettings, SearchSettings
 from semcal_cli.config import AUTO, LABELS, CalibrationConfig, CueName, PyramidConfig, RefinementConfig
-from semcal_cli.config.mine import MINE_WITH_VECTORS, MineConfig
+from semcal_cli.config.mine_config import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import SemcalError, check_torch
 
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.experiments.baselines.config import PaperConfig
-    from semcal_cli.result.calibration import Calibration
+    from semcal_cli.config.paper_config import PaperConfig
+    from semcal_cli.result.calibration_document import Calibration
 
 BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
 of_paper = partial(setting_of, help="{} Only with --method paper.", is_open=True)
@@ -133,7 +133,7 @@ class CalibrateSettings(
         """
         if self.method != "paper":
             return None
-        from semcal_cli.experiments.baselines.config import PaperConfig
+        from semcal_cli.config.paper_config import PaperConfig
 
         if len(self.cues) > 1:
             raise click.UsageError(f"--cue: found {','.join(self.cues)}, needed one cue for --method paper.")
@@ -161,7 +161,7 @@ class CalibrateSettings(
         """Choose the function that calibrates a drive by the chosen method, with all settings."""
         start: dict[str, Any] = {"config": self.config, "initial_pose": self.initial_pose}
         if (paper := self.paper) is not None:
-            from semcal_cli.experiments.baselines.paper import calibrate_as_published
+            from semcal_cli.pipeline.paper import calibrate_as_published
 
             return partial(calibrate_as_published, paper=paper, **start)
         from semcal_cli.pipeline import calibrate
@@ -179,7 +179,7 @@ def calibrate(settings: CalibrateSettings) -> None:
     DRIVE may be a rig.yaml, which lists the drives of several cameras with one LiDAR. All of them are calibrated. -o is
     then a folder, for the result of each camera and for rig_calibration.yaml, which relates the cameras to each other.
     """
-    from semcal_cli.rig.document import find_rig
+    from semcal_cli.many.rig.rig_document import find_rig
 
     settings.check_estimator()
     settings.check()

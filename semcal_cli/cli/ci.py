@@ -16,7 +16,7 @@ import click
 from semcal_cli.errors import InputError, SemcalError, first_of, os_reason
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.limits import Check, Verdict
+    from semcal_cli.pipeline.verdict import Check, Verdict
 
 NO_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 """Characters that XML 1.0 does not allow. It is compiled where it is used, because that takes 6 ms."""
@@ -47,7 +47,7 @@ class Case:
     @classmethod
     def of_check(cls, check: Check) -> Case:
         """Make a test case from a check."""
-        from semcal_cli.assessment.limits import figures
+        from semcal_cli.pipeline.verdict import figures
 
         return cls(check.name, check.verdict, figures(check))
 
@@ -101,7 +101,7 @@ def errors_reported(command: str, subject: str, junit: Path | None, read: Sequen
     try:
         yield
     except SemcalError as error:
-        from semcal_cli.files.writing import write_text
+        from semcal_cli.files.output_files import write_text
 
         if junit is not None and _may_replace(junit, read):
             with suppress(InputError):
@@ -112,7 +112,7 @@ def errors_reported(command: str, subject: str, junit: Path | None, read: Sequen
 
 def _may_replace(junit: Path, read: Sequence[Path]) -> bool:
     """Whether a file is not an input, and is new or holds XML."""
-    from semcal_cli.files.reading import is_same_file, read_start
+    from semcal_cli.files.input_files import is_same_file, read_start
 
     if any(is_same_file(path, junit) for path in read):
         return False

@@ -17,7 +17,7 @@ from semcal_cli.config import Limits
 from semcal_cli.errors import told_apart
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.comparison import Axis, Comparison
+    from semcal_cli.pipeline.comparison import Axis, Comparison
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,12 +39,12 @@ def compare(settings: CompareSettings) -> None:
 
     Exit code 0: they agree. 3: they differ by more than allowed. 4: their uncertainty does not allow a verdict.
     """
-    from semcal_cli.assessment.comparison import compare as difference
-    from semcal_cli.assessment.comparison import describe_cameras
-    from semcal_cli.assessment.limits import together
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_extrinsic
+    from semcal_cli.pipeline.comparison import compare as difference
+    from semcal_cli.pipeline.comparison import describe_cameras
+    from semcal_cli.pipeline.verdict import together
 
     known_a, known_b = read_extrinsic(settings.a), read_extrinsic(settings.b)
     found = difference(known_a, known_b)

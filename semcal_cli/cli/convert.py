@@ -34,7 +34,7 @@ class FormatName(click.ParamType[str]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Check that a format has this name."""
-        from semcal_cli.formats.table import FORMATS, PLUGINS
+        from semcal_cli.formats.format_table import FORMATS, PLUGINS
 
         names = [format.name for format in FORMATS]
         if value not in names and value not in PLUGINS.names:
@@ -50,7 +50,7 @@ def format_name(help: str, *names: str, **about: Any) -> Any:
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
     if is_asked:
         from semcal_cli.cli.tables import wrapped
-        from semcal_cli.formats.table import PLUGINS, all_formats
+        from semcal_cli.formats.format_table import PLUGINS, all_formats
 
         for format in all_formats():
             package = f"; {PLUGINS.package(format.name)}" if format.name in PLUGINS.names else ""
@@ -112,7 +112,7 @@ def convert(settings: ConvertSettings) -> None:
     If IN is a semcal calibration or a drive, the formats camera-info, kalibr and opencv also get the intrinsics of its
     camera.
     """
-    from semcal_cli.files.writing import STANDARD_OUTPUT, check_descriptor
+    from semcal_cli.files.output_files import STANDARD_OUTPUT, check_descriptor
     from semcal_cli.formats import convert as convert_file
 
     source, output = settings.source, settings.output

@@ -15,10 +15,10 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, is_installed
 
 if TYPE_CHECKING:
-    from semcal_cli.datasets.recording import Request
-    from semcal_cli.drive.loading import LoadedDrive
     from semcal_cli.geometry.poses import Pose
-    from semcal_cli.result.calibration import Calibration
+    from semcal_cli.importing.recording import Request
+    from semcal_cli.observations.loading import LoadedDrive
+    from semcal_cli.result.calibration_document import Calibration
 
 NUM_FRAMES, NUM_REAL_FRAMES = 8, 20
 OFF_DEG, OFF_M = 2.0, 0.1
@@ -54,12 +54,12 @@ def demo(settings: DemoSettings) -> None:
     from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.cli.terminal import make_console
+    from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.poses import compare_poses
     from semcal_cli.geometry.twists import displaced
-    from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.pipeline import calibrate
-    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.report.overlays import Overlays
     from semcal_cli.threads import set_num_threads
 
     out, seed, is_real = settings.out, settings.seed, settings.real is not None
@@ -100,9 +100,9 @@ def _make(settings: DemoSettings, drive: Path) -> str:
 
         synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=settings.seed), drive, force=True)
         return f"made {NUM_FRAMES} frames of a synthetic street in {drive}"
-    from semcal_cli.datasets import read_dataset
-    from semcal_cli.datasets.choice import Options
-    from semcal_cli.datasets.writing import write_drive
+    from semcal_cli.importing import read_dataset
+    from semcal_cli.importing.choice import Options
+    from semcal_cli.importing.drive_folder import write_drive
 
     name, request = _found(settings.real)
     options = Options(max_frames=NUM_REAL_FRAMES)
@@ -116,7 +116,7 @@ def _found(folder: Path) -> tuple[str, Request]:
     Raises:
         InputError: it is neither KITTI object nor KITTI raw.
     """
-    from semcal_cli.datasets.recording import Request
+    from semcal_cli.importing.recording import Request
 
     if any((folder / name).is_dir() for name in ("velodyne", "training/velodyne")):
         return "kitti-object", Request(folder)
@@ -138,8 +138,8 @@ def _by_mine(data: LoadedDrive, calibration: Calibration, T_true: Pose) -> str:
     import numpy as np
 
     from semcal_cli.config import RefinementConfig
+    from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.geometry.poses import compare_poses
-    from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.pipeline import refine_and_polish, start_at
 
     start, seed = perf_counter(), calibration.settings.seed

@@ -11,12 +11,12 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from semcal_cli.batches.pace import Pace
 from semcal_cli.cli.options import max_points
 from semcal_cli.cli.settings import KNOWN_TRANSFORMS, SettingsCommand, argument, option, setting_of
 from semcal_cli.cli.terminal import clock_time, live_lines, make_console, running_lines, time_left
 from semcal_cli.config import MAX_SEED, CalibrationConfig
 from semcal_cli.errors import check_torch
+from semcal_cli.many.batch.pace import Pace
 
 if TYPE_CHECKING:
     from semcal_cli.experiments.experiment import Experiment
@@ -107,14 +107,14 @@ def table(settings: TableSettings) -> None:
     measured on the same frames.
     """
     from semcal_cli.cli.outputs import check_outputs
-    from semcal_cli.cli.stages import read_initial_pose
+    from semcal_cli.cli.stage_options import read_initial_pose
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.config import MAX_BASELINE_M
     from semcal_cli.drive.document import drive_file, read_drive
-    from semcal_cli.drive.loading import load
     from semcal_cli.experiments.experiment import prepare_folder
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
+    from semcal_cli.observations.loading import load
 
     check_torch("semcal experiment table")
     spec = read_drive(settings.drive, settings.max_points)

@@ -41,7 +41,7 @@ def rerun(settings: RerunSettings) -> None:
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.frame_selection import with_few_frames
+    from semcal_cli.observations.frame_selection import with_few_frames
 
     check_installed("semcal export rerun", "rerun", "view")
     from semcal_cli.formats import read_extrinsic

@@ -13,19 +13,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.ci import Case, CiReport, Inconclusive, errors_reported
-from semcal_cli.cli.options import (
-    LimitSettings,
-    QuietSettings,
-    inconclusive_choice,
-    result_file,
-)
+from semcal_cli.cli.options import LimitSettings, QuietSettings, inconclusive_choice, result_file
 from semcal_cli.cli.settings import argument, command, option, output_file
 from semcal_cli.errors import InputError, counted
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.limits import Check
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.fleet.fleet import ComparedDrive, Fleet
+    from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet
+    from semcal_cli.pipeline.verdict import Check
 
 PLOTS = (".png", ".svg")
 MAX_LINES = 20
@@ -73,16 +68,16 @@ def fleet(settings: FleetSettings) -> None:
 
     --reference accepts {KNOWN_TRANSFORMS}.
     """
-    from semcal_cli.batches.records import JSONL
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
     from semcal_cli.files.documents import document_text, output_format
-    from semcal_cli.files.reading import is_folder
+    from semcal_cli.files.input_files import is_folder
     from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.members import read_members
+    from semcal_cli.fleet.fleet_drives import read_members
     from semcal_cli.formats import read_transform
     from semcal_cli.formats.format import MAX_YAML_BYTES
+    from semcal_cli.many.batch.records import JSONL
 
     output, page, plot, junit = settings.output, settings.page, settings.plot, settings.junit
     results, reference = settings.results, settings.reference
@@ -115,9 +110,9 @@ def fleet(settings: FleetSettings) -> None:
 
 def _write(found: Fleet, report: CiReport, text: str, settings: FleetSettings) -> None:
     """Write all outputs. Their content is complete before anything is written; the result is written last."""
-    from semcal_cli.files.writing import write_bytes
-    from semcal_cli.fleet.course import plot_fleet
-    from semcal_cli.fleet.page import page_html
+    from semcal_cli.files.output_files import write_bytes
+    from semcal_cli.fleet.fleet_page import page_html
+    from semcal_cli.fleet.timeline import plot_fleet
 
     page, plot = settings.page, settings.plot
     contents: dict[Path, bytes] = {}
@@ -139,7 +134,7 @@ def _document(
     """Describe the result, with paths relative to its folder."""
     from semcal_cli.cli.outputs import folder_of
     from semcal_cli.drive.document import drive_file
-    from semcal_cli.fleet.fleet import describe_fleet
+    from semcal_cli.fleet.fleet_result import describe_fleet
     from semcal_cli.result.provenance import hash_files
 
     place = folder_of(output)
@@ -149,7 +144,7 @@ def _document(
 
 def _cases(found: Fleet) -> list[Case]:
     """Make a test case of each check, of each drive, and of the overall verdict."""
-    from semcal_cli.fleet.verdict import total
+    from semcal_cli.fleet.fleet_verdict import total
 
     cases = [Case.of_check(check) for check in found.checks]
     for drive in found.drives:
@@ -164,7 +159,7 @@ def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     """Print the summary of a fleet: what is wrong, what holds now, the files, and the verdict last."""
     from semcal_cli.cli.tables import matrix_lines, wrapped
     from semcal_cli.errors import first_of, printable
-    from semcal_cli.fleet.verdict import title
+    from semcal_cli.fleet.fleet_verdict import title
     from semcal_cli.result.uncertainty import intervals
 
     def show(label: str, lines: Iterable[str]) -> None:
@@ -191,7 +186,7 @@ def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
 
 
 def _apart(drive: ComparedDrive) -> str:
-    from semcal_cli.fleet.verdict import total
+    from semcal_cli.fleet.fleet_verdict import total
 
     verdict = "disagrees, but is within the limits"
     if drive.is_far:
@@ -201,9 +196,9 @@ def _apart(drive: ComparedDrive) -> str:
 
 def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
     """List the totals and the checks that do not pass, by subject."""
-    from semcal_cli.assessment.limits import OVERALL
     from semcal_cli.cli.tables import COLUMNS
-    from semcal_cli.fleet.verdict import check_words
+    from semcal_cli.fleet.fleet_verdict import check_words
+    from semcal_cli.pipeline.verdict import OVERALL
 
     shown = [check for check in checks if check.name.endswith(OVERALL) or check.verdict != "pass"]
     last = None

@@ -13,12 +13,12 @@ import click
 from semcal_cli.cli.options import QuietSettings, max_points
 from semcal_cli.cli.rules import given, one_of
 from semcal_cli.cli.settings import SettingsCommand, argument, made_of, option
-from semcal_cli.datasets import DATASETS, PLUGINS, read_dataset
 from semcal_cli.errors import check_installed, counted, printable
+from semcal_cli.importing import DATASETS, PLUGINS, read_dataset
 
 if TYPE_CHECKING:
-    from semcal_cli.datasets.recording import Recording
-    from semcal_cli.datasets.writing import Written
+    from semcal_cli.importing.drive_folder import Written
+    from semcal_cli.importing.recording import Recording
 
 MAX_REASONS = 10
 """Largest number of printed reasons for leaving something out."""
@@ -81,8 +81,8 @@ class ImportSettings(QuietSettings):
 
     def write(self, recording: Recording, **others: Any) -> None:
         """Write the drive, and say what was written; `others` are options that have another meaning here."""
-        from semcal_cli.datasets.choice import Options
-        from semcal_cli.datasets.writing import write_drive
+        from semcal_cli.importing.choice import Options
+        from semcal_cli.importing.drive_folder import write_drive
 
         options = made_of(Options, self, frames=self.frames or slice(None), **others)
         written = write_drive(recording, options, self.output, force=self.force)
@@ -246,8 +246,8 @@ def bag(settings: BagSettings) -> None:
     if settings.is_list:
         _list(settings.paths)
         return
-    from semcal_cli.datasets.bags.importing import import_bag
-    from semcal_cli.datasets.bags.topics import Request
+    from semcal_cli.importing.bags.bag_import import import_bag
+    from semcal_cli.importing.bags.topics import Request
 
     request = made_of(Request, settings, by_receipt=settings.stamps == "receive")
     assert settings.output is not None  # by a rule
@@ -264,9 +264,9 @@ def bag(settings: BagSettings) -> None:
 
 def _list(paths: tuple[Path, ...]) -> None:
     """Print the topics as a table."""
-    from semcal_cli.datasets.bags.bag import Bag
-    from semcal_cli.datasets.bags.messages import NS
-    from semcal_cli.datasets.bags.topics import roles
+    from semcal_cli.importing.bags.bag import Bag
+    from semcal_cli.importing.bags.messages import NS
+    from semcal_cli.importing.bags.topics import roles
 
     with Bag(paths) as recording:
         uses = roles(recording)
@@ -289,7 +289,7 @@ def _list(paths: tuple[Path, ...]) -> None:
 
 def _dataset_command(name: str, summary: str, help: str) -> click.Command:
     def read(settings: DatasetSettings) -> None:
-        from semcal_cli.datasets.recording import Request
+        from semcal_cli.importing.recording import Request
 
         settings.write(read_dataset(name, made_of(Request, settings)))
 
@@ -351,7 +351,7 @@ class FolderSettings(ImportSettings):
 )
 def folder(settings: FolderSettings) -> None:
     """Make a drive from your own files."""
-    from semcal_cli.datasets.folder import Folder, read
+    from semcal_cli.importing.folder import Folder, read
 
     # The labels are found by their patterns, and are part of the recording.
     settings.write(read(made_of(Folder, settings)), image_labels=None, point_labels=None)

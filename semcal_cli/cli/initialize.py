@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from semcal_cli.cli.options import ResultSettings
 from semcal_cli.cli.settings import command
-from semcal_cli.cli.stages import SearchSettings
+from semcal_cli.cli.stage_options import SearchSettings
 from semcal_cli.config import CalibrationConfig
 
 
@@ -22,11 +22,11 @@ def initialize(settings: InitializeSettings) -> None:
 
     Lists the hypotheses, best first. Exit code 3 means that a result was written but is not trusted.
     """
-    from semcal_cli.assessment.stages import Stages
     from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.cli.tables import hypothesis_lines
     from semcal_cli.pipeline import initialize as search
     from semcal_cli.pipeline import make_calibration
+    from semcal_cli.pipeline.stages import Stages
 
     start, outputs = settings.initial_pose, Outputs.of_result(settings)
     config = CalibrationConfig(settings.seed, settings.cues, settings.max_frames, settings.initialization)

@@ -19,7 +19,7 @@ from semcal_cli.config import Device
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.labelling.images import ImageLabeller
+    from semcal_cli.labelling.image_labeller import ImageLabeller
     from semcal_cli.labelling.sides import Side
 
 MOST_NETWORKS = 2
@@ -94,9 +94,9 @@ class ImageSettings:
             InputError: a model or the card is wrong.
         """
         from semcal_cli.labelling.hub import find_model
-        from semcal_cli.labelling.images import ImageLabeller
+        from semcal_cli.labelling.image_labeller import ImageLabeller
         from semcal_cli.labelling.model import image_model
-        from semcal_cli.labelling.network import open_network
+        from semcal_cli.labelling.onnx_network import open_network
 
         labellers: list[ImageLabeller] = []
         for name in self.image_model:
@@ -122,10 +122,10 @@ def label_on_the_way(
         InputError: a model or the card is wrong, or an image cannot be labelled.
     """
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.frame_selection import with_few_frames
     from semcal_cli.errors import counted
-    from semcal_cli.labelling.drives import label_beside
+    from semcal_cli.labelling.labelled_drive import label_beside
     from semcal_cli.labelling.sides import image_side
+    from semcal_cli.observations.frame_selection import with_few_frames
 
     start, whole = perf_counter(), read_drive(drive, max_points)
     chosen = with_few_frames(whole, max_frames)
@@ -199,8 +199,8 @@ def label(settings: LabelSettings) -> None:
     """
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.labelling.hub import find_model
-    from semcal_cli.labelling.images import describe_model
-    from semcal_cli.labelling.network import open_network
+    from semcal_cli.labelling.image_labeller import describe_model
+    from semcal_cli.labelling.onnx_network import open_network
     from semcal_cli.threads import set_num_threads
 
     set_num_threads(settings.threads)
@@ -219,10 +219,10 @@ def label(settings: LabelSettings) -> None:
 def _label_drive(path: Path, settings: LabelSettings, terminal: Terminal) -> None:
     """Label a drive, draw the preview, and report what was done."""
     from semcal_cli.drive.document import output_drive_file, read_drive
-    from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.errors import InputError, counted
-    from semcal_cli.labelling.drives import label_drive
-    from semcal_cli.labelling.pairs import note_second, second_file
+    from semcal_cli.labelling.labelled_drive import label_drive
+    from semcal_cli.labelling.second_labels import note_second, second_file
+    from semcal_cli.observations.frame_selection import evenly_spaced
 
     drive = read_drive(path, settings.max_points)
     num_frames = len(drive.frames)
@@ -261,9 +261,9 @@ def _image_sides(drive: Drive, settings: LabelSettings, terminal: Terminal) -> l
 
 
 def _point_sides(settings: LabelSettings) -> list[Side]:
-    from semcal_cli.labelling.network import open_network
+    from semcal_cli.labelling.onnx_network import open_network
     from semcal_cli.labelling.sides import segment_side, sweep_side
-    from semcal_cli.labelling.sweeps import sweep_labeller
+    from semcal_cli.labelling.sweep_labeller import sweep_labeller
 
     if settings.points is not None:
         return [segment_side()]
@@ -275,9 +275,9 @@ def _point_sides(settings: LabelSettings) -> list[Side]:
 
 def _preview(drive: Drive, labeller: ImageLabeller, path: Path, terminal: Terminal) -> None:
     """Draw the labels of the middle frame."""
-    from semcal_cli.drive.reading import read_needed_image
-    from semcal_cli.files.images import write_image
-    from semcal_cli.report.overlay import draw_labels
+    from semcal_cli.files.image_files import write_image
+    from semcal_cli.observations.reading import read_needed_image
+    from semcal_cli.report.overlays import draw_labels
 
     frame = drive.frames[len(drive.frames) // 2]
     image = read_needed_image(drive, frame)

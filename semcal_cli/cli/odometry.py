@@ -29,9 +29,9 @@ def odometry(settings: OdometrySettings) -> None:
     from semcal_cli.drive.document import read_drive
 
     check_installed("semcal odometry", "kiss_icp", "odometry")
-    from semcal_cli.datasets.motion_agreement import compare_with_drive
-    from semcal_cli.datasets.odometry import NS, SIGMA, drive_motion, estimator, tum_text
-    from semcal_cli.files.writing import write_text
+    from semcal_cli.files.output_files import write_text
+    from semcal_cli.importing.motion_agreement import compare_with_drive
+    from semcal_cli.importing.sweep_odometry import NS, SIGMA, drive_motion, estimator, tum_text
 
     drive = read_drive(settings.drive, settings.max_points)
     check_outputs(files_read(drive), settings.output)

@@ -11,7 +11,7 @@ import click
 from semcal_cli.cli.settings import Names, argument, option, output_file, setting_of
 from semcal_cli.config import AUTO, MAX_POINTS, CalibrationConfig, CueName, Limits
 from semcal_cli.config.cues import PLUGINS
-from semcal_cli.files.writing import descriptor
+from semcal_cli.files.output_files import descriptor
 
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal

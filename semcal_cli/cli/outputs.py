@@ -18,12 +18,10 @@ from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.tables import figures, labelled, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.document import Drive, drive_file, read_drive
-from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import output_format
-from semcal_cli.files.reading import is_folder
-from semcal_cli.files.writing import (
+from semcal_cli.files.input_files import is_folder
+from semcal_cli.files.output_files import (
     STANDARD_OUTPUT,
     check_descriptor,
     check_replaceable,
@@ -32,19 +30,21 @@ from semcal_cli.files.writing import (
     takes_several,
     write_text,
 )
+from semcal_cli.observations.frame_selection import evenly_spaced
+from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.result.applied import apply_result, cues_applied
-from semcal_cli.result.calibration import calibration_text, write_calibration
+from semcal_cli.result.calibration_document import calibration_text, write_calibration
 from semcal_cli.result.next_steps import after_calibration
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.limits import Verdict
     from semcal_cli.cli.options import ResultSettings, RunSettings
     from semcal_cli.config import CalibrationConfig
+    from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.formats.format import FormatOptions
-    from semcal_cli.initialization.initial_pose import InitialPose
-    from semcal_cli.result.calibration import Calibration
-    from semcal_cli.rig.calibration import RigCalibration
+    from semcal_cli.many.rig.rig_calibration import RigCalibration
+    from semcal_cli.pipeline.verdict import Verdict
+    from semcal_cli.result.calibration_document import Calibration
 
 EXIT_NOT_TRUSTED = 3
 MAX_IMAGES = 20
@@ -118,7 +118,7 @@ class Outputs:
         """
         if not self.is_illustrated:
             return
-        from semcal_cli.files.images import check_image
+        from semcal_cli.files.image_files import check_image
 
         for frame in evenly_spaced(drive.frames, MAX_IMAGES):
             if frame.image is not None:
@@ -245,7 +245,7 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
     Raises:
         InputError: an image would replace such a file.
     """
-    from semcal_cli.report.overlay import overlay_paths
+    from semcal_cli.report.overlays import overlay_paths
 
     if folder.exists() and not is_folder(folder):
         raise InputError(f"{folder}: found a file, needed a folder for images")

@@ -16,8 +16,8 @@ from semcal_cli.config import AUTO, LABELS, CueName
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.drive.observations import Observations
-    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.observations.observations import Observations
+    from semcal_cli.report.overlays import Overlays
 
 Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
 
@@ -50,11 +50,11 @@ def overlay(settings: OverlaySettings) -> None:
     gets a folder of images. Points that the camera cannot see are left out, or grey with --by agreement.
     """
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.files.writing import make_folder
-    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.files.output_files import make_folder
+    from semcal_cli.many.rig.rig_document import find_rig
+    from semcal_cli.many.rig.rig_result import read_rig_files
+    from semcal_cli.report.overlays import Overlays
     from semcal_cli.result.applied import cues_applied
-    from semcal_cli.rig.document import find_rig
-    from semcal_cli.rig.result import read_rig_files
 
     terminal, output = settings.terminal(), settings.output
     if (rig := find_rig(settings.drive)) is None:
@@ -78,7 +78,7 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
     """Prepare the images of a drive at one or two transforms, and report where a camera or a clock differs."""
     from semcal_cli.cli.outputs import files_read
     from semcal_cli.formats import read_extrinsic
-    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.report.overlays import Overlays
     from semcal_cli.result.applied import apply_result, cues_applied, seen_as
 
     calibration, against = settings.calibration, settings.against
@@ -98,7 +98,7 @@ def _overlays(drive: Drive, settings: OverlaySettings, terminal: Terminal) -> Ov
 def _few(drive: Drive, settings: OverlaySettings, folder: Path, read: list[Path]) -> Drive:
     """Keep evenly spaced frames of a drive, and check that their images replace no input."""
     from semcal_cli.cli.outputs import check_image_folder
-    from semcal_cli.drive.frame_selection import with_few_frames
+    from semcal_cli.observations.frame_selection import with_few_frames
 
     few = with_few_frames(drive, settings.max_frames)
     check_image_folder(folder, len(few.frames), read)
@@ -112,9 +112,9 @@ def _observe(
 
     By default, that is edges if a pose is refined by them, and otherwise `of_classes`.
     """
-    from semcal_cli.drive.cues.table import chosen, load_cues, maximised
-    from semcal_cli.drive.reading import load_points
     from semcal_cli.files.point_clouds import Sweeps
+    from semcal_cli.observations.cues.cue_table import chosen, load_cues, maximised
+    from semcal_cli.observations.reading import load_points
 
     sweeps = Sweeps()
     if by in ("depth", "segment"):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from semcal_cli.cli.options import ResultSettings
 from semcal_cli.cli.settings import KNOWN_TRANSFORMS, command, option
-from semcal_cli.cli.stages import RefinementSettings
+from semcal_cli.cli.stage_options import RefinementSettings
 from semcal_cli.config import CalibrationConfig
 
 
@@ -28,7 +28,7 @@ def refine(settings: RefineSettings) -> None:
     result was written but is not trusted.
     """
     from semcal_cli.cli.outputs import Outputs, loaded_drive
-    from semcal_cli.pipeline.given import refine_given
+    from semcal_cli.pipeline.from_transform import refine_given
 
     settings.check_estimator()
     start, refinement, priors = settings.initial_pose, settings.refinement, settings.priors

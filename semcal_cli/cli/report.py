@@ -33,11 +33,11 @@ def report(settings: ReportSettings) -> None:
     """
     from semcal_cli.cli.outputs import check_outputs, check_page, files_read
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.files.writing import write_text
+    from semcal_cli.files.output_files import write_text
+    from semcal_cli.many.rig.rig_document import find_rig
+    from semcal_cli.many.rig.rig_page import rig_page_html
+    from semcal_cli.many.rig.rig_result import read_rig_files
     from semcal_cli.report import read_report_input, write_report
-    from semcal_cli.rig.document import find_rig
-    from semcal_cli.rig.page import rig_page_html
-    from semcal_cli.rig.result import read_rig_files
     from semcal_cli.threads import set_num_threads
 
     calibration, output, against = settings.calibration, settings.output, settings.against

@@ -16,27 +16,27 @@ from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
-from semcal_cli.drive.events import Event
-from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
+from semcal_cli.events import Event
 from semcal_cli.files.documents import FORMATS, document_text
+from semcal_cli.files.input_files import is_folder
+from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import Sweeps
-from semcal_cli.files.reading import is_folder
-from semcal_cli.files.writing import make_folder, write_text
+from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
+from semcal_cli.many.rig.rig_document import RESULT, Rig, read_rig
+from semcal_cli.many.rig.rig_page import rig_page_html
+from semcal_cli.observations.loading import load
 from semcal_cli.result.applied import apply_result
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.result.uncertainty import intervals
-from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
-from semcal_cli.rig.document import RESULT, Rig, read_rig
-from semcal_cli.rig.page import rig_page_html
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.cli.calibrate import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
-    from semcal_cli.rig.calibration import Pair
+    from semcal_cli.many.rig.rig_calibration import Pair
 
 OF_ONE_CAMERA = (
     *("--init", "--init-rpy-xyz", "--search-deg", "--fix", "--prior-translation-m", "--prior-rotation-deg"),

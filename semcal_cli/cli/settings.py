@@ -19,7 +19,7 @@ import click
 from semcal_cli.cli.rules import given_parameters
 from semcal_cli.config.setting import KEY, settings_of
 from semcal_cli.errors import MisplacedError
-from semcal_cli.files.writing import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
+from semcal_cli.files.output_files import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
 from semcal_cli.plugins import Plugins
 
 Settings = TypeVar("Settings")

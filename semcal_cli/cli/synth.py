@@ -42,7 +42,7 @@ class SynthSettings(SynthConfig, ThreadSettings):
         Raises:
             click.UsageError: settings contradict each other.
         """
-        from semcal_cli.synthetic.motion import check_motion
+        from semcal_cli.synthetic.street_motion import check_motion
 
         config = made_of(SynthConfig, self)
         if config.fov_down_deg >= config.fov_up_deg:

@@ -10,12 +10,12 @@ import numpy as np
 
 from semcal_cli.errors import counted, printable
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.result.camera import clock_sentence, intrinsic_texts, kept_sentence
+from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, kept_sentence
 from semcal_cli.result.uncertainty import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.geometry.poses import PoseError
-    from semcal_cli.result.calibration import Calibration
+    from semcal_cli.result.calibration_document import Calibration
     from semcal_cli.result.next_steps import Rows
     from semcal_cli.result.sections import Hypothesis, Quality, Repeatability
     from semcal_cli.result.uncertainty import Uncertainty

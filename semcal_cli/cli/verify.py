@@ -24,15 +24,15 @@ from semcal_cli.cli.options import (
 )
 from semcal_cli.cli.rules import none_of
 from semcal_cli.cli.settings import argument, command, option, output_file, setting_of
-from semcal_cli.cli.stages import read_initial_pose
+from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 
 if TYPE_CHECKING:
-    from semcal_cli.assessment.limits import Check
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.drive.loading import LoadedDrive
-    from semcal_cli.initialization.initial_pose import InitialPose
+    from semcal_cli.estimation.search.initial_pose import InitialPose
+    from semcal_cli.observations.loading import LoadedDrive
+    from semcal_cli.pipeline.verdict import Check
     from semcal_cli.pipeline.verification import Verification
 
 
@@ -102,7 +102,7 @@ def verify(settings: VerifySettings) -> None:
     4: the data are inconclusive; --inconclusive changes this code.
     """
     from semcal_cli.cli.outputs import Outputs, loaded_drive
-    from semcal_cli.files.writing import write_text
+    from semcal_cli.files.output_files import write_text
     from semcal_cli.pipeline.verification import verify as check
 
     start, subject = perf_counter(), f"{settings.drive}, {settings.calibration}"
@@ -132,7 +132,7 @@ def _illustrate(
     found: Verification, data: LoadedDrive, initial_pose: InitialPose, outputs: Outputs, terminal: Terminal
 ) -> None:
     """Write the page and the images of a verification, if requested."""
-    from semcal_cli.drive.events import Progress
+    from semcal_cli.events import Progress
     from semcal_cli.report.page import both_overlays, write_verification
 
     if outputs.page is not None:
@@ -145,9 +145,9 @@ def _illustrate(
 
 
 def _print(found: Verification) -> None:
-    from semcal_cli.assessment.limits import overall_offsets
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
+    from semcal_cli.pipeline.verdict import overall_offsets
 
     for check in found.checks:
         click.echo(_check_line(check))

@@ -11,7 +11,7 @@ import click
 from semcal_cli.cli.options import EstimateSettings
 from semcal_cli.cli.rules import none_of
 from semcal_cli.cli.settings import argument, command, option, output_file
-from semcal_cli.cli.stages import read_initial_pose
+from semcal_cli.cli.stage_options import read_initial_pose
 from semcal_cli.config import AUTO, CalibrationConfig
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def _check_output(output: Path, drive: Drive, calibration: Path | None) -> None:
     """Check that the page can save the transform, and that this replaces no input."""
     from semcal_cli.cli.outputs import check_outputs, files_read
     from semcal_cli.files.documents import output_format
-    from semcal_cli.files.writing import descriptor
+    from semcal_cli.files.output_files import descriptor
 
     if descriptor(output) is not None:
         raise click.UsageError("-o: the page saves to a file, and its address goes to standard output")
@@ -101,12 +101,12 @@ def _session(
     terminal: Terminal,
 ) -> Session:
     """Load the drive. If its files allow no cue and none was requested, it is shown without classes."""
-    from semcal_cli.drive.frame_selection import with_few_frames
-    from semcal_cli.drive.loading import LoadedDrive, load
-    from semcal_cli.drive.reading import load_points, read_clouds
     from semcal_cli.errors import InputError
     from semcal_cli.files.point_clouds import Sweeps
-    from semcal_cli.report.overlay import image_of
+    from semcal_cli.observations.frame_selection import with_few_frames
+    from semcal_cli.observations.loading import LoadedDrive, load
+    from semcal_cli.observations.reading import load_points, read_clouds
+    from semcal_cli.report.overlays import image_of
     from semcal_cli.report.view.session import Session
 
     sweeps, unlabelled = Sweeps(), ""
@@ -128,8 +128,8 @@ def _session(
 
 def _missing_labels(drive: Drive, sweeps: Sweeps) -> str:
     """Say which labels a drive lacks; empty if it has all."""
-    from semcal_cli.drive.reading import check_labelled, read_clouds
     from semcal_cli.errors import InputError
+    from semcal_cli.observations.reading import check_labelled, read_clouds
 
     clouds = read_clouds(drive, sweeps)
     try:

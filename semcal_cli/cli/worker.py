@@ -1,4 +1,4 @@
-"""The run of a command on one drive of a batch, in a process of the batch: see `semcal_cli.batches.run`."""
+"""The run of a command on one drive of a batch, in a process of the batch: see `semcal_cli.many.batch.run`."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from semcal_cli.batches.records import Inputs, write_record
-from semcal_cli.batches.run import is_of_machine
-from semcal_cli.batches.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
 from semcal_cli.cli import Ending, run
 from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
 from semcal_cli.errors import os_reason
+from semcal_cli.many.batch.records import Inputs, write_record
+from semcal_cli.many.batch.run import is_of_machine
+from semcal_cli.many.batch.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
 
 
 def run_task(task: Task, inputs: Inputs) -> Outcome:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, TypeAlias
 import numpy as np
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import MAX_PIXELS, JointlyConfig
 from semcal_cli.config.synthetic import ReadoutDirection
 from semcal_cli.errors import InputError, counted, describe, mismatch
@@ -220,11 +220,11 @@ def _plain(value: object) -> object:
     return value
 
 
-def core_camera(camera: Camera) -> _core.Camera:
+def core_camera(camera: Camera) -> core.Camera:
     """Make the Rust core's camera of a drive's camera."""
     K = [list(row) for row in camera.K]
     distortion = list(camera.distortion)
-    return _core.Camera(camera.model, camera.width, camera.height, K, distortion, camera.parameters)
+    return core.Camera(camera.model, camera.width, camera.height, K, distortion, camera.parameters)
 
 
 # Intrinsics by name: fx, fy, cx, cy, and the numbers of each lens.

@@ -10,12 +10,12 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from typing_extensions import Unpack
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.drive.arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.held_arrays import ArrayInput, HeldArrays, document_of
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.errors import InputError, MisplacedError, mismatch
 from semcal_cli.files.documents import read_document
-from semcal_cli.files.reading import is_folder
+from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import (
     FileName,
     StrictModel,
@@ -28,7 +28,7 @@ from semcal_cli.files.validation import (
 
 DRIVE_FILE = "drive.yaml"
 RIG_FILE = "rig.yaml"
-"""File of a rig of several cameras; see `semcal_cli.rig`."""
+"""File of a rig of several cameras; see `semcal_cli.many.rig`."""
 SUFFIXES = (".yaml", ".yml")
 """Suffixes of a drive's file; any other name is its folder."""
 RIG = "semcal_rig"

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
-from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.stage import StageResult
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline import assess, make_calibration, refine_and_polish
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.stage import StageResult
+from semcal_cli.pipeline.stages import Stages
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 20

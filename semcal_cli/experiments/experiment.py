@@ -17,14 +17,14 @@ from pathlib import Path
 from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from semcal_cli.batches.pace import Pace
-from semcal_cli.batches.processes import ProcessError, Worker, in_processes
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.measured import machine, measured_here
 from semcal_cli.experiments.plots import plot_png
 from semcal_cli.experiments.summary import Column, summarise, summary_table
-from semcal_cli.files.reading import check_own_file, read_text
-from semcal_cli.files.writing import locked, make_folder, write_bytes, write_text
+from semcal_cli.files.input_files import check_own_file, read_text
+from semcal_cli.files.output_files import locked, make_folder, write_bytes, write_text
+from semcal_cli.many.batch.pace import Pace
+from semcal_cli.many.batch.processes import ProcessError, Worker, in_processes
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:

@@ -9,20 +9,20 @@ from functools import cached_property, partial
 import numpy as np
 
 from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig
-from semcal_cli.config.mine import MINE_WITH_VECTORS
-from semcal_cli.drive.cues.table import load_cues
+from semcal_cli.config.mine_config import MINE_WITH_VECTORS
+from semcal_cli.config.paper_config import PaperConfig
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import mend, read_observations
-from semcal_cli.experiments.baselines import paper
-from semcal_cli.experiments.baselines.config import PaperConfig, SoicConfig
-from semcal_cli.experiments.baselines.soic import Soic
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.stage import StageResult
 from semcal_cli.experiments.plots import ACCENT, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
+from semcal_cli.experiments.soic import Soic
+from semcal_cli.experiments.soic_config import SoicConfig
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import initialize, refine_and_polish, start_at
-from semcal_cli.result.stage import StageResult
+from semcal_cli.observations.cues.cue_table import load_cues
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import mend, read_observations
+from semcal_cli.pipeline import initialize, paper, refine_and_polish, start_at
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
@@ -25,6 +24,7 @@ from semcal_cli.experiments.plots import GREY, draw_groups, make_logarithmic
 from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, common, count, grouped
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
+from semcal_cli.observations.frame_selection import with_frames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

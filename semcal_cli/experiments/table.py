@@ -15,26 +15,26 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import InitializationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.experiments.baselines.config import SoicConfig
-from semcal_cli.experiments.baselines.soic import Soic
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.drives import calibrate_from
 from semcal_cli.experiments.experiment import RESULTS, SUMMARY, TABLE, Report
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.published import PublishedRow, published_rows
+from semcal_cli.experiments.soic import Soic
+from semcal_cli.experiments.soic_config import SoicConfig
 from semcal_cli.experiments.summary import markdown_table
-from semcal_cli.files.images import write_image
+from semcal_cli.files.image_files import write_image
 from semcal_cli.geometry.poses import Pose, compare_poses, mounting_rpy_deg, rotation_vector_deg
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.pipeline import initialize
-from semcal_cli.report.overlay import Overlays, add_caption, draw_legend
-from semcal_cli.result.calibration import Status
+from semcal_cli.report.overlays import Overlays, add_caption, draw_legend
+from semcal_cli.result.calibration_document import Status
 
 ORDER = (
     *("SOIC", "PMI as published", "PMI", "PMI, MINE and polish"),
@@ -174,7 +174,7 @@ def describe(found: Comparison) -> list[Row]:
             *mounting_rpy_deg(T).tolist(),
             error.rotation_deg,
             error.camera_center_cm,
-            _core.agreement(found.labels.core, T).mutual_information,
+            core.agreement(found.labels.core, T).mutual_information,
             cost if math.isfinite(cost) else None,
         ]
         rows.append(Row(*values))

@@ -15,8 +15,8 @@ import yaml
 
 from semcal_cli.documentation import WITH_SCHEMA, schema_address
 from semcal_cli.errors import InputError, describe, mismatch
-from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
-from semcal_cli.files.writing import descriptor
+from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
+from semcal_cli.files.output_files import descriptor
 from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml
 
 Format: TypeAlias = Literal["yaml", "json"]

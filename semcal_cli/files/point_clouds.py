@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, BinaryIO, TypeAlias, TypeVar
 
 import numpy as np
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import InputError, check_installed
-from semcal_cli.files.arrays import Cloud
-from semcal_cli.files.reading import check_size, open_file, size_of
+from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.input_files import check_size, open_file, size_of
 
 if TYPE_CHECKING:
     import laspy
@@ -50,7 +50,7 @@ FIELDS = {"intensity": "intensity", "gps_time": "time", "classification": "label
 
 def read_point_clouds(
     files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
-) -> list[_core.PointCloud]:
+) -> list[core.PointCloud]:
     """Read sweeps, each with its label file, or else with its own label field if it has one.
 
     The sizes of all files are checked before the first is read.
@@ -66,7 +66,7 @@ def read_point_clouds(
     for points, _ in files:
         if _is_las(points):
             _check_las(points, max_points)
-    others = iter(_core.read_point_clouds([file for file in files if not _is_las(file[0])], max_points))
+    others = iter(core.read_point_clouds([file for file in files if not _is_las(file[0])], max_points))
     return [_read_las(*file, max_points) if _is_las(file[0]) else next(others) for file in files]
 
 
@@ -114,7 +114,7 @@ def _check_las(path: Path, max_points: int) -> None:
         _check_header(path, stream, max_points)
 
 
-def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCloud:
+def _read_las(path: Path, labels: Path | None, max_points: int) -> core.PointCloud:
     import laspy
 
     with _refusing(path), open_file(path) as stream:
@@ -132,7 +132,7 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
         raise InputError(f"{path}: holds no points")
     contents = io.BytesIO()
     np.save(contents, np.concatenate(chunks))
-    return _core.parse_point_cloud(path, contents.getvalue(), labels, max_points)
+    return core.parse_point_cloud(path, contents.getvalue(), labels, max_points)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 
 from semcal_cli.errors import InputError, describe
 from semcal_cli.files.documents import JSON, check_depth, check_texts, reason
-from semcal_cli.files.reading import check_size, open_file, size_of
+from semcal_cli.files.input_files import check_size, open_file, size_of
 from semcal_cli.files.yaml_values import MAX_DEPTH
 
 MAX_ROWS_BYTES = 4 << 30

@@ -13,17 +13,18 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
-from semcal_cli.assessment.limits import joint_quantile, together
+from semcal_cli import core
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
+from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.fleet.consensus import Matrices, Scatter, Vectors, extra_scatter, robust_mean
-from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset, Order, Part
+from semcal_cli.fleet.fleet_drives import Member
+from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, Part
+from semcal_cli.fleet.fleet_verdict import MIN_DRIVES, conclude, judge_fleet, notes
 from semcal_cli.fleet.history import RigHistory, find_history
-from semcal_cli.fleet.members import Member
-from semcal_cli.fleet.verdict import MIN_DRIVES, conclude, judge_fleet, notes
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import local_coordinates, pose_at
+from semcal_cli.pipeline.verdict import together
 from semcal_cli.result.uncertainty import NORMAL_95
 
 ALPHA = 0.01
@@ -163,7 +164,7 @@ def _make_series(used: Sequence[Member], times: npt.NDArray[np.float64]) -> _Ser
     extra = extra_scatter(local_coordinates(poses, T_middle), stated)
     covariances = stated + np.diag(extra.variances)
     T_middle = robust_mean(poses, covariances).T_camera_lidar
-    factors = np.array([_core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
+    factors = np.array([core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
     shared = [member.of_intrinsics for member in used if member.of_intrinsics is not None]
     of_intrinsics = np.mean(shared, axis=0) if shared else np.zeros((6, 6))
     coordinates = local_coordinates(poses, T_middle)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.limits import joint_quantile
+from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
 from semcal_cli.fleet.consensus import STUDENT_DOF, Matrices, Vectors, robust_mean
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 

@@ -7,10 +7,10 @@ from typing import Any
 
 from semcal_cli.errors import InputError, listed
 from semcal_cli.files.documents import read_list
-from semcal_cli.files.writing import STANDARD_INPUT
-from semcal_cli.formats.documents import Pair, base_format
+from semcal_cli.files.output_files import STANDARD_INPUT
+from semcal_cli.formats.document_formats import Pair, base_format
 from semcal_cli.formats.format import FRAMES, FormatOptions
-from semcal_cli.formats.frames import T_BODY_OPTICAL, camera_and_lidar, optical_axes
+from semcal_cli.formats.frame_names import T_BODY_OPTICAL, camera_and_lidar, optical_axes
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import ANGLES, PLACE, WXYZ, Numbers
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, parse_any
-from semcal_cli.files.reading import read_bytes
-from semcal_cli.files.writing import STANDARD_INPUT, read_standard_input
+from semcal_cli.files.input_files import read_bytes
+from semcal_cli.files.output_files import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.node import Node
 from semcal_cli.geometry.poses import Pose
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
-from semcal_cli.formats.documents import camera_format
+from semcal_cli.formats.document_formats import camera_format
 from semcal_cli.formats.format import Source
 from semcal_cli.formats.lenses import (
     Intrinsics,

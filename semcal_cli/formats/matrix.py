@@ -13,8 +13,8 @@ import numpy as np
 
 from semcal_cli.errors import InputError, counted
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.formats.frames import turned
-from semcal_cli.formats.kitti import KITTI_360_FILE
+from semcal_cli.formats.frame_names import turned
+from semcal_cli.formats.kitti_files import KITTI_360_FILE
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import PLACE, XYZW, from_rows, numbers_of, pose_of
 from semcal_cli.geometry.poses import Pose

@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 
 from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
-from semcal_cli.formats.frames import CAMERA_WORDS, between, has_word, named
+from semcal_cli.formats.frame_names import CAMERA_WORDS, between, has_word, named
 from semcal_cli.formats.node import NUMBER, Node, parse_number
 from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, Numbers, numbers_of, pose_of
 from semcal_cli.geometry.poses import Pose

@@ -27,7 +27,7 @@ from semcal_cli.files.validation import (
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.geometry.poses import Pose, orthonormal
-from semcal_cli.result.calibration import Calibration, check_forms
+from semcal_cli.result.calibration_document import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
 
 CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_transform"

@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
-from semcal_cli.formats.frames import camera_and_lidar, named, optical_axes
+from semcal_cli.formats.frame_names import camera_and_lidar, named, optical_axes
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import ANGLES, PLACE, numbers_of, pose_of
 from semcal_cli.geometry.poses import Pose, inverse

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.errors import InputError
 
 Pose: TypeAlias = NDArray[np.float64]
@@ -155,7 +155,7 @@ def rotation_vector_deg(T: Pose) -> Vector:
 
 def quaternion_xyzw(T: Pose) -> Vector:
     """Rotation as a unit quaternion (4,) with w >= 0."""
-    return np.array(_core.quaternion(T))
+    return np.array(core.quaternion(T))
 
 
 def inverse(T_a_b: Pose) -> Pose:

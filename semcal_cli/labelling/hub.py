@@ -11,8 +11,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from semcal_cli.drive.events import Listener, Progress, StageDone, ignore
 from semcal_cli.errors import InputError, check_installed, listed, reason
+from semcal_cli.events import Listener, Progress, StageDone, ignore
 
 PREFIX = "hf:"
 NAME = re.compile(r"hf:(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?(:(?P<file>[\w./-]+\.onnx))?")

@@ -23,7 +23,7 @@ from semcal_cli.labelling.card import (
     read_classes,
 )
 from semcal_cli.labelling.hub import licence_of
-from semcal_cli.labelling.network import Network, Port
+from semcal_cli.labelling.onnx_network import Network, Port
 from semcal_cli.labelling.sidecars import read_sidecars
 
 SHOWN_NAMES = 6

@@ -12,13 +12,13 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from semcal_cli.datasets.ontologies import ontology_names, read_ontology
 from semcal_cli.errors import InputError, mismatch
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import length, validate
+from semcal_cli.importing.ontologies import ontology_names, read_ontology
 from semcal_cli.labelling.card import CHANNELS, ImageCard
 from semcal_cli.labelling.hub import SIDECARS
-from semcal_cli.labelling.network import Network
+from semcal_cli.labelling.onnx_network import Network
 
 CONFIG, PREPROCESSOR, PROCESSOR = SIDECARS
 OF_IMAGES = "image_processor"

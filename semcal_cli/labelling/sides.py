@@ -14,22 +14,22 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.networks import LabelNetwork
-from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError, about
-from semcal_cli.files.arrays import Cloud
-from semcal_cli.files.images import read_image
-from semcal_cli.files.reading import hash_file
+from semcal_cli.files.array_forms import Cloud
+from semcal_cli.files.image_files import read_image
+from semcal_cli.files.input_files import hash_file
 from semcal_cli.labelling.card import ImageCard
-from semcal_cli.labelling.clouds import CloudLabeller
+from semcal_cli.labelling.cloud_labeller import CloudLabeller
 from semcal_cli.labelling.hub import hub_name
-from semcal_cli.labelling.images import ImageLabeller
+from semcal_cli.labelling.image_labeller import ImageLabeller
 from semcal_cli.labelling.model import Model
-from semcal_cli.labelling.sweeps import KIND_IDS, SweepLabeller, segment_labels
+from semcal_cli.labelling.sweep_labeller import KIND_IDS, SweepLabeller, segment_labels
+from semcal_cli.observations.reading import read_clouds
 
-NO_ID = int(_core.NO_ID)
+NO_ID = int(core.NO_ID)
 """Id of pixels and points without a label."""
 NO_BYTE = 255
 """The same in 8-bit label images."""
@@ -112,9 +112,9 @@ def image_side(labeller: ImageLabeller, *, has_probabilities: bool = False) -> S
         width, height = drive.camera.width, drive.camera.height
         try:
             if has_probabilities:
-                _core.read_class_shares([path], (height, width))
+                core.read_class_shares([path], (height, width))
             else:
-                _core.read_label_images([path], width, height)
+                core.read_label_images([path], width, height)
         except InputError:
             return False
         return True

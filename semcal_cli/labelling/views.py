@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import InputError
 from semcal_cli.labelling.card import Fit, Resample
@@ -84,7 +84,7 @@ class Mosaic:
     tiles: tuple[tuple[int, tuple[int, int]], ...]
     """The image that each view is a tile of, and the column and row at which it starts there."""
     images: npt.NDArray[np.uint8]
-    """(N,) the image that shows each camera pixel best, or `_core.NO_VIEW`."""
+    """(N,) the image that shows each camera pixel best, or `core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
     """(N, 2) position of each pixel there."""
 
@@ -117,7 +117,7 @@ class Views:
     size: tuple[int, int]
     """Columns and rows of each view."""
     views: npt.NDArray[np.uint8]
-    """(N,) the view that shows each camera pixel best, or `_core.NO_VIEW`."""
+    """(N,) the view that shows each camera pixel best, or `core.NO_VIEW`."""
     places: npt.NDArray[np.float32]
     """(N, 2) position of each pixel there."""
     mosaic: Mosaic | None = None
@@ -184,7 +184,7 @@ def make_views(camera: Camera, fitting: Fitting, *, is_rectified: bool) -> Views
 
 def _nowhere(num_pixels: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
     """Make the views and positions of pixels that no view shows."""
-    return np.full(num_pixels, _core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
+    return np.full(num_pixels, core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
 
 
 def _reaches(tile: Shown, places: Places) -> bool:
@@ -225,7 +225,7 @@ def _rectified(camera: Camera) -> Iterator[Shown]:
 
 
 def _pinhole(
-    lens: _core.Camera,
+    lens: core.Camera,
     rays_camera: npt.NDArray[np.float64],
     R_face_camera: npt.NDArray[np.float64],
     focal: float,

@@ -16,17 +16,9 @@ from time import perf_counter
 
 from pydantic_core import to_jsonable_python
 
-from semcal_cli import _core
-from semcal_cli.assessment.assess import assess as assess
-from semcal_cli.assessment.clock_error import UnknownClock
-from semcal_cli.assessment.joint import Joint, fit_jointly
-from semcal_cli.assessment.motion import compare_motion
-from semcal_cli.assessment.motion_error import covariance_of_motion
-from semcal_cli.assessment.pose_checks import compare_seeds
-from semcal_cli.assessment.priors import Fused, Prior, clamp, fuse_with_priors
-from semcal_cli.assessment.rivals import decide_in_full
-from semcal_cli.assessment.sensitivity import sum_of
-from semcal_cli.assessment.stages import Stages
+from semcal_cli import core
+from semcal_cli.checks.camera_motion import compare_motion
+from semcal_cli.checks.pose_checks import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
     LABELS,
@@ -36,25 +28,33 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.camera import check_intrinsics
-from semcal_cli.drive.cues.table import files_of, find_cue
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.events import Listener, Progress, StageDone, ignore, movement
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.motion import can_be_unrolled, twists_per_s
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, about
+from semcal_cli.estimation.adjust.clock import UnknownClock
+from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
+from semcal_cli.estimation.adjust.priors import Fused, Prior, clamp, fuse_with_priors
+from semcal_cli.estimation.refine.estimators import make_estimator
+from semcal_cli.estimation.refine.polish import Polish, polish_pose
+from semcal_cli.estimation.refine.pyramid import Level, Refinement, refine_pose
+from semcal_cli.estimation.refine.several_starts import pyramid_of
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.search.mounting_search import GIVEN, Initialization, as_given, search_mountings
+from semcal_cli.estimation.search.start_by_motion import NO_START, start_by_motion
+from semcal_cli.estimation.stage import StageResult, announced
+from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
+from semcal_cli.estimation.uncertainty.sensitivity import sum_of
+from semcal_cli.events import Listener, Progress, StageDone, ignore, movement
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.from_motion import NO_START, start_by_motion
-from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import GIVEN, Initialization, as_given, search_mountings
-from semcal_cli.refinement.estimators import make_estimator
-from semcal_cli.refinement.polish import Polish, polish_pose
-from semcal_cli.refinement.pyramid import Level, Refinement, refine_pose
-from semcal_cli.refinement.several_starts import pyramid_of
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.observations.cues.cue_table import files_of, find_cue
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.motion import can_be_unrolled, twists_per_s
+from semcal_cli.observations.observations import Observations
+from semcal_cli.pipeline.assess import assess as assess
+from semcal_cli.pipeline.mountings import decide_in_full
+from semcal_cli.pipeline.stages import Stages
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.provenance import describe_input, versions
 from semcal_cli.result.sections import Settings
-from semcal_cli.result.stage import StageResult, announced
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Error that a hypothesis of the initial calibration may have when it is compared with priors, degrees and metres."""
@@ -145,7 +145,7 @@ def start_at(data: LoadedDrive, initial_pose: InitialPose, on_event: Listener = 
     T, name = initial_pose.T_camera_lidar, initial_pose.name
 
     def start() -> StageResult:
-        agreement = _core.agreement(data.observations.core, T)
+        agreement = core.agreement(data.observations.core, T)
         return StageResult(T_camera_lidar=T, agreement=agreement, note=GIVEN, details=f"from {name}")
 
     return announced("initial", f"starting at {name}", start, on_event)
@@ -289,7 +289,7 @@ def polish(
 def estimate_jointly(
     data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Joint:
-    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`."""
+    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.estimation.adjust.joint`."""
     doing = "estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"
     settings = config.jointly, config.polish, data.drive.time_offset_s
     stage = partial(fit_jointly, data.observations, T_polished, *settings)

@@ -9,9 +9,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
-from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
-from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import (
     AlignmentConfig,
     CalibrationConfig,
@@ -22,10 +19,13 @@ from semcal_cli.config import (
 )
 from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.events import Listener, ignore
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.motion import twists_per_s
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.estimation.adjust.joint import DELAY_NOT_DETERMINED
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.estimation.stage import StageResult
+from semcal_cli.events import Listener, ignore
+from semcal_cli.findings.check import OWN_DRIVE
+from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
     Pose,
@@ -34,14 +34,15 @@ from semcal_cli.geometry.poses import (
     pose_from_quaternion,
     quaternion_xyzw,
 )
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.motion import twists_per_s
 from semcal_cli.pipeline.calibration import assess, initialize, refine_and_polish, start_at
-from semcal_cli.pipeline.given import as_initial_pose
+from semcal_cli.pipeline.from_transform import as_initial_pose
+from semcal_cli.pipeline.stages import Stages
+from semcal_cli.pipeline.verdict import CLOCK, Check, Verdict, judge, judge_clock, together
 from semcal_cli.result.applied import apply_result, cues_applied
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.checks import OWN_DRIVE
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.provenance import hash_named
-from semcal_cli.result.stage import Finding, StageResult
 
 NEAR_DEG, NEAR_M = 5.0, 0.5
 """Rotation and distance between transform and estimate beyond which all mounting directions are searched."""

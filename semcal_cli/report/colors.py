@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
-from semcal_cli.drive.cues.edges import NO_EDGE
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli import core
+from semcal_cli.observations.cues.edges import NO_EDGE
+from semcal_cli.observations.observations import NO_CLASS, Observations
 
 Colors: TypeAlias = npt.NDArray[np.uint8]
 """(C, 3) blue, green, red of each class, or of each point."""
@@ -139,13 +139,13 @@ def hex_color(blue_green_red: Sequence[int]) -> str:
     return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
 
 
-def segment_colors(segmented: _core.SegmentedSweep) -> tuple[Colors, Legend]:
+def segment_colors(segmented: core.SegmentedSweep) -> tuple[Colors, Legend]:
     """Choose the colour of each point of a sweep (N, 3) by its segment, and the legend.
 
     Each object has its own colour, as far as the eye can distinguish them. Cells of the ground are grey.
     """
     rgb = [
-        GROUND_COLORS[index % len(GROUND_COLORS)] if kind == _core.GROUND else _rgb(index)
+        GROUND_COLORS[index % len(GROUND_COLORS)] if kind == core.GROUND else _rgb(index)
         for index, kind in enumerate(segmented.kinds.tolist())
     ]
     palette = np.array([*rgb, NO_SEGMENT_COLOR], np.uint8)[:, ::-1]

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from semcal_cli import _core
-from semcal_cli.assessment.frame_offsets import FrameOffsets
-from semcal_cli.assessment.priors import EXACT
-from semcal_cli.drive.observations import Observations
+from semcal_cli import core
+from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
+from semcal_cli.estimation.adjust.priors import EXACT
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.observations import Observations
 from semcal_cli.report.drawing import (
     ACCENT,
     AXIS_COLORS,
@@ -73,7 +73,7 @@ class ClassAgreement:
 
 
 def class_agreements(
-    observations: Observations, agreement: _core.Agreement, before: _core.Agreement | None
+    observations: Observations, agreement: core.Agreement, before: core.Agreement | None
 ) -> list[ClassAgreement]:
     """Describe each class of points that the camera sees, the most frequent first."""
     joint = agreement.joint
@@ -153,7 +153,7 @@ def information_curves(
     # The camera's centre moves by a metre against the translation of a twist, or the camera turns by a degree.
     twists = np.diag([-1.0] * 3 + [math.radians(1.0)] * 3).tolist()
     ways = [(twist, each.tolist()) for twist, each in zip(twists, offsets, strict=True)]
-    nats = _core.information_along(observations.of_classes.core, T_camera_lidar, ways)
+    nats = core.information_along(observations.of_classes.core, T_camera_lidar, ways)
     curves = []
     for axis, (name, sigma) in enumerate(zip(AXIS_NAMES, sigmas, strict=True)):
         scale, unit = (100.0, "cm") if axis < 3 else (1.0, "deg")

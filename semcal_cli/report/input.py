@@ -9,19 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.config import AUTO, MAX_FRAMES
-from semcal_cli.drive.cues.table import choose_frames, chosen, load_cues, maximised
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.frame_selection import evenly_spaced, with_frames
-from semcal_cli.drive.motion import unrolled
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.cues.cue_table import choose_frames, chosen, load_cues, maximised
+from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
+from semcal_cli.observations.motion import unrolled
+from semcal_cli.observations.observations import Observations
 from semcal_cli.report.colors import first_coloring
-from semcal_cli.report.overlay import Overlays
+from semcal_cli.report.overlays import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, cues_applied, seen_as
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.provenance import describe_input
 from semcal_cli.result.sections import InputFrame
 

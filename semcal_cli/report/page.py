@@ -11,37 +11,37 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from semcal_cli import _core
-from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
-from semcal_cli.assessment.limits import overall_offsets
-from semcal_cli.assessment.pairing import frame_names
+from semcal_cli import core
+from semcal_cli.checks.pairing import frame_names
 from semcal_cli.config import LABELS
-from semcal_cli.drive.cues.table import files_of
-from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.files.documents import FORMATS, document_text
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.poses import camera_center, compare_poses
+from semcal_cli.observations.cues.cue_table import files_of
+from semcal_cli.observations.frame_selection import evenly_spaced
+from semcal_cli.pipeline.verdict import overall_offsets
 from semcal_cli.report import words
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.figures import class_agreements, curve_plots, frames_plots, information_curves
-from semcal_cli.report.images import MAX_FRAMES, make_images
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import T_notation, files, notations
-from semcal_cli.report.overlay import Overlays
+from semcal_cli.report.overlays import Overlays
+from semcal_cli.report.page_images import MAX_FRAMES, make_images
 from semcal_cli.report.points import View
 from semcal_cli.report.template import Verdict, linked, render_page
 from semcal_cli.result.applied import apply_result, seen_as
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera import intrinsic_texts
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.next_steps import Rows, after_calibration
 from semcal_cli.result.provenance import describe_input, versions
+from semcal_cli.result.refined_camera import intrinsic_texts
 from semcal_cli.result.sections import DrivePart
 from semcal_cli.result.uncertainty import CHECK_NAMES
 
 if TYPE_CHECKING:
-    from semcal_cli.drive.loading import LoadedDrive
-    from semcal_cli.initialization.initial_pose import InitialPose
+    from semcal_cli.estimation.search.initial_pose import InitialPose
+    from semcal_cli.observations.loading import LoadedDrive
     from semcal_cli.pipeline.verification import Verification
 
 SCRIPTS = tuple(f"report/{name}.js" for name in ("image", "images", "cloud"))
@@ -66,7 +66,7 @@ def write_report(
         InputError: an image is missing or wrong, or the file cannot be written. An existing file then stays unchanged.
     """
     observations, T, record = report.observations, report.T_camera_lidar, report.record
-    agreement, before = _core.agreement(observations.core, T), None
+    agreement, before = core.agreement(observations.core, T), None
     if report.before is not None:
         before = View(report.seen_as(report.before.drive), report.before.T_camera_lidar).agreement()
     drawn = _drawn(report, progress)

@@ -9,21 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.motion import points_at, unrolled
-from semcal_cli.drive.observations import NO_CLASS, Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.report.colors import (
-    AGREES,
-    DISAGREES,
-    HIDDEN,
-    NO_PAIR,
-    coloring_of,
-    depth_levels,
-    is_edge,
-)
+from semcal_cli.observations.frame_selection import evenly_spaced
+from semcal_cli.observations.motion import points_at, unrolled
+from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.report.colors import AGREES, DISAGREES, HIDDEN, NO_PAIR, coloring_of, depth_levels, is_edge
 
 NOT_SEEN = 255
 """Kind of a point outside the image."""
@@ -49,7 +41,7 @@ class Seen(NamedTuple):
 
 def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
     """Find the points (N, 3), metres, LiDAR frame, that project into the image, and mark the hidden ones among them."""
-    projected = _core.project_points(core_camera(camera), points, T_camera_lidar)
+    projected = core.project_points(core_camera(camera), points, T_camera_lidar)
     seen = np.flatnonzero(np.isfinite(projected.ranges))
     seen = seen[np.argsort(-projected.ranges[seen], kind="stable")]
     return Seen(seen, projected.pixels[seen], projected.ranges[seen], projected.is_hidden[seen])
@@ -66,12 +58,12 @@ class View(NamedTuple):
         points = points_at(self.observations, frame, self.T_camera_lidar)
         return points_in_image(points, self.T_camera_lidar, self.observations.camera)
 
-    def agreement(self) -> _core.Agreement:
+    def agreement(self) -> core.Agreement:
         """Count the pairs of classes of visible points and of their pixels in all frames."""
-        return _core.agreement(unrolled(self.observations, self.T_camera_lidar).core, self.T_camera_lidar)
+        return core.agreement(unrolled(self.observations, self.T_camera_lidar).core, self.T_camera_lidar)
 
 
-def goes_together(agreement: _core.Agreement) -> npt.NDArray[np.bool_]:
+def goes_together(agreement: core.Agreement) -> npt.NDArray[np.bool_]:
     """Mask of the classes of points (rows) and of pixels that occur together more often than by chance."""
     return over_chance(agreement.joint) > 1.0
 

@@ -15,15 +15,15 @@ import rerun as rr
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.motion import unrolled
-from semcal_cli.drive.observations import NO_CLASS
-from semcal_cli.drive.reading import load_points, read_frame_image, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.images import read_size
-from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
-from semcal_cli.files.writing import write_bytes
+from semcal_cli.files.image_files import read_size
+from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_bytes
+from semcal_cli.files.output_files import write_bytes
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.motion import unrolled
+from semcal_cli.observations.observations import NO_CLASS
+from semcal_cli.observations.reading import load_points, read_frame_image, read_observations
 from semcal_cli.report.colors import palettes
 
 LIDAR, CAMERAS = "lidar", "lidar/cameras"

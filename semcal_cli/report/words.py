@@ -7,15 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from semcal_cli.assessment.frame_offsets import FrameOffsets
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.cues.table import maximised, recorded
 from semcal_cli.errors import listed
-from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
+from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
+from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN
+from semcal_cli.observations.cues.cue_table import maximised, recorded
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.template import Verdict, linked
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.camera import clock_sentence, kept_sentence
+from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.refined_camera import clock_sentence, kept_sentence
 from semcal_cli.result.uncertainty import Uncertainty, figure, image_radius_px, stated_error
 
 DEPTHS_M = 10.0, 50.0

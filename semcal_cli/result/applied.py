@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 from semcal_cli.config import AUTO, CueName
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.cues.table import allowed, recorded
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.motion import delayed, twists_per_s
-from semcal_cli.drive.observations import Observations
-from semcal_cli.result.calibration import Calibration, with_estimates
-from semcal_cli.result.camera import camera_differences, offset_words
+from semcal_cli.observations.cues.cue_table import allowed, recorded
+from semcal_cli.observations.motion import delayed, twists_per_s
+from semcal_cli.observations.observations import Observations
+from semcal_cli.result.calibration_document import Calibration, with_estimates
+from semcal_cli.result.refined_camera import camera_differences, offset_words
 
 
 class Applied(NamedTuple):

@@ -12,7 +12,7 @@ from semcal_cli.drive.document import DRIVE_FILE
 
 if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
-    from semcal_cli.result.calibration import Calibration
+    from semcal_cli.result.calibration_document import Calibration
 
 Rows: TypeAlias = list[tuple[str, str]]
 """Pairs of a label and a text."""

@@ -12,8 +12,8 @@ from pathlib import Path
 from semcal_cli.drive.camera import Camera, without_last_zeros
 from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.drive.networks import LabelNetworks
-from semcal_cli.files.arrays import hash_array
-from semcal_cli.files.reading import hash_file
+from semcal_cli.files.array_forms import hash_array
+from semcal_cli.files.input_files import hash_file
 from semcal_cli.result.sections import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")

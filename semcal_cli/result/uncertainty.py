@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import mismatch
 from semcal_cli.files.validation import StrictModel, Width, Widths, length
@@ -169,7 +169,7 @@ class Uncertainty(StrictModel):
         sigma_rotation_deg = np.degrees(sigmas[3:])
         # The translation of exp(xi) T is t + rho + phi x t, to first order.
         jacobian = np.hstack([np.eye(3), -cross_matrix(T_camera_lidar[:3, 3])])
-        quantiles = [_core.student_quantile(0.975, dof) for dof in degrees_of_freedom]
+        quantiles = [core.student_quantile(0.975, dof) for dof in degrees_of_freedom]
         half_widths = (np.concatenate([sigmas[:3], sigma_rotation_deg]) * quantiles).tolist()
         return cls(
             covariance=covariance.tolist(),

@@ -19,9 +19,9 @@ from semcal_cli.documentation import schema_address, schema_name
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.validation import NEWEST_VERSION, StrictModel
 from semcal_cli.labelling.card import CloudCard, ImageCard, PointCard
-from semcal_cli.result.calibration import Calibration
-from semcal_cli.rig.document import Rig
-from semcal_cli.rig.result import RigResult
+from semcal_cli.many.rig.rig_document import Rig
+from semcal_cli.many.rig.rig_result import RigResult
+from semcal_cli.result.calibration_document import Calibration
 
 FOLDER = Path(__file__).parent
 MODELS: dict[str, Any] = {

@@ -10,12 +10,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, os_reason
-from semcal_cli.files.images import write_image
+from semcal_cli.files.image_files import write_image
 from semcal_cli.synthetic.label_noise import mislabel
-from semcal_cli.synthetic.motion import IMAGE_LABELS, ONTOLOGY, POINT_LABELS, generator, lidar_twist, stamps
+from semcal_cli.synthetic.street_motion import (
+    IMAGE_LABELS,
+    ONTOLOGY,
+    POINT_LABELS,
+    generator,
+    lidar_twist,
+    stamps,
+)
 
 Labels = npt.NDArray[np.uint8]
 
@@ -44,7 +51,7 @@ class Written:
 
 
 def write_frame(
-    config: SynthConfig, renderer: _core.Renderer, out: Path, sweeps: str | None, camera: int, number: int
+    config: SynthConfig, renderer: core.Renderer, out: Path, sweeps: str | None, camera: int, number: int
 ) -> Written:
     """Render a frame and write its files; the sweep only if no other camera's drive has it (see `synthesize`).
 
@@ -79,7 +86,7 @@ def image_ids(config: SynthConfig) -> Labels:
 
 def class_ids() -> Labels:
     """List the ids of the synthetic classes."""
-    return np.array([id_ for id_, _ in _core.synthetic_classes()], dtype=np.uint8)
+    return np.array([id_ for id_, _ in core.synthetic_classes()], dtype=np.uint8)
 
 
 def frame_document(config: SynthConfig, number: int, sweeps: str | None) -> dict[str, str | float]:
@@ -110,7 +117,7 @@ def written_below(out: Path) -> Iterator[None]:
         raise InputError(f"{out}: cannot be written: {os_reason(error)}") from None
 
 
-def _cloud(config: SynthConfig, frame: _core.RenderedFrame) -> bytes:
+def _cloud(config: SynthConfig, frame: core.RenderedFrame) -> bytes:
     """Make the content of a point cloud: KITTI's records, or a binary PCD if each point has its own time."""
     if config.motion == "none":
         return frame.points.astype("<f4").tobytes()
@@ -134,7 +141,7 @@ def _noisy_point_labels(
     config: SynthConfig, labels: npt.NDArray[np.uint32], number: int
 ) -> npt.NDArray[np.uint32]:
     """Mislabel points (N,), `instance << 16 | class`, but never as sky, which returns no points."""
-    classes = np.array([id_ for id_, name in _core.synthetic_classes() if name != SKY], dtype=np.uint8)
+    classes = np.array([id_ for id_, name in core.synthetic_classes() if name != SKY], dtype=np.uint8)
     true = (labels & 0xFFFF).astype(np.uint8)
     noisy = mislabel(true, config.label_noise, classes, generator(config, POINT_LABELS, number), UNLABELED)
     return (labels & np.uint32(0xFFFF0000)) | noisy

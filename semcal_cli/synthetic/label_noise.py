@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.observations.observations import NO_CLASS, Observations
 
 Labels = npt.NDArray[np.uint8]
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config.synthetic import SYNTH_MIN_BASELINE_M, Lens, SynthConfig
 from semcal_cli.drive.camera import Camera, CameraModel, core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
 from semcal_cli.synthetic.frame_files import (
     IMAGE_FOLDERS,
@@ -28,7 +28,14 @@ from semcal_cli.synthetic.frame_files import (
     write_frame,
     written_below,
 )
-from semcal_cli.synthetic.motion import MOUNTING, POSES_FILE, check_motion, generator, poses_text, shutter
+from semcal_cli.synthetic.street_motion import (
+    MOUNTING,
+    POSES_FILE,
+    check_motion,
+    generator,
+    poses_text,
+    shutter,
+)
 
 PITCH_DEG, ROLL_DEG = 8.0, 4.0
 CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
@@ -201,7 +208,7 @@ def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
     model, distortion, _ = LENSES[lens]
     if model == "equirectangular":
         return 2.0 * half_angle
-    camera = _core.Camera(model, 1, 1, np.eye(3).tolist(), distortion, LENS_PARAMETERS.get(lens, {}))
+    camera = core.Camera(model, 1, 1, np.eye(3).tolist(), distortion, LENS_PARAMETERS.get(lens, {}))
     across, ahead = math.sin(half_angle), math.cos(half_angle)
     left, right = camera.project(np.array([[-across, 0.0, ahead], [across, 0.0, ahead]]))[:, 0]
     width = float(right - left)
@@ -212,7 +219,7 @@ def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
     return width
 
 
-def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:
+def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> core.Renderer:
     """Make the renderer of a LiDAR and a camera.
 
     Args:
@@ -222,7 +229,7 @@ def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:
     Raises:
         InputError: the camera is too far from the LiDAR, or the LiDAR has no rays.
     """
-    return _core.Renderer(core_camera(make_camera(config)), T_camera_lidar, config)
+    return core.Renderer(core_camera(make_camera(config)), T_camera_lidar, config)
 
 
 def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
@@ -251,7 +258,7 @@ def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | Non
     document["frames"] = [frame_document(config, number, sweeps) for number in range(config.num_frames)]
     document["ignore"] = {"points": [UNLABELED], "image": [UNLABELED]}
     if config.ontology == "shared":
-        names = {name: [id_] for id_, name in _core.synthetic_classes()}
+        names = {name: [id_] for id_, name in core.synthetic_classes()}
         document["classes"] = {"points": names, "image": names}
     if config.motion != "none":
         document["motion"] = {"poses": POSES_FILE if sweeps is None else f"{sweeps}/{POSES_FILE}"}

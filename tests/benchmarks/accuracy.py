@@ -21,17 +21,17 @@ from benchmark import OUTPUT, KeptTable, run_experiment, script
 from laboratory.rigs import RIGS, Case, Degrade, consecutive, row_cases, wrong
 
 from semcal_cli.config import EDGE_BAND_PX, Estimator, InitializationConfig, RefinementConfig
-from semcal_cli.drive.cues.table import load_cues
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError, check_torch
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.drives import Pool, calibrate_from
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.summary import ERRORS, NUMBER, Column, common, count, digits, median, of
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.cues.cue_table import load_cues
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
 from semcal_cli.synthetic.label_noise import as_by_a_network, with_disjoint_ontologies, with_ragged_things
 

@@ -18,10 +18,10 @@ from time import perf_counter
 
 from benchmark import script, seconds_of, street, table
 
-from semcal_cli.batches.folders import check_made_by_batch, make_folder_of_drive
-from semcal_cli.batches.records import read_inputs, write_record
-from semcal_cli.batches.run import run_batch
-from semcal_cli.batches.tasks import Outcome, Task
+from semcal_cli.many.batch.folders import check_made_by_batch, make_folder_of_drive
+from semcal_cli.many.batch.records import read_inputs, write_record
+from semcal_cli.many.batch.run import run_batch
+from semcal_cli.many.batch.tasks import Outcome, Task
 
 BARE = """
 import sys

@@ -15,13 +15,13 @@ import numpy as np
 from benchmark import script, table
 from laboratory.rigs import RIGS, rig_of
 
-from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
-from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.uncertainty.sensitivity import sensitivity
 from semcal_cli.experiments.drives import NUM_FRAMES, Pool
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.refinement.polish import newton
+from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.observations.reading import load_observations
 
 CONFIG = PolishConfig()
 

@@ -27,16 +27,16 @@ from laboratory.spoiled import Spoil
 
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.frame_selection import with_frames
-from semcal_cli.drive.loading import load
 from semcal_cli.errors import SemcalError
+from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.summary import markdown_table
+from semcal_cli.findings.check import CHECKS, LIMITS, Evidence, Limit
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.search import Initialization
+from semcal_cli.observations.frame_selection import with_frames
+from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import assess, initialize, refine_and_polish
-from semcal_cli.result.checks import CHECKS, LIMITS, Evidence, Limit
 
 PAIRS, FEW_PAIRS = (5, 8), (1, 2)
 NUM_FRAMES: dict[str, object] = {"num_frames": max(PAIRS) + 1}

@@ -22,18 +22,18 @@ import numpy as np
 from benchmark import script, street, summary
 from laboratory.rigs import RIGS
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.cues.table import summed
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.drive.reading import read_frame_image
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import NUMBER, common, count, error_columns, median_and_worst
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.cues.cue_table import summed
+from semcal_cli.observations.loading import LoadedDrive, load
+from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.label_noise import as_by_a_network
 
@@ -71,7 +71,7 @@ def spreads(drive: Drive, T: Pose) -> str:
     for frame in drive.frames:
         cloud = np.fromfile(drive.resolve(frame.points), np.float32).reshape(-1, 4)
         labels = np.fromfile(drive.resolve(str(frame.point_labels)), np.uint32) & 0xFFFF
-        projected = _core.project_points(core_camera(drive.camera), cloud[:, :3].copy(), T)
+        projected = core.project_points(core_camera(drive.camera), cloud[:, :3].copy(), T)
         seen = np.isfinite(projected.ranges) & ~projected.is_hidden
         image = read_frame_image(drive, frame)
         assert image is not None

@@ -21,20 +21,20 @@ from benchmark import script, street, table
 from profiles import draw_profiles, profiles
 from real_data import real_drives
 
-from semcal_cli import _core
-from semcal_cli.assessment.rivals import sigmas_behind
+from semcal_cli import core
+from semcal_cli.checks.rivals import sigmas_behind
 from semcal_cli.config import PolishConfig
-from semcal_cli.drive.cues.edges import EDGES, STARTS, observe_edges
-from semcal_cli.drive.cues.intensity import grey_values
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.frame_selection import with_frames
-from semcal_cli.drive.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.pyramid import ExactEstimator, refine_pose
+from semcal_cli.estimation.refine.several_starts import pyramid_of
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import ExactEstimator, refine_pose
-from semcal_cli.refinement.several_starts import pyramid_of
+from semcal_cli.observations.cues.edges import EDGES, STARTS, observe_edges
+from semcal_cli.observations.cues.intensity import grey_values
+from semcal_cli.observations.frame_selection import with_frames
+from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 
 START_DEG, START_M = 2.0, 0.2
 SAME_DEG, SAME_CM = 0.5, 15.0
@@ -57,7 +57,7 @@ def with_images(
 ) -> Observations:
     """The same points with other classes of pixels, from the grey values."""
     levels = [levels_of(grey_values(drive, frame)).astype(np.uint8) for frame in drive.frames]
-    images = [LabelledImage(each, _core.ClassShares.certain(each.ravel())) for each in levels]
+    images = [LabelledImage(each, core.ClassShares.certain(each.ravel())) for each in levels]
     return replace(
         seen.with_images(images), image_class_names=[str(level) for level in range(EDGES.num_levels)]
     )
@@ -76,7 +76,7 @@ def between_rings(drive: Drive) -> Observations:
 
     def classes_of(index: int, cloud: LabelledCloud) -> np.ndarray:
         turned = np.ascontiguousarray(cloud.points @ QUARTER_TURN.T.astype(np.float32))
-        (steps,) = _core.edge_steps([turned], [None], EDGES.same_surface_m)
+        (steps,) = core.edge_steps([turned], [None], EDGES.same_surface_m)
         ranges = np.linalg.norm(cloud.points, axis=1)
         # Rings lie far apart, so that the ground steps from one to the next as well.
         found = np.digitize(
@@ -200,7 +200,7 @@ def main(
 
 def information(seen: Observations, T: Pose) -> float:
     """Mutual information at a pose, less its bias."""
-    agreement = _core.agreement(seen.core, T)
+    agreement = core.agreement(seen.core, T)
     return agreement.mutual_information - agreement.bias
 
 

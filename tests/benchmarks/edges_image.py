@@ -17,13 +17,13 @@ import numpy as np
 from benchmark import script
 from real_data import real_drives
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import calibrate
 
 SCALE, WIDTH, TITLE_PX = 2, 1400, 40
@@ -41,7 +41,7 @@ def draw(data: LoadedDrive, frame: int, T_camera_lidar: Pose, title: str) -> np.
         cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), TITLE_PX, 0, 0, 0, cv2.BORDER_CONSTANT
     )
     cloud = observed.cloud
-    projected = _core.project_points(core_camera(data.drive.camera), cloud.points, T_camera_lidar)
+    projected = core.project_points(core_camera(data.drive.camera), cloud.points, T_camera_lidar)
     seen = np.isfinite(projected.ranges) & ~projected.is_hidden
     for level, name in enumerate(data.observations.point_class_names):
         color = COLORS.get(name.split()[0])

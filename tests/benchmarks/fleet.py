@@ -15,7 +15,7 @@ from benchmark import script, table
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.members import Member
+from semcal_cli.fleet.fleet_drives import Member
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 

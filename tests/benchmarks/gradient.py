@@ -21,17 +21,17 @@ import numpy as np
 import numpy.typing as npt
 from benchmark import OUTPUT, KeptTable, run_experiment, script
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
-from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.estimation.refine.pyramid import pyramid_factors
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.rivals import START_DEG, START_M
 from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, median, of
 from semcal_cli.geometry.poses import Pose, compare_poses, cross_matrix
 from semcal_cli.geometry.twists import apply_twist, displaced
-from semcal_cli.refinement.pyramid import pyramid_factors
+from semcal_cli.observations.observations import Observations
+from semcal_cli.observations.reading import load_observations
 
 NUM_PAIRS = 5
 """Number of pairs of each drive."""
@@ -56,7 +56,7 @@ class Objective:
             factor: Side of a block in pixels.
             seed: Seed of the choice of points.
         """
-        self.points = _core.AnchoredPoints(
+        self.points = core.AnchoredPoints(
             observations.core, T_start, factor=factor, edge_band_px=0, visible_only=False
         )
         count = len(self.points.classes)
@@ -85,7 +85,7 @@ class Objective:
         twist: Array = np.einsum("kij,ij->k", generators, of_T)
         return np.asarray(self.points.preconditioner.T @ twist)
 
-    def _evaluate(self, T: Pose) -> tuple[float, Array, float, _core.MiniBatch]:
+    def _evaluate(self, T: Pose) -> tuple[float, Array, float, core.MiniBatch]:
         """Compute the mutual information, its pointwise values (C_x, C_y), the histogram's sum, and the batch."""
         self.num_evaluations += 1
         batch = self.points.sample(self.indices, T)

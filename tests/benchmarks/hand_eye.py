@@ -30,18 +30,18 @@ from consecutive_images import LongSweeps, write_images
 from odometry import kitti_poses
 from real_data import READERS
 
-from semcal_cli.assessment.motion import standard_errors
+from semcal_cli.checks.camera_motion import standard_errors
 from semcal_cli.config import CalibrationConfig
-from semcal_cli.datasets.odometry import NS, tum_text
 from semcal_cli.drive.document import DRIVE_FILE, Drive, Motion, read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.estimation.search.hand_eye import NotDetermined, choose_pairs, hand_eye
+from semcal_cli.estimation.search.visual_motion import camera_motions
+from semcal_cli.findings.check import CAMERA_MOTION
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, compare_poses, inverse, rotation_error_deg
 from semcal_cli.geometry.twists import rotation_matrix
-from semcal_cli.initialization.camera_motion import camera_motions
-from semcal_cli.initialization.handeye import NotDetermined, choose_pairs, hand_eye
+from semcal_cli.importing.sweep_odometry import NS, tum_text
 from semcal_cli.pipeline import calibrate
-from semcal_cli.result.checks import CAMERA_MOTION
 
 TURNED_DEG = (0.0, 0.5, 1.0, 2.0, 5.0)
 NUM_AXES = 50

@@ -19,15 +19,15 @@ from typing import Any
 import numpy as np
 from benchmark import script, table
 
-from semcal_cli.batches.pace import Pace
 from semcal_cli.config import AlignmentConfig, InitializationConfig
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN, search_mountings
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.measured import commit
 from semcal_cli.experiments.summary import grouped
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, search_mountings
+from semcal_cli.many.batch.pace import Pace
+from semcal_cli.observations.reading import load_observations
 
 RIGHT_DEG = 5.0
 """The refinement holds from here."""

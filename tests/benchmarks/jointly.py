@@ -21,13 +21,9 @@ from benchmark import OUTPUT, KeptTable, run_experiment, script
 from laboratory.rates import Rate
 from laboratory.rigs import Case, Degrade, consecutive, row_cases, wrong
 
-from semcal_cli.assessment.stages import Stages
 from semcal_cli.config import InitializationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.drives import Pool, calibrate_from
 from semcal_cli.experiments.experiment import Experiment, Report
@@ -43,8 +39,12 @@ from semcal_cli.experiments.summary import (
     of,
 )
 from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.pipeline.stages import Stages
+from semcal_cli.result.calibration_document import Calibration
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02

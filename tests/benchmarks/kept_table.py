@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmark import KeptTable, script
 
 from semcal_cli.experiments.experiment import TABLE, read_measured
-from semcal_cli.files.reading import read_text
+from semcal_cli.files.input_files import read_text
 
 
 def main(folder: Path, command: str) -> KeptTable:

@@ -17,9 +17,9 @@ from laboratory.raw_drive import read_raw_drive, write_raw_drive
 from laboratory.spoiling import knocked, wrong_labels
 from matplotlib.figure import Figure
 
-from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
-from semcal_cli.drive.loading import load
+from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import calibrate
 
 NOISE = 0.1

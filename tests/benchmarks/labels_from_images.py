@@ -25,18 +25,18 @@ import yaml
 from benchmark import script, seconds_of, street, table
 from torch import nn
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses, pose_from_mounting
-from semcal_cli.labelling.images import ImageLabeller
+from semcal_cli.labelling.image_labeller import ImageLabeller
 from semcal_cli.labelling.model import image_model
-from semcal_cli.labelling.network import open_network
+from semcal_cli.labelling.onnx_network import open_network
+from semcal_cli.observations.reading import read_label_images
 from semcal_cli.pipeline import calibrate
 
 TRAINING_SEED, DRIVE_SEED = 95_000, 96_000
@@ -92,14 +92,14 @@ def training_frames(
     lookup = np.zeros(256, np.uint8)
     lookup[class_ids] = np.arange(len(class_ids))
     K = [[width / 2, 0, width / 2 - 0.5], [0, width / 2, height / 2 - 0.5], [0, 0, 1]]
-    camera = _core.Camera("plumb_bob", width, height, K, [0.0] * 5)
+    camera = core.Camera("plumb_bob", width, height, K, [0.0] * 5)
     random = np.random.default_rng(TRAINING_SEED)
     images, labels = [], []
     for number in range(count):
         config = SynthConfig(seed=TRAINING_SEED + number, channels=2, columns=4)
         azimuth_deg, pitch_deg = random.uniform(-180.0, 180.0), random.uniform(-8.0, 8.0)
         mounting = pose_from_mounting((0.0, -pitch_deg, azimuth_deg), (0.0, 0.0, 0.0))
-        frame = _core.Renderer(camera, mounting, config).frame(config.seed, 0)
+        frame = core.Renderer(camera, mounting, config).frame(config.seed, 0)
         shrunk = cv2.resize(frame.image_rgb, size, interpolation=cv2.INTER_AREA)
         images.append(((shrunk / 255.0 - MEAN) / STD).transpose(2, 0, 1))
         labels.append(lookup[frame.image_labels])
@@ -213,7 +213,7 @@ def main(
 ) -> Iterator[str]:
     """Train for so many seconds, label, calibrate, and time."""
     size = (width // 32 * 16, -(-(width * 9 // 16) // 32) * 16)
-    classes = _core.synthetic_classes()
+    classes = core.synthetic_classes()
     class_ids, names = np.array([value for value, _ in classes]), [name for _, name in classes]
     output.mkdir(parents=True, exist_ok=True)
     model, large = output / "network.onnx", output / "large.onnx"

@@ -22,10 +22,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmark import script, table
 from moving_street import NUM_SWEEPS, SWEEP_S, MovingStreet, stamp_s
 
-from semcal_cli import _core
-from semcal_cli.datasets.odometry import NS, Odometry, twist_from
+from semcal_cli import core
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.geometry.poses import Pose, inverse, rotation_error_deg
+from semcal_cli.importing.sweep_odometry import NS, Odometry, twist_from
 
 STREETS = ((5.0, 0.3, 0.0), (10.0, -0.2, 0.0), (15.0, 0.15, 0.0), (10.0, 0.2, 0.3))
 """Speeds and turns, metres and radians a second, and the share by which both rise and fall."""
@@ -61,7 +61,7 @@ def row(speed_m_s: float, turn_rad_s: float, change: float, seeds: range, points
         way, turn = street.errors(poses)
         ways.append(way / (speed_m_s * SWEEP_S * (NUM_SWEEPS - 1)))
         turns.append(turn)
-        found = _core.Trajectory.through([stamp / NS for stamp in poses], list(poses.values()))
+        found = core.Trajectory.through([stamp / NS for stamp in poses], list(poses.values()))
         middles_s = [stamp_s(index) + 0.5 * SWEEP_S for index in range(1, NUM_SWEEPS - 1)]
         errors.append([np.subtract(found.twist_at(each), _true_twist(street, each)) for each in middles_s])
     of_frames = np.array(errors)

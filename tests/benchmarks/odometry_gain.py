@@ -22,12 +22,12 @@ from benchmark import script, table
 from moving_street import MovingStreet
 
 from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
-from semcal_cli.datasets.odometry import SIGMA, drive_motion, tum_text
 from semcal_cli.drive.document import Drive, Motion, MotionSigma, read_drive
-from semcal_cli.drive.loading import load
 from semcal_cli.geometry.poses import compare_poses
+from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion, tum_text
+from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import calibrate
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 
 STREETS = {
     "5 m/s": (5.0, 0.3, 0.0, 0.0),

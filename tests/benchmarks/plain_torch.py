@@ -21,14 +21,14 @@ from torch import Tensor
 from torch.nn import functional
 
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
-from semcal_cli.config.mine import MineConfig
+from semcal_cli.config.mine_config import MineConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import NO_CLASS, Observations
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.estimation.refine.pyramid import pyramid_factors
+from semcal_cli.estimation.refine.statistics_network import DonskerVaradhan, StatisticsNetwork
+from semcal_cli.estimation.refine.torch_geometry import Projection, exp_se3
 from semcal_cli.formats import read_transform
-from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork
-from semcal_cli.refinement.pyramid import pyramid_factors
-from semcal_cli.refinement.torch_geometry import Projection, exp_se3
+from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.observations.reading import load_observations
 
 
 @dataclass(frozen=True)

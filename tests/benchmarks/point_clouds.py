@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from benchmark import script, table
 
-from semcal_cli import _core
+from semcal_cli import core
 
 try:
     from pypcd4 import Encoding, PointCloud
@@ -60,7 +60,7 @@ def returns(points: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
 
 
 def by_core(path: Path) -> Callable[[], object]:
-    return lambda: _core.read_point_clouds([(path, None)])
+    return lambda: core.read_point_clouds([(path, None)])
 
 
 def by_numpy(path: Path) -> Arrays:
@@ -129,8 +129,8 @@ def alternate(contenders: list[Callable[[], object]], rounds: int) -> list[float
 
 def threaded(paths: list[Path], num_threads: int) -> Callable[[], object]:
     def read() -> None:
-        _core.set_num_threads(num_threads)
-        _core.read_point_clouds([(path, None) for path in paths])
+        core.set_num_threads(num_threads)
+        core.read_point_clouds([(path, None) for path in paths])
 
     return read
 
@@ -152,7 +152,7 @@ def threads(folder: Path, rounds: int) -> Iterator[tuple[str, ...]]:
 
 def main(*, rounds: int = 15, columns: int = 2048) -> Iterator[str]:
     """Print both tables, of a sweep of so many columns."""
-    _core.set_num_threads(1)
+    core.set_num_threads(1)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         yield from table(

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from semcal_cli.datasets import kitti
-from semcal_cli.files.images import read_image
-from semcal_cli.formats.kitti import raw_pose, read_keyed
+from semcal_cli.files.image_files import read_image
+from semcal_cli.formats.kitti_files import raw_pose, read_keyed
+from semcal_cli.importing import kitti
 
 CITYSCAPES = [
     *("road", "sidewalk", "building", "wall", "fence", "pole", "light", "sign", "vegetation", "terrain"),

@@ -24,8 +24,8 @@ from real_data import RealDrive, real_drives
 from semcal_cli.cli.options import CUES as CUE_NAMES
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import SemcalError
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import (
     NUMBER,
     Column,
@@ -41,7 +41,7 @@ from semcal_cli.experiments.summary import (
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, compare_poses
 from semcal_cli.geometry.twists import displaced
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import calibrate
 
 Start = Literal["near", "far", "close", "nothing"]

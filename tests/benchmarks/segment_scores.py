@@ -18,17 +18,17 @@ from benchmark import script, table
 from profiles import AXES, draw_profiles, profiles
 from real_data import real_drives
 
-from semcal_cli import _core
-from semcal_cli.assessment.information import information_by_squares
+from semcal_cli import core
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.cues.segments import SEGMENTS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.frame_selection import with_frames
-from semcal_cli.drive.loading import load
-from semcal_cli.drive.observations import NO_CLASS, Observations
+from semcal_cli.estimation.uncertainty.information import information_by_squares
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.cues.segments import SEGMENTS
+from semcal_cli.observations.frame_selection import with_frames
+from semcal_cli.observations.loading import load
+from semcal_cli.observations.observations import NO_CLASS, Observations
 
 SCORES = ("mutual information", "uncertainty coefficient", "adjusted mutual information")
 DRIVES = ("KITTI jam, 13 pairs", "OpenCalib 1", "OpenCalib 3", "nuScenes back")
@@ -40,19 +40,19 @@ class Scores:
     def __init__(self, observations: Observations, T_camera_lidar: Pose) -> None:
         self.observations, self.camera = observations, core_camera(observations.camera)
         clouds = [cloud.points for cloud in observations.clouds]
-        self.segments = _core.segment_sweeps(clouds, SEGMENTS.segmentation)
+        self.segments = core.segment_sweeps(clouds, SEGMENTS.segmentation)
         self.seen = []
         for points, segments in zip(clouds, self.segments, strict=True):
-            projected = _core.project_points(self.camera, points, T_camera_lidar)
+            projected = core.project_points(self.camera, points, T_camera_lidar)
             is_seen = np.isfinite(projected.ranges) & ~projected.is_hidden
-            self.seen.append(np.flatnonzero(is_seen & (segments.ids != _core.NO_SEGMENT)))
+            self.seen.append(np.flatnonzero(is_seen & (segments.ids != core.NO_SEGMENT)))
 
     def at(self, T_camera_lidar: Pose) -> tuple[float, float, float]:
         """The three scores: nats, and shares."""
         joints = []
         observed = self.observations.frame_observations
         for frame, segments, seen in zip(observed, self.segments, self.seen, strict=True):
-            projected = _core.project_points(self.camera, frame.cloud.points[seen], T_camera_lidar)
+            projected = core.project_points(self.camera, frame.cloud.points[seen], T_camera_lidar)
             inside = np.isfinite(projected.ranges)
             columns, rows = np.round(projected.pixels[inside]).astype(int).T
             height, width = frame.image.classes.shape

@@ -16,30 +16,30 @@ from time import perf_counter
 import numpy as np
 from benchmark import script, table
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
-from semcal_cli.drive.cues.segments import SegmentationConfig
+from semcal_cli.observations.cues.segments import SegmentationConfig
 
 SEED = 5100
 GROUND_CLASSES = ("road", "road_line", "sidewalk", "terrain")
 PATTERNS = {"64 rings": {}, "16 rings": {"channels": 16}, "rosette": {"pattern": "rosette"}}
 
 
-def sweeps(config: SynthConfig) -> list[_core.RenderedFrame]:
-    camera = _core.Camera("plumb_bob", 64, 48, [[32, 0, 31.5], [0, 32, 23.5], [0, 0, 1]], [0.0] * 5)
+def sweeps(config: SynthConfig) -> list[core.RenderedFrame]:
+    camera = core.Camera("plumb_bob", 64, 48, [[32, 0, 31.5], [0, 32, 23.5], [0, 0, 1]], [0.0] * 5)
     forward = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
-    renderer = _core.Renderer(camera, forward, config)
+    renderer = core.Renderer(camera, forward, config)
     return [renderer.frame(config.seed, number) for number in range(config.num_frames)]
 
 
-def purity(frames: list[_core.RenderedFrame], found: list[_core.SegmentedSweep]) -> tuple[float, float]:
+def purity(frames: list[core.RenderedFrame], found: list[core.SegmentedSweep]) -> tuple[float, float]:
     """Share of the points in segments that are of their segment's class, and share of all points that have one."""
-    ground = [number for number, name in _core.synthetic_classes() if name in GROUND_CLASSES]
+    ground = [number for number, name in core.synthetic_classes() if name in GROUND_CLASSES]
     num_pure = num_in_segments = 0
     for frame, sweep in zip(frames, found, strict=True):
         classes = (frame.point_labels & 0xFFFF).astype(np.int64)
         classes[np.isin(classes, ground)] = ground[0]
-        has = sweep.ids != _core.NO_SEGMENT
+        has = sweep.ids != core.NO_SEGMENT
         counts = np.zeros((sweep.num_segments, 256), int)
         np.add.at(counts, (sweep.ids[has], classes[has]), 1)
         num_pure += int(counts.max(axis=1, initial=0).sum())
@@ -53,7 +53,7 @@ def row(name: str, config: SynthConfig, rounds: int) -> tuple[str, ...]:
     times = []
     for _ in range(rounds):
         start = perf_counter()
-        found = _core.segment_sweeps(points, SegmentationConfig())
+        found = core.segment_sweeps(points, SegmentationConfig())
         times.append(perf_counter() - start)
     pure, segmented = purity(frames, found)
     num_points, num_segments = (

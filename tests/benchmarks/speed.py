@@ -34,7 +34,7 @@ from semcal_cli.experiments.summary import (
     of,
 )
 from semcal_cli.files.documents import document_text, read_document
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced

@@ -29,10 +29,10 @@ import transformers
 from benchmark import script, street, table
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.drive.reading import read_needed_image
-from semcal_cli.labelling.images import ImageLabeller
+from semcal_cli.labelling.image_labeller import ImageLabeller
 from semcal_cli.labelling.model import image_model
-from semcal_cli.labelling.network import open_network
+from semcal_cli.labelling.onnx_network import open_network
+from semcal_cli.observations.reading import read_needed_image
 
 SEED = 7
 GAIN, SPREAD = 1.4, 4.0

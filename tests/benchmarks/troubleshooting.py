@@ -7,7 +7,7 @@ import sys
 import textwrap
 from pathlib import Path
 
-from semcal_cli.result.checks import CHECKS, Check, Evidence, Limit
+from semcal_cli.findings.check import CHECKS, Check, Evidence, Limit
 
 WIDTH = 120
 ENTRY = re.compile(r'^### <a id="([a-z-]+)"></a>.*?(?=^##|\Z)', re.MULTILINE | re.DOTALL)

@@ -16,19 +16,19 @@ import numpy as np
 import numpy.typing as npt
 from benchmark import script, table
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config.synthetic import Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import (
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.observations import (
     NO_CLASS,
     FrameObservation,
     LabelledCloud,
     LabelledImage,
     Observations,
 )
-from semcal_cli.drive.reading import class_table, load_observations
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.reading import class_table, load_observations
 from semcal_cli.synthetic.frame_files import UNLABELED
 from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting
 
@@ -85,10 +85,10 @@ def real_frames(path: Path) -> Iterator[tuple[Figures, Figures]]:
 
 def describe_frame(frame: Observations, T_camera_lidar: Pose) -> tuple[Figures, Figures]:
     """Give the figures of a frame, and each class's share of the points in the image."""
-    agreement = _core.agreement(frame.core, T_camera_lidar)
+    agreement = core.agreement(frame.core, T_camera_lidar)
     classes = frame.clouds[0].classes
     points = frame.clouds[0].points
-    ranges = _core.project_points(core_camera(frame.camera), points, T_camera_lidar).ranges
+    ranges = core.project_points(core_camera(frame.camera), points, T_camera_lidar).ranges
     inside = classes[np.isfinite(ranges) & (classes != NO_CLASS)]
     counts = np.bincount(inside, minlength=len(frame.point_class_names))
     in_image = _names(frame.image_class_names, frame.images[0].classes)
@@ -115,7 +115,7 @@ def _observe(
     labels: npt.NDArray[np.uint32],
     image_labels: npt.NDArray[np.uint8],
 ) -> Observations:
-    named = {name: (id_,) for id_, name in _core.synthetic_classes()}
+    named = {name: (id_,) for id_, name in core.synthetic_classes()}
     point_ids, image_ids = (labels & 0xFFFF).astype(np.uint16), image_labels.astype(np.uint16)
     point_table = class_table([point_ids], named, [UNLABELED])
     image_table = class_table([image_ids], named, [UNLABELED])

@@ -18,28 +18,28 @@ from pathlib import Path
 import numpy as np
 from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, TREES
 
-from semcal_cli.batches.records import SIGNED, read_outcome, write_summary
-from semcal_cli.batches.tasks import Task, describe_result, find_drives
 from semcal_cli.config import Limits
-from semcal_cli.datasets import read_dataset
-from semcal_cli.datasets.kitti_360_windows import read_vertices
-from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import Request
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Motion, read_drive
-from semcal_cli.drive.motion import compensated
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import document_text, output_format, parse_document
 from semcal_cli.files.validation import StrictModel, validate
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.members import read_members
+from semcal_cli.fleet.fleet_drives import read_members
 from semcal_cli.formats import FORMATS, read_extrinsic, read_transform, write_transform
+from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.format import Format, FormatOptions
-from semcal_cli.formats.intrinsics import read_intrinsics
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.importing import read_dataset
+from semcal_cli.importing.kitti_360_windows import read_vertices
+from semcal_cli.importing.ontologies import read_ontology
+from semcal_cli.importing.recording import Request
 from semcal_cli.labelling.card import read_card, read_classes
-from semcal_cli.result.calibration import read_calibration
-from semcal_cli.rig.document import find_rig, read_rig
+from semcal_cli.many.batch.records import SIGNED, read_outcome, write_summary
+from semcal_cli.many.batch.tasks import Task, describe_result, find_drives
+from semcal_cli.many.rig.rig_document import find_rig, read_rig
+from semcal_cli.observations.motion import compensated
+from semcal_cli.result.calibration_document import read_calibration
 
 RIGID = 1e-9
 """Largest error of the rotation of a transform that was read."""

@@ -13,23 +13,23 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.pairing import frame_names
+from semcal_cli.checks.pairing import frame_names
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.arrays import Cloud
+from semcal_cli.estimation.search.initial_pose import InitialPose
+from semcal_cli.files.array_forms import Cloud
 from semcal_cli.files.documents import document_text, output_format
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.output_files import write_text
 from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.poses import Pose, pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import calibrate
 from semcal_cli.report.colors import coloring_of, page_colors
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import edge_image, image_of
+from semcal_cli.report.overlays import edge_image, image_of
 from semcal_cli.report.points import View, frame_points, goes_together, packed
 from semcal_cli.report.words import verdict_of
 

@@ -15,7 +15,7 @@ from laboratory.raw_drive import RawDrive, write_raw_drive
 
 from semcal_cli.errors import SemcalError
 from semcal_cli.pipeline import calibrate
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 
 MAX_WIDTH_CHANGE = 1.2
 """Largest ratio, either way, between the intervals from copies of a frame and from the frame alone."""

@@ -9,19 +9,19 @@ import numpy as np
 import numpy.typing as npt
 from laboratory.rigs import RIGS, rig_of
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.config import InitializationConfig, Limits, RefinementConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import LabelledCloud, Observations
-from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
+from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.drives import Pool, calibrate_from
 from semcal_cli.geometry.poses import Pose, compare_poses
-from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import LabelledCloud, Observations
+from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
 from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.synthetic.label_noise import with_shared_errors, with_wrong_labels
 
 CONFIDENT_SIGMAS = 4.0
@@ -207,7 +207,7 @@ def _behind(
     """Keep only the points that the camera cannot see: behind it, or outside its image."""
     clouds = []
     for cloud in seen.clouds:
-        pixels = _core.project_points(core_camera(seen.camera), cloud.points, truth).pixels
+        pixels = core.project_points(core_camera(seen.camera), cloud.points, truth).pixels
         outside = ~np.isfinite(pixels).all(axis=1)
         clouds.append(LabelledCloud(cloud.points[outside], cloud.classes[outside]))
     return seen.with_clouds(clouds)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import read_text
-from semcal_cli.files.writing import check_replaceable, write_text
+from semcal_cli.files.input_files import read_text
+from semcal_cli.files.output_files import check_replaceable, write_text
 
 END = "<!-- end of table -->"
 TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)

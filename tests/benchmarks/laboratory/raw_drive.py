@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.document import DRIVE_FILE, Drive, Frame
-from semcal_cli.drive.reading import read_clouds, read_label_images
 from semcal_cli.files.documents import document_text
-from semcal_cli.files.images import write_image
-from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
-from semcal_cli.files.writing import write_bytes, write_text
+from semcal_cli.files.image_files import write_image
+from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_bytes
+from semcal_cli.files.output_files import write_bytes, write_text
 from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.observations.reading import read_clouds, read_label_images
 
 Labels = npt.NDArray[np.uint8]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.frame_selection import with_frames
-from semcal_cli.drive.observations import Observations
+from semcal_cli.observations.frame_selection import with_frames
+from semcal_cli.observations.observations import Observations
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 RIGS: dict[str, dict[str, object]] = {

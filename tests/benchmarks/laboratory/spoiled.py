@@ -21,9 +21,9 @@ from laboratory.outcomes import Case, Outcome, distance_in_limits, errors_of
 from laboratory.raw_drive import RawDrive, read_raw_drive
 from laboratory.rigs import RIGS, rig_of
 
-from semcal_cli.drive.frame_selection import with_frames
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.drives import NUM_FRAMES, Pool
+from semcal_cli.observations.frame_selection import with_frames
 
 PAIRS = (10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from laboratory.raw_drive import Labels, RawDrive, RawFrame, transformed
 
-from semcal_cli import _core
+from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Classes
-from semcal_cli.files.images import read_image
+from semcal_cli.files.image_files import read_image
 from semcal_cli.geometry.poses import Pose, Vector
 from semcal_cli.geometry.twists import displaced, pose_at
 from semcal_cli.synthetic.label_noise import POINT_SHARE, mislabel, pixels_by_a_network
@@ -141,7 +141,7 @@ def projected_labels(raw: RawDrive, T_camera_lidar: Pose) -> RawDrive:
     camera = core_camera(raw.drive.camera)
 
     def labelled(frame: RawFrame) -> RawFrame:
-        projected = _core.project_points(camera, frame.points, T_camera_lidar)
+        projected = core.project_points(camera, frame.points, T_camera_lidar)
         is_seen = np.isfinite(projected.ranges)
         last = np.array(frame.image_labels.shape[::-1]) - 1
         pixels = np.where(is_seen[:, None], projected.pixels, 0.0)

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from semcal_cli.drive.cues.cue import Cue
-from semcal_cli.drive.cues.intensity import grey_values
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.motion import compensated
-from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
-from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.observations.cues.cue import Cue
+from semcal_cli.observations.cues.intensity import grey_values
+from semcal_cli.observations.motion import compensated
+from semcal_cli.observations.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.observations.reading import make_observations, read_clouds
 
 
 def observe(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:

@@ -1,9 +1,9 @@
 """The folders that my robot records."""
 
-from semcal_cli.datasets.files import files_by_stem
-from semcal_cli.datasets.recording import Recording, Request, joined
 from semcal_cli.formats import read_transform
-from semcal_cli.formats.intrinsics import read_intrinsics
+from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.importing.dataset_tree import files_by_stem
+from semcal_cli.importing.recording import Recording, Request, joined
 
 
 def read(request: Request) -> Recording:

@@ -1,6 +1,6 @@
 """The file that my robot keeps its mounting in."""
 
-from semcal_cli.formats.documents import entry_format, under
+from semcal_cli.formats.document_formats import entry_format, under
 from semcal_cli.formats.pose import PLACE, WXYZ, Numbers
 
 FORMAT = entry_format(

@@ -1,0 +1,306 @@
+"""The options of both stages: the start, the search for the mounting, the refinement, and prior knowledge."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from semcal_cli.cli.options import Direction
+from semcal_cli.cli.rules import given
+from semcal_cli.cli.settings import KNOWN_TRANSFORMS, FiniteNumber, FiniteRange, Names, option, setting_of
+from semcal_cli.config import (
+    AUTO,
+    LABELS,
+    AlignmentConfig,
+    CueName,
+    Device,
+    Estimator,
+    InitializationConfig,
+    JointlyConfig,
+    RefinementConfig,
+    Zoom,
+)
+from semcal_cli.errors import InputError, check_torch
+from semcal_cli.files.output_files import descriptor
+
+if TYPE_CHECKING:
+    from semcal_cli.estimation.adjust.priors import Prior
+    from semcal_cli.estimation.search.initial_pose import InitialPose
+
+ALL_ROLLS_DEG = 180.0
+STARTS = ("--init", "--init-rpy-xyz")
+AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+PRIORS = ("--fix", "--prior-translation-m", "--prior-rotation-deg")
+UNKNOWN = math.inf
+NUMBERS_AND_SIGMA = (*[FiniteNumber()] * 3, FiniteRange(0.0))
+LEAST_SIGMA = 1e-9
+"""Smallest standard deviation of estimated intrinsics: less would mean exact."""
+
+
+class Roll(FiniteRange):
+    """Degrees, or the word `any` for all in-plane rotations."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parse the largest in-plane rotation in degrees."""
+        return ALL_ROLLS_DEG if value == "any" else super().convert(value, param, ctx)
+
+
+def read_initial_pose(
+    path: Path, direction: Direction | None = None, *, direction_option: str | None = None
+) -> InitialPose:
+    """Read the transform to start from, or to verify.
+
+    Args:
+        path: The file.
+        direction: Direction of a matrix whose file does not state it; None if it is not given.
+        direction_option: Name of the command's option for the direction; None if it has none.
+
+    Raises:
+        InputError: the file is not a transform, is ambiguous, or is standard input.
+    """
+    from semcal_cli.estimation.search.initial_pose import InitialPose
+    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.formats.format import FormatOptions
+
+    if path == Path("-") or descriptor(path) == 0:
+        raise InputError(f"{path}: found standard input, needed a file: the result records its name and hash")
+    options = None if direction_option is None else FormatOptions(direction=direction)
+    found = read_extrinsic(path, None, options, direction_option=direction_option)
+    return InitialPose(
+        found.T_camera_lidar, name=str(path), source=path, direction=direction, record=found.record
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartSettings:
+    """Options for a transform to start from."""
+
+    section = "Start"
+    rules = [given("--init-direction").requires("--init"), given("--init").excludes("--init-rpy-xyz")]
+    init: Path | None = option(
+        f"Start from this transform instead of searching all mounting directions: {KNOWN_TRANSFORMS}.",
+        metavar="FILE",
+    )
+    init_direction: Direction | None = option(
+        "Direction of the matrix in the --init file, if the file does not state it: p_camera = T p_lidar, or p_lidar = "
+        "T p_camera."
+    )
+    max_baseline_m: float = setting_of(RefinementConfig, "max_baseline_m")
+
+    @cached_property
+    def initial_pose(self) -> InitialPose | None:
+        """Transform to start from; None if all mounting directions are searched.
+
+        Raises:
+            InputError: the file is not a transform, or the camera is too far from the LiDAR.
+        """
+        found = self._read_start()
+        if found is not None:
+            found.check_distance(self.max_baseline_m)
+        return found
+
+    def _read_start(self) -> InitialPose | None:
+        if self.init is None:
+            return None
+        return read_initial_pose(self.init, self.init_direction, direction_option="--init-direction")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings(StartSettings):
+    """Options for the search of the initial calibration."""
+
+    section = "Start"
+    rules = [
+        given("--search-deg").requires(*STARTS),
+        given("--roll").excludes(*STARTS, because="--search-deg searches around a transform"),
+        given("--zoom").requires(
+            "--search-deg", where=STARTS, because="without it, there is no search around a transform"
+        ),
+    ]
+    init_rpy_xyz: tuple[float, ...] | None = option(
+        "Start from this mounting, measured by hand: roll, pitch and yaw in degrees (as in URDF: positive yaw turns "
+        "left, positive pitch looks down) of the camera's body frame (x forward, z up), and its position in metres, "
+        "all in the LiDAR frame.",
+        type=FiniteNumber(),
+        nargs=6,
+        metavar="R P Y X Y Z",
+    )
+    search_deg: float | None = setting_of(InitializationConfig, "search_deg")
+    max_roll_deg: float = option(
+        "Search in-plane rotations up to this angle from upright, in degrees; `any` for portrait and upside-down "
+        f"cameras.  [default: {InitializationConfig.max_roll_deg:g}]",
+        "--roll",
+        type=Roll(0.0, ALL_ROLLS_DEG),
+        default=InitializationConfig.max_roll_deg,
+        metavar="DEG|any",
+        show_default=False,
+    )
+    zoom: Zoom = setting_of(InitializationConfig, "zoom")
+
+    @property
+    def initialization(self) -> InitializationConfig:
+        """Settings of the search."""
+        return InitializationConfig(
+            zoom=self.zoom,
+            max_roll_deg=self.max_roll_deg,
+            search_deg=self.search_deg,
+            alignment=AlignmentConfig(max_baseline_m=self.max_baseline_m),
+        )
+
+    def _read_start(self) -> InitialPose | None:
+        if self.init_rpy_xyz is None:
+            return super()._read_start()
+        from semcal_cli.estimation.search.initial_pose import InitialPose
+        from semcal_cli.geometry.poses import pose_from_mounting
+
+        name = " ".join(["--init-rpy-xyz", *map(repr, self.init_rpy_xyz)])
+        return InitialPose(pose_from_mounting(self.init_rpy_xyz[:3], self.init_rpy_xyz[3:]), name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinementSettings(StartSettings):
+    """Options for the refinement of a pose, and for prior knowledge of it."""
+
+    section = "Refinement"
+    rules = [
+        given("--device cuda").requires("--estimator mine", "--method paper"),
+        given("--cue features").requires(
+            "--estimator mine", "--method paper", because="feature vectors have no histogram"
+        ),
+        given("--cue segments").excludes(
+            "--estimator mine", "--method paper", because="segments differ from frame to frame"
+        ),
+        given("--fix").requires(*STARTS, because="it keeps axes of the start transform"),
+        given(*PRIORS).excludes("--cue features", because="priors need the exact estimator"),
+        given(*PRIORS).excludes("--no-polish", because="priors are applied after the polish"),
+        given("--refine-intrinsics", "--estimate-delay").excludes(
+            *("--no-polish", "--cue features", *PRIORS),
+            because="it follows the polish, needs the exact estimator, and takes no priors",
+        ),
+    ]
+    estimator: Estimator = setting_of(RefinementConfig, "estimator")
+    device: Device = setting_of(RefinementConfig, "device")
+    edge_band_px: int = setting_of(RefinementConfig, "edge_band_px")
+    no_polish: bool = option("Skip the final polish (Newton's method at full resolution).", default=False)
+    intrinsics: tuple[str, ...] = option(
+        "Estimate these intrinsics together with the pose, such as `fx,fy,cx,cy` or `fx,fy,cx,cy,k1,k2`: entries of K "
+        "and parameters of the lens. The estimates are kept only if held-out data agree better with them.",
+        "--refine-intrinsics",
+        type=Names(needed="names such as fx,fy,cx,cy"),
+        default=(),
+        metavar="NAMES",
+        show_default=False,
+    )
+    intrinsics_sigma: tuple[float, float] | None = option(
+        "How well the drive's intrinsics are known: standard deviations of the focal lengths, in percent, and of the "
+        "principal point, in pixels. They widen the interval; 0 0 means exact.  [default: `intrinsics_sigma` of the "
+        "drive, or 0.1 1; with --refine-intrinsics, 2 10]",
+        type=FiniteRange(0.0, 1e3),
+        nargs=2,
+        metavar="PERCENT PX",
+    )
+    estimate_delay: bool = option(
+        "Estimate the time offset (how much later images are than their stamps say) together with the pose. Needs "
+        "`motion:` with poses or a twist, varying speeds, and turns.",
+        default=False,
+    )
+    fix: tuple[str, ...] | None = option(
+        "Keep these axes of the start transform, such as `rz,tx`: tx ty tz are the camera's position along its axes, "
+        "rx ry rz its rotation about them (x right, y down, z forward).",
+        type=Names(AXES),
+        metavar="AXES",
+    )
+    prior_translation_m: tuple[float, ...] | None = option(
+        "Prior for the camera's position in the LiDAR frame, with its standard deviation along each axis; 0 means "
+        "exact.",
+        type=NUMBERS_AND_SIGMA,
+        metavar="X Y Z SIGMA",
+    )
+    prior_rotation_deg: tuple[float, ...] | None = option(
+        "Prior for the camera's roll, pitch and yaw in the LiDAR frame (as in URDF: positive yaw turns left, positive "
+        "pitch looks down), with its standard deviation about each axis; 0 means exact.",
+        type=NUMBERS_AND_SIGMA,
+        metavar="R P Y SIGMA",
+    )
+
+    def check_estimator(self) -> None:
+        """Check that torch is installed if MINE is chosen.
+
+        Raises:
+            InputError: it is not installed.
+        """
+        if self.estimator == "mine":
+            check_torch("--estimator mine")
+
+    def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
+        """Give the cues to compare; MINE defaults to labels."""
+        return LABELS if self.estimator == "mine" and cues == AUTO else cues
+
+    @property
+    def refinement(self) -> RefinementConfig:
+        """Settings of the refinement.
+
+        Raises:
+            click.UsageError: intrinsics are to be estimated and are stated to be exact.
+        """
+        jointly = JointlyConfig(self.intrinsics, with_delay=self.estimate_delay)
+        if self.intrinsics_sigma is not None:
+            focal_percent, center_px = self.intrinsics_sigma
+            if self.intrinsics and min(self.intrinsics_sigma) < LEAST_SIGMA:
+                raise click.UsageError(
+                    f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, needed at least {LEAST_SIGMA:g} for "
+                    "both with --refine-intrinsics."
+                )
+            sigmas = 0.01 * focal_percent, center_px
+            jointly = JointlyConfig(self.intrinsics, *sigmas, with_delay=self.estimate_delay)
+        return RefinementConfig(
+            self.estimator,
+            self.device,
+            not self.no_polish,
+            self.max_baseline_m,
+            self.edge_band_px,
+            jointly,
+        )
+
+    @cached_property
+    def priors(self) -> tuple[Prior, ...]:
+        """Prior knowledge of the pose; exact knowledge comes last.
+
+        Raises:
+            click.UsageError: no axis is left to estimate.
+            InputError: the prior puts the camera farther from the LiDAR than is allowed.
+        """
+        from semcal_cli.estimation.adjust.priors import EXACT, Prior
+        from semcal_cli.geometry.poses import check_baseline, pose_from_mounting
+
+        found = []
+        if self.prior_translation_m is not None:
+            *center_m, sigma_m = self.prior_translation_m
+            T = pose_from_mounting((0.0, 0.0, 0.0), center_m)
+            check_baseline("--prior-translation-m", T, self.max_baseline_m)
+            name = _name("--prior-translation-m", self.prior_translation_m)
+            found.append(Prior(name, T, (sigma_m,) * 3 + (UNKNOWN,) * 3))
+        if self.prior_rotation_deg is not None:
+            *rpy_deg, sigma_deg = self.prior_rotation_deg
+            T = pose_from_mounting(rpy_deg, (0.0, 0.0, 0.0))
+            name = _name("--prior-rotation-deg", self.prior_rotation_deg)
+            found.append(Prior(name, T, (UNKNOWN,) * 3 + (math.radians(sigma_deg),) * 3))
+        if self.fix is not None:
+            assert self.initial_pose is not None  # by a rule
+            kept = tuple(0.0 if axis in self.fix else UNKNOWN for axis in AXES)
+            found.append(Prior(f"--fix {','.join(self.fix)}", self.initial_pose.T_camera_lidar, kept))
+        if found and all(
+            min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in found), strict=True)
+        ):
+            names = ", ".join(prior.name for prior in found)
+            raise click.UsageError(f"{names}: found all six axes known exactly, needed one that is not")
+        return tuple(sorted(found, key=lambda prior: min(prior.sigmas) <= EXACT))
+
+
+def _name(option: str, values: tuple[float, ...]) -> str:
+    return " ".join([option, *(f"{value:g}" for value in values)])

@@ -1,0 +1,1 @@
+"""Estimates of intrinsics, clocks and priors together with the pose."""

@@ -1,0 +1,57 @@
+"""The choice of an estimator of mutual information."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+from semcal_cli.config import ExactConfig, RefinementConfig
+from semcal_cli.config.mine_config import MINE_WITH_VECTORS, MineConfig
+from semcal_cli.errors import InputError, check_torch, torch_import
+from semcal_cli.estimation.refine.pyramid import ExactEstimator, LevelOptimizer
+from semcal_cli.estimation.refine.several_starts import SeveralStarts
+from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.observations import Observations
+
+
+def make_estimator(
+    observations: Observations,
+    config: RefinementConfig,
+    seed: int,
+    on_event: Listener = ignore,
+    others: Sequence[Pose] = (),
+) -> tuple[LevelOptimizer, dict[str, object]]:
+    """Make the estimator, and return it with its settings; torch is loaded only where it is needed.
+
+    With several starts, `others` are poses (4, 4) that remain candidates besides the pose to start from.
+
+    Raises:
+        InputError: features need MINE, segments need the exact estimator, torch is missing, or the device is.
+    """
+    if observations.has_vectors and config.estimator == "exact":
+        raise InputError(
+            "--estimator exact: found features, which have no histogram, needed --estimator mine"
+        )
+    if observations.has_segments and config.estimator == "mine":
+        raise InputError(
+            "--estimator mine: found segments, which differ from frame to frame, needed --estimator exact"
+        )
+    if config.estimator == "exact":
+        exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+        if observations.starts is None:
+            estimator = ExactEstimator(observations, exact, seed)
+            return estimator, {"exact": asdict(estimator.config)}
+        several = SeveralStarts(observations, exact, seed, observations.starts, others)
+        return several, {"exact": asdict(several.config), "starts": asdict(several.starts)}
+    check_torch("--estimator mine")
+    on_event(Progress("loading torch"))
+    with torch_import():
+        from semcal_cli.estimation.refine.mine import MineEstimator
+
+    usual = MINE_WITH_VECTORS if observations.has_vectors else MineConfig()
+    mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+    return MineEstimator(observations, mine, seed, config.device), {
+        "mine": asdict(mine),
+        "device": config.device,
+    }

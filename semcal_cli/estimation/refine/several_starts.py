@@ -1,0 +1,193 @@
+"""An ascent from several starts around the given pose, for objectives with many maxima near the right one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from semcal_cli import core
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
+from semcal_cli.estimation.refine.polish import newton
+from semcal_cli.estimation.refine.pyramid import Level, exact_config, pyramid_factors
+from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.twists import displaced
+from semcal_cli.observations.frame_selection import few_frames
+from semcal_cli.observations.observations import Observations
+
+MEETING_DEG, MEETING_M = 0.4, 0.05
+"""An end within this distance of a better one has found the same maximum, and is dropped."""
+JOINING = 4
+"""Side of the blocks, pixels, from which the given poses join at each level; coarser blocks may lead away."""
+TIED_SIGMAS = 2.0
+"""Standard errors by which a farther maximum must be better than a nearer one. With one frame, maxima differ by
+chance."""
+NUM_FINISHED = 3
+"""Number of the best ends that are polished."""
+NEAR_A_TOP = 0.5
+"""A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
+of a comparable maximum."""
+
+
+class SeveralStarts:
+    """Maximises the exact mutual information from several poses, and takes the best at each level.
+
+    The given poses that are near the first remain candidates: they join again from blocks of `JOINING` pixels on. At
+    the finest level the best poses and the given ones are polished, so that no given pose is better than the result.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        config: ExactConfig,
+        seed: int,
+        starts: StartsConfig,
+        others: Sequence[Pose] = (),
+    ) -> None:
+        """Set up what all levels share.
+
+        Args:
+            observations: Points and pixels of all frames.
+            config: Steps, mini-batches and limits.
+            seed: Seed of the mini-batches and of the starts.
+            starts: How many starts there are, and where.
+            others: (4, 4) poses that remain candidates besides the start.
+        """
+        self.config = exact_config(observations, config)
+        self.observations, self.seed, self.starts = observations, seed, starts
+        self.given: list[Pose] = list(others)
+        self.poses: list[Pose] = []
+        """Starts of the next level, best first; none before the first level."""
+        self._num_levels = 0
+
+    def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
+        """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
+        observations, starts = self.observations, self.starts
+        if not self.poses:
+            self.given = [T_start, *self.given]
+            self.given = [pose for pose in self.given if self._is_near(pose)]
+            rng = np.random.default_rng(self.seed)
+            distances = zip(
+                np.linspace(*starts.spread_deg, starts.num_starts[0] - 1),
+                np.linspace(*starts.spread_m, starts.num_starts[0] - 1),
+                strict=True,
+            )
+            self.poses = [T_start, *(displaced(T_start, *distance, rng) for distance in distances)]
+            if starts.first_frames is not None and observations.num_cues == 1:
+                observations = few_frames(observations, starts.first_frames)
+        else:
+            self.poses[0] = T_start  # The best pose, moved to where priors allow it.
+        self.poses = self.poses[: starts.num_starts[min(self._num_levels, len(starts.num_starts) - 1)]]
+        if factor <= JOINING:
+            self.poses += self.given
+        self._num_levels += 1
+        for _ in range(starts.num_rounds):
+            ends = self._align(observations, self.poses, factor, visible_only=visible_only)
+            found = [end for end in ends if self._is_near(end.T_camera_lidar)]
+            if not found:
+                # The level has no maximum within reach; finer levels may have one.
+                return Level(factor, T_start, 0.0, ends[0].num_points)
+            self.poses = [end.T_camera_lidar for end in _tops(found)]
+            if len(self.poses) < 2:
+                break
+        drift = found[0].drift
+        if factor == 1:
+            found = self._finished(visible_only=visible_only)
+        return Level(factor, found[0].T_camera_lidar, drift, found[0].num_points)
+
+    def coarse_top(self, T_start: Pose) -> Pose:
+        """Ascend from several starts around a pose (4, 4) on coarse blocks only, which is fast."""
+        for factor in pyramid_factors(self.observations.camera, pyramid_of(self.starts)):
+            if factor >= JOINING:
+                T_start = self.ascend(factor, T_start, visible_only=False).T_camera_lidar
+        return T_start
+
+    def _align(
+        self,
+        observations: Observations,
+        poses: Sequence[Pose],
+        factor: int,
+        *,
+        visible_only: bool,
+        steps: int = -1,
+    ) -> list[core.Aligned]:
+        """Ascend from poses (4, 4) and sort the ends, best first; with zero steps the poses are only compared."""
+        config = self.config
+        if factor > 1 and self.starts.coarse is not None:
+            config = replace(self.starts.coarse, max_baseline_m=config.max_baseline_m)
+        if steps >= 0:
+            config = replace(config, steps=steps)
+        ends = core.align(
+            observations.core, poses, config, factor=factor, visible_only=visible_only, seed=self.seed
+        )
+        return sorted(ends, key=lambda end: -end.mutual_information)
+
+    def _finished(self, *, visible_only: bool) -> list[core.Aligned]:
+        """Polish the best ends and the given poses near a maximum, and sort the result, the chosen pose first.
+
+        The chosen pose is the nearest to the start among those that are not significantly worse than the best, and no
+        worse than any given pose.
+        """
+        polish = PolishConfig(
+            max_baseline_m=self.config.max_baseline_m, edge_band_px=self.config.edge_band_px
+        )
+
+        def compared(poses: Sequence[Pose]) -> list[core.Aligned]:
+            return self._align(self.observations, poses, 1, visible_only=visible_only, steps=0)
+
+        def finished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
+            poses = [newton(self.observations, end.T_camera_lidar, polish).T_camera_lidar for end in ends]
+            near = [each for each in poses if self._is_near(each)]
+            return compared(near) if near else []
+
+        def near_a_top(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
+            return [end for end in ends if end.mutual_information >= NEAR_A_TOP * most]
+
+        ends, given = compared(self.poses), compared(self.given)
+        most = ends[0].mutual_information
+        ends = near_a_top(ends)[:NUM_FINISHED]
+        of_given = [*given, *finished(near_a_top(given))]
+        least = max(each.mutual_information for each in of_given)
+        tops = _tops(sorted([*finished(ends), *ends, *of_given], key=lambda end: -end.mutual_information))
+        best, *others = [top for top in tops if top.mutual_information >= least]
+        gains = core.information_gains(
+            self.observations.core,
+            best.T_camera_lidar,
+            [other.T_camera_lidar for other in others],
+            self.config.edge_band_px,
+        )
+        as_good = [
+            other for other, gain in zip(others, gains, strict=True) if -gain.gain < TIED_SIGMAS * gain.sigma
+        ]
+        return sorted([best, *as_good], key=lambda top: self._distance(top.T_camera_lidar))
+
+    def _distance(self, T_camera_lidar: Pose) -> float:
+        """Distance from the start, relative to the farthest starts."""
+        away, starts = compare_poses(T_camera_lidar, self.given[0]), self.starts
+        return max(
+            away.rotation_deg / starts.spread_deg[1], 0.01 * away.camera_center_cm / starts.spread_m[1]
+        )
+
+    def _is_near(self, T_camera_lidar: Pose) -> bool:
+        return _is_within(T_camera_lidar, self.given[0], self.starts.farthest_deg, self.starts.farthest_m)
+
+
+def pyramid_of(starts: StartsConfig) -> PyramidConfig:
+    """The pyramid of the several starts."""
+    return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
+
+
+def _tops(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
+    """Drop the ends that are at the same maximum as a better one, best first."""
+    kept: list[core.Aligned] = []
+    for end in ends:
+        poses = [better.T_camera_lidar for better in kept]
+        if not any(_is_within(end.T_camera_lidar, T, MEETING_DEG, MEETING_M) for T in poses):
+            kept.append(end)
+    return kept
+
+
+def _is_within(T_camera_lidar: Pose, T_other: Pose, angle_deg: float, distance_m: float) -> bool:
+    away = compare_poses(T_camera_lidar, T_other)
+    return away.rotation_deg <= angle_deg and away.camera_center_cm <= 100.0 * distance_m

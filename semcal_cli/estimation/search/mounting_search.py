@@ -1,0 +1,293 @@
+"""Search for the initial pose over all mountings (Alg. 2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from semcal_cli import core
+from semcal_cli.config import InitializationConfig
+from semcal_cli.errors import CalibrationError
+from semcal_cli.estimation.search.hand_eye import HandEye
+from semcal_cli.estimation.search.registration import Candidate, register
+from semcal_cli.estimation.stage import StageResult
+from semcal_cli.findings.check import NOTHING_TO_COMPARE, OTHER_MOUNTING, fit_of_rival
+from semcal_cli.findings.finding import Finding
+from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
+from semcal_cli.observations.frame_selection import few_frames
+from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.result.sections import Hypothesis
+
+MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
+"""Standard errors of mutual information by which other mountings must be behind a trusted answer."""
+
+GIVEN = "started at the given transform"
+"""Note on a pose that was not searched for."""
+
+NO_OTHER = NOTHING_TO_COMPARE.finding(
+    "the search left no other mounting to compare with, needed at least one"
+)
+
+FAR_RUNNER_UPS = 2.0
+"""Distance in multiples of `runner_up_deg` at which another mounting is kept while poses ascend, so that one remains to
+compare with. With a 35-degree lens, levels turn poses by up to 9 degrees."""
+
+FARTHEST_M = 1.0
+"""Maximum distance from a given pose to one that ground and objects lead to. Two classes hardly constrain distances:
+with a 35-degree lens, they led to a pose 2 m away."""
+
+MIN_POINTS_OF_MOST = 0.02
+"""Minimum number of points of a hypothesis, relative to the hypothesis with the most points. Others are dropped."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initialization(StageResult):
+    """Result of the initial calibration. Its pose is that of the first hypothesis."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    """Hypotheses, best first."""
+    runner_up_margin: float | None
+    """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
+    by_motion: HandEye | None = None
+    """The motion of camera and LiDAR that tells the pose; None where something else does."""
+
+
+def search_mountings(
+    observations: Observations,
+    config: InitializationConfig,
+    seed: int,
+    T_given: Pose | None = None,
+    is_possible: Callable[[Pose], bool] = lambda T_camera_lidar: True,
+) -> Initialization:
+    """Search all mountings, or those around a given pose (Alg. 2).
+
+    The label images are registered with the spherical images, and PnP is solved for each of the best placements. The
+    registration finds rotations and almost no translation, so the poses then ascend the mutual information over SE(3)
+    on coarse label images. Finally, the exact mutual information at full resolution ranks them, so that a false maximum
+    of the coarse images does not win.
+
+    Args:
+        observations: Labelled points and label images.
+        config: Settings of the search.
+        seed: Seed of every random choice.
+        T_given: (4, 4) T_camera_lidar to start from. The search covers rotations within `config.search_deg` of it, and
+            the spherical images are centred at its camera. Without `config.search_deg` nothing is searched, and only
+            this pose ascends.
+        is_possible: Whether priors allow a pose. Hypotheses that they exclude are left out, unless they exclude all.
+
+    Raises:
+        CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
+        InputError: the points are not in the field of view of the drive's `lidar:` block.
+    """
+    observations = few_frames(observations, config.max_frames)
+    is_searched = T_given is None or config.search_deg is not None
+    candidates = _candidates(observations, config, seed, T_given)
+    ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
+    kept = [(each, agreement) for each, agreement in ranked if is_possible(each.T_camera_lidar)] or ranked
+    best, agreement_of_best = kept[0]
+    T_best = best.T_camera_lidar
+    hypotheses = tuple(describe(each, agreement, T_best) for each, agreement in kept)
+    other = runner_up(hypotheses, config.runner_up_deg)
+    # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
+    is_alone = other is None and T_given is None and len(kept) == len(ranked)
+    margin = None if other is None else hypotheses[0].margin(other)
+    return Initialization(
+        T_camera_lidar=T_best,
+        agreement=agreement_of_best,
+        findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
+        settings={"initialization": asdict(config)},
+        note=_note(len(hypotheses), margin) if is_searched else GIVEN,
+        details="" if margin is None else f"runner-up {margin:.1f} standard errors behind",
+        hypotheses=hypotheses,
+        runner_up_margin=margin,
+    )
+
+
+def _candidates(
+    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None
+) -> list[Candidate]:
+    """Find poses to rank: by a registration, or by an ascent from a given pose without a search around it."""
+    if T_given is not None and config.search_deg is None:
+        return _align_given(observations, Candidate(T_given), config, seed)
+    counts = np.sum(
+        [np.bincount(each.classes, minlength=NO_CLASS + 1) for each in observations.clouds], axis=0
+    )
+    # With points of one class, no placement of the image is better than another.
+    if len(found := np.flatnonzero(counts[:NO_CLASS]).tolist()) < 2:
+        of_what = "".join(f"only {observations.point_class_names[index]}" for index in found) or "no class"
+        raise CalibrationError(f"no initial calibration: found points of {of_what}, needed two classes")
+    around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
+    return _align(observations, register(observations, config, seed, around), config, seed)
+
+
+def _note(count: int, margin: float | None) -> str:
+    """Say how many mountings were compared, and whether the best one is clear."""
+    if margin is None:
+        return "mounting found, no other one to compare with"
+    if margin >= MIN_RUNNER_UP_MARGIN:
+        return f"{count} mountings compared, the best one is clear"
+    return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
+
+
+def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
+    """Take a given pose (4, 4) unchanged, for cues whose refinement starts from several poses around it."""
+    agreement = core.agreement(observations.core, T_given)
+    return Initialization(
+        T_camera_lidar=T_given,
+        agreement=agreement,
+        settings={"initialization": asdict(config)},
+        note=GIVEN,
+        hypotheses=(describe(Candidate(T_given), agreement, T_given),),
+        runner_up_margin=None,
+    )
+
+
+def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
+    """Find the best hypothesis that is rotated by at least `least_deg` from the first; None if there is none."""
+    return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
+
+
+def is_rival(best: Hypothesis, other: Hypothesis, least_deg: float) -> bool:
+    """Whether a hypothesis is another mounting that is not far enough behind the best one."""
+    return other.rotation_from_best_deg >= least_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
+
+
+def seen_from(hypotheses: Iterable[Hypothesis], T_best: Pose) -> tuple[Hypothesis, ...]:
+    """Measure the rotations of hypotheses from another best pose (4, 4)."""
+    return tuple(
+        each.model_copy(update={"rotation_from_best_deg": rotation_error_deg(each.pose, T_best)})
+        for each in hypotheses
+    )
+
+
+def led_by(found: Initialization, first: Hypothesis, observations: Observations) -> Initialization:
+    """Put one of the hypotheses first that was chosen by something other than the search."""
+    if first is found.hypotheses[0]:
+        return found
+    ordered = (first, *(other for other in found.hypotheses if other is not first))
+    hypotheses = seen_from(ordered, first.pose)
+    other = runner_up(hypotheses, InitializationConfig.runner_up_deg)
+    margin = None if other is None else hypotheses[0].margin(other)
+    few = few_frames(observations, InitializationConfig.max_frames)
+    agreement = core.agreement(few.core, first.pose)
+    return replace(
+        found,
+        T_camera_lidar=first.pose,
+        agreement=agreement,
+        hypotheses=hypotheses,
+        runner_up_margin=margin,
+    )
+
+
+def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
+    """Check that the runner-up is far enough behind the best hypothesis."""
+    if other is None:
+        return ()
+    margin = best.margin(other)
+    found = (
+        f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels "
+        f"{fit_of_rival(margin, MIN_RUNNER_UP_MARGIN, 2)}"
+    )
+    return OTHER_MOUNTING.measured(margin, found).findings
+
+
+def _rank(
+    observations: Observations, candidates: Sequence[Candidate], min_overlap: float
+) -> list[tuple[Candidate, core.Agreement]]:
+    """Rank candidates by the exact mutual information at full resolution, less its bias."""
+    scored = [(each, core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
+    covering = [(each, agreement) for each, agreement in scored if agreement.overlap >= min_overlap]
+    return sorted(covering or scored, key=lambda pair: pair[1].bias - pair[1].mutual_information)
+
+
+def describe(candidate: Candidate, agreement: core.Agreement, T_best: Pose) -> Hypothesis:
+    """Describe a candidate by the agreement of the labels at its pose, and by its rotation from the best pose."""
+    return Hypothesis(
+        T_camera_lidar=candidate.T_camera_lidar.tolist(),
+        mutual_information_nats=agreement.mutual_information,
+        bias_nats=agreement.bias,
+        sigma_nats=agreement.sigma if math.isfinite(agreement.sigma) else None,
+        overlap=agreement.overlap,
+        num_pairs=candidate.num_pairs,
+        num_inliers=candidate.num_inliers,
+        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, T_best),
+    )
+
+
+def _align_given(
+    observations: Observations, given: Candidate, config: InitializationConfig, seed: int
+) -> list[Candidate]:
+    """Ascend from a given pose with the levels for a far start and those for a near one, and keep the pose itself.
+
+    The exact mutual information ranks the three later. If the two ascents end apart, at least one has not found the
+    optimum, and the directions around the pose are searched as well.
+    """
+    found = [given]
+    for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
+        levels = replace(config.alignment, blocks_across=blocks_across, num_kept=(1,) * len(blocks_across))
+        found += _align(observations, [given], replace(config, alignment=levels), seed)
+    _, *ascended = found
+    if _angle_deg(ascended[0], ascended[-1]) > config.meeting_deg:
+        around = given.T_camera_lidar, math.radians(config.around_given_deg)
+        with suppress(CalibrationError):
+            found += _align(observations, register(observations, config, seed, around), config, seed)
+    if not observations.by_classes:
+        return found
+    moved_cm = [compare_poses(each.T_camera_lidar, given.T_camera_lidar).camera_center_cm for each in found]
+    return [each for each, by_cm in zip(found, moved_cm, strict=True) if by_cm <= 100.0 * FARTHEST_M]
+
+
+def _align(
+    observations: Observations, candidates: Sequence[Candidate], config: InitializationConfig, seed: int
+) -> list[Candidate]:
+    """Ascend over SE(3), level by level, and keep the best candidates after each level.
+
+    The first level is fine, because coarse blocks would lose the right pose if sweep and image overlap in a narrow
+    band. The coarse level after it moves poses out of local maxima.
+    """
+    levels = config.alignment
+    width, height = observations.camera.width, observations.camera.height
+    for blocks_across, num_kept in zip(levels.blocks_across, levels.num_kept, strict=True):
+        aligned = core.align(
+            observations.core,
+            [candidate.T_camera_lidar for candidate in candidates],
+            levels,
+            factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),
+            visible_only=False,
+            seed=seed,
+        )
+        most = max(end.num_points for end in aligned)
+        ranked = sorted(
+            (-end.mutual_information, index)
+            for index, end in enumerate(aligned)
+            if end.num_points >= MIN_POINTS_OF_MOST * most
+        )
+        moved = [
+            replace(candidates[index], T_camera_lidar=aligned[index].T_camera_lidar) for _, index in ranked
+        ]
+        candidates = _best_apart(moved, num_kept, config)
+    return list(candidates)
+
+
+def _best_apart(ranked: Sequence[Candidate], num_kept: int, config: InitializationConfig) -> list[Candidate]:
+    """Drop candidates at the same pose as a better one, and keep the best ones and always a runner-up.
+
+    A runner-up near the best may end at the same pose after the next levels, so one farther away is kept as well.
+    """
+    apart: list[Candidate] = []
+    for candidate in ranked:
+        if all(_angle_deg(candidate, better) > config.alignment.same_deg for better in apart):
+            apart.append(candidate)
+    kept, others = apart[:num_kept], apart[num_kept:]
+    for least_deg in (FAR_RUNNER_UPS * config.runner_up_deg, config.runner_up_deg):
+        if all(_angle_deg(candidate, apart[0]) < least_deg for candidate in kept):
+            kept += [candidate for candidate in others if _angle_deg(candidate, apart[0]) >= least_deg][:1]
+    return kept
+
+
+def _angle_deg(a: Candidate, b: Candidate) -> float:
+    return rotation_error_deg(a.T_camera_lidar, b.T_camera_lidar)

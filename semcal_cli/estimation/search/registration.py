@@ -1,0 +1,104 @@
+"""Alg. 2 as in the paper: register label images with spherical images, sample correspondences, and solve PnP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from semcal_cli import core
+from semcal_cli.config import InitializationConfig
+from semcal_cli.errors import CalibrationError, InputError, told_apart
+from semcal_cli.estimation.search.pnp import solve_pnp
+from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.observations.observations import Observations
+from semcal_cli.threads import thread_pool
+
+MAX_SHARE_OUTSIDE = 0.2
+"""Maximum fraction of the points outside the field of view of the `lidar:` block."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis that is not yet scored."""
+
+    T_camera_lidar: Pose
+    num_pairs: int | None = None
+    """Number of pairs of the registration; None without a registration."""
+    num_inliers: int | None = None
+    """Number of inliers of PnP; None without PnP."""
+
+
+def register(
+    observations: Observations,
+    config: InitializationConfig,
+    seed: int,
+    around: tuple[Pose, float] | None = None,
+) -> list[Candidate]:
+    """Register label images with spherical images and solve PnP for each of the best placements (Alg. 2).
+
+    Args:
+        observations: Labelled points and label images.
+        config: Settings of the search.
+        seed: Seed of the choice of correspondences.
+        around: T_camera_lidar (4, 4) and an angle in radians. Only rotations within the angle are searched, and the
+            spherical images are centred at the camera.
+
+    Returns:
+        Candidates, sorted by the mutual information of their placement, best first.
+
+    Raises:
+        CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
+        InputError: the points are not in the field of view of the drive's `lidar:` block.
+    """
+    center = np.zeros(3) if around is None else camera_center(around[0])
+    grid = _grid(observations)
+    if center.any():  # directions are measured from there
+        observations = observations.with_clouds(
+            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
+        )
+    core = observations.core
+    images = core.SphericalImages(core, grid)
+    placements = core.register(core, images, config, around)
+    samples = core.sample_correspondences(
+        core, images, config.zoom, placements, config.num_correspondences, seed
+    )
+
+    def solve(placement: core.Hypothesis, pairs: core.Correspondences) -> Candidate | CalibrationError:
+        try:
+            T_camera_lidar, num_inliers = solve_pnp(
+                pairs.points, pairs.pixels, observations.camera, config.pnp
+            )
+        except CalibrationError as error:
+            return error
+        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
+        return Candidate(T_camera_lidar, placement.num_pairs, num_inliers)
+
+    # OpenCV solves each problem on one core.
+    with thread_pool() as pool:
+        solved = list(pool.map(solve, placements, samples))
+    found = [each for each in solved if isinstance(each, Candidate)]
+    if not found:
+        failure = solved[-1] if solved else "no placement of the image"
+        raise CalibrationError(f"no initial calibration: {failure}")
+    return found
+
+
+def _grid(observations: Observations) -> core.Grid:
+    lidar = observations.lidar
+    if lidar is None:
+        return core.estimate_grid([cloud.points for cloud in observations.clouds])
+    fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
+    grid = core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
+    columns = (cloud.points.T for cloud in observations.clouds)
+    elevations = np.concatenate([np.arctan2(z, np.hypot(x, y)) for x, y, z in columns])
+    bottom = grid.top - grid.rows * grid.cell_height
+    outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
+    if outside > MAX_SHARE_OUTSIDE:
+        low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
+        share, most = told_apart(outside, MAX_SHARE_OUTSIDE, unit="%")
+        raise InputError(
+            f"lidar.fov_down_deg, lidar.fov_up_deg: found {share} of the points outside, needed at most "
+            f"{most}; the points are from {low:.1f} to {high:.1f} degrees"
+        )
+    return grid

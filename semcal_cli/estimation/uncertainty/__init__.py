@@ -1,0 +1,1 @@
+"""How well the data determine a pose."""

@@ -1,1 +1,0 @@
-"""Other calibration methods, for comparison."""

@@ -1,0 +1,173 @@
+"""Reading and writing of images, whose sizes are read from their headers before they take any memory."""
+
+from __future__ import annotations
+
+import os
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.config import MAX_PIXELS
+from semcal_cli.errors import InputError, counted
+from semcal_cli.files.input_files import check_size, open_file, size_of
+from semcal_cli.files.output_files import write_bytes
+
+BYTES_A_PIXEL, MORE_BYTES = 8, 1 << 24
+"""Maximum size of an image file: bytes per pixel, and bytes for anything else, such as a preview."""
+MAX_HEADER_BYTES = 16 << 20
+"""Bytes at the start of a large file in which its header is searched for."""
+PNG, JPEG, BMP = b"\x89PNG", b"\xff\xd8\xff", b"BM"
+"""First bytes of the formats."""
+PNG_SIGNATURE_BYTES = 8
+COLORS = ("RGB", "RGBA")
+"""Pillow's modes of PNG files whose pixels are colours; other modes have one number per pixel, or one and alpha."""
+
+Size: TypeAlias = tuple[int, int]
+"""Columns and rows."""
+
+
+def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
+    """Read a colour image with its pixels as stored; its EXIF orientation is ignored.
+
+    The size in its header is checked before the image is decoded.
+
+    Args:
+        path: A PNG, JPEG or BMP.
+        size: Columns and rows that the image must have; None accepts any size up to `MAX_PIXELS` pixels.
+
+    Returns:
+        (H, W, 3) blue, green, red.
+
+    Raises:
+        InputError: the file is missing, is not an image, or has another size.
+    """
+    import cv2
+
+    with open_file(path) as file:
+        width, height = found = stated_size(path, file)
+        _check_pixels(path, found, size)
+        limit = BYTES_A_PIXEL * width * height + MORE_BYTES
+        check_size(path, size_of(file), limit, f" for {width} x {height} pixels")
+        content = file.read(size_of(file))
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+    except cv2.error:
+        image = None
+    if image is None or image.shape[1::-1] != found:
+        raise _damaged(path)
+    return image.astype(np.uint8, copy=False)
+
+
+def check_image(path: Path, size: Size) -> None:
+    """Check the columns and rows of an image by its header, without decoding it.
+
+    Raises:
+        InputError: the file is missing, is not an image, or has another size.
+    """
+    _check_pixels(path, read_size(path), size)
+
+
+def read_size(path: Path) -> Size:
+    """Read the columns and rows of a PNG, JPEG or BMP from its header.
+
+    Raises:
+        InputError: the file is missing or is not an image.
+    """
+    with open_file(path) as file:
+        return stated_size(path, file)
+
+
+def stated_size(path: Path, file: BinaryIO) -> Size:
+    """Read the columns and rows from the header of an open file, and go back to its start.
+
+    Raises:
+        InputError: the file is not an image.
+    """
+    size, _ = _header(path, file)
+    file.seek(0)
+    return size
+
+
+def holds_colors(path: Path) -> bool:
+    """Tell whether a label image is a PNG of colours, whose pixels are not ids.
+
+    Raises:
+        InputError: the file is missing or cannot be read.
+    """
+    with open_file(path) as file:
+        if not file.read(len(PNG)).startswith(PNG):
+            return False
+        try:
+            _, mode = _header(path, file)
+        except InputError:
+            return False
+    return mode in COLORS
+
+
+def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
+    """Write a PNG as a whole or not at all: to a temporary file next to it, which is then renamed.
+
+    Args:
+        image: (H, W) grey, or (H, W, 3) blue, green, red.
+        path: File to write; its suffix is .png.
+
+    Raises:
+        InputError: the suffix is not .png, or the file cannot be written. An existing file is then untouched.
+    """
+    import cv2
+
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: found suffix {path.suffix!r}, needed .png")
+    _, content = cv2.imencode(".png", image)
+    write_bytes(content.tobytes(), path)
+
+
+def _check_pixels(path: Path, found: Size, needed: Size | None) -> None:
+    width, height = found
+    if needed is not None and found != needed:
+        raise InputError(f"{path}: found {width} x {height} pixels, needed {needed[0]} x {needed[1]}")
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{path}: found {width:,} x {height:,} pixels, needed at most {MAX_PIXELS:,}")
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(f"{path}: found a damaged image, needed an intact one")
+
+
+def _header(path: Path, file: BinaryIO) -> tuple[Size, str]:
+    """Read the size and Pillow's mode of the image in an open file."""
+    num_bytes = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    start = file.read(len(PNG))
+    if not start.startswith((PNG, JPEG, BMP)):
+        found = f"{counted(num_bytes, 'byte')} of an unknown format"
+        raise InputError(f"{path}: found {found}, needed a PNG, JPEG or BMP")
+    file.seek(0)
+    # An endless header would take memory and time.
+    head = file if num_bytes <= MAX_HEADER_BYTES else BytesIO(file.read(MAX_HEADER_BYTES))
+    try:
+        size, mode = _parse_header(head, start)
+    except Exception:  # Pillow lets errors of any kind through, such as struct's.
+        raise _damaged(path) from None
+    if 0 in size:
+        raise _damaged(path)
+    return size, mode
+
+
+def _parse_header(head: BinaryIO, start: bytes) -> tuple[Size, str]:
+    """Parse a header with Pillow's parsers; `PIL.Image.open` warns of sizes that `MAX_PIXELS` limits here."""
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin
+
+    if start.startswith(PNG):
+        # Only the first chunk, because Pillow refuses errors in later chunks that OpenCV ignores.
+        head.seek(PNG_SIGNATURE_BYTES)
+        stream = PngImagePlugin.PngStream(head)
+        stream.call(*stream.read())
+        return stream.im_size, stream.im_mode or ""
+    open_image = JpegImagePlugin.JpegImageFile if start.startswith(JPEG) else BmpImagePlugin.BmpImageFile
+    image = open_image(head)
+    return image.size, image.mode

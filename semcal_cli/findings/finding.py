@@ -1,0 +1,21 @@
+"""Something that speaks against a pose."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Finding(NamedTuple):
+    """Something that speaks against a pose. The absence of findings does not prove that a pose is right."""
+
+    topic: str
+    """Short name that stays when sentences change, and the anchor of the entry in docs/troubleshooting.md."""
+    found: str
+    """What was found, with its figure and what was needed."""
+    advice: str
+    """What to do about it, in the imperative."""
+
+    @property
+    def sentence(self) -> str:
+        """The sentence to show: what was found, and what to do about it."""
+        return f"{self.found}: {self.advice}"

@@ -1,0 +1,70 @@
+"""The `camera:` block of a drive from a file of any format that holds the intrinsics of raw images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from semcal_cli.drive.camera import CAMERA_MODELS
+from semcal_cli.errors import InputError, counted, describe
+from semcal_cli.files.input_files import read_text
+from semcal_cli.formats.camera_info import first_document, ros_intrinsics
+from semcal_cli.formats.format import Source
+from semcal_cli.formats.format_table import all_formats
+from semcal_cli.formats.lenses import Intrinsics
+from semcal_cli.formats.node import Node, camera_block
+from semcal_cli.formats.opencv import is_storage
+
+KNOWN_AS = (
+    "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
+)
+
+
+def read_intrinsics(path: Path, camera: str | None = None, model: str | None = None) -> dict[str, Any]:
+    """Read the camera block from a file of any known format.
+
+    Args:
+        path: The file.
+        camera: Name of a camera in a camchain; None for the only one.
+        model: Camera model that overrides that of the file; an OpenCV FileStorage does not always name one.
+
+    Raises:
+        InputError: the file has no known format, a key is missing or wrong, or `camera` or `model` does not fit.
+    """
+    text = read_text(path)
+    source = Source(path, (text if is_storage(text) else first_document(text)).encode())
+    block, keys = _read(source, camera, model)
+    return camera_block(path, block if model is None else _with_model(path, block, model), keys)
+
+
+def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
+    """Make the camera block from the fields of a sensor_msgs/CameraInfo; errors name `source`.
+
+    Raises:
+        InputError: the lens is unknown, or a value is wrong.
+    """
+    return camera_block(source, *ros_intrinsics(Node(source, document)))
+
+
+def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+    for format in all_formats():
+        if format.read_lens is not None and (found := format.read_lens(source, camera, model)) is not None:
+            return found
+    keys = ", ".join(describe(key) for key in list(source.node.mapping)[:5]) or "none"
+    raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_AS}")
+
+
+def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:
+    """Replace the camera model and keep K and the coefficients."""
+    lenses = {str(name): lens for name, lens in CAMERA_MODELS.items()}
+    if model not in lenses:
+        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(lenses)}")
+    if block["model"] != model and (lenses[block["model"]].parameters or lenses[model].parameters):
+        raise InputError(f"{path}: found model {block['model']!r}, which --model {model} cannot replace")
+    distortion, counts = block.get("distortion", []), lenses[model].counts
+    if not isinstance(distortion, list) or len(distortion) not in counts:
+        is_list = isinstance(distortion, list)
+        found = counted(len(distortion), "coefficient") if is_list else describe(distortion)
+        needed = " or ".join(map(str, counts))
+        raise InputError(f"{path}: found {found}, needed {needed} for --model {model}")
+    return block | {"model": model}

@@ -1,0 +1,246 @@
+"""Formats of YAML and JSON documents with one entry that holds the pose, or two entries with poses on one base."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from semcal_cli.drive.camera import Camera
+from semcal_cli.errors import InputError, listed
+from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.frame_names import CAMERA
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.pose import PLACE, WXYZ, XYZW, Matrix, Notation, Numbers, checked, transform
+from semcal_cli.geometry.poses import Pose, inverse
+
+Find: TypeAlias = Callable[[Node, FormatOptions], Node]
+"""Finds the entry of a document that holds the pose, and adds it to a new document."""
+MakeLens: TypeAlias = Callable[[Camera], dict[str, Any]]
+"""Makes the keys of a camera's intrinsics."""
+
+
+def under(*keys: str) -> Find:
+    """Find the entry under nested keys."""
+
+    def find(document: Node, options: FormatOptions) -> Node:
+        for key in keys:
+            if options.is_written:
+                document.mapping.setdefault(key, {})
+            document = document.at(key)
+        return document
+
+    return find
+
+
+def entry_format(
+    name: str,
+    equation: str,
+    recognises: Callable[[Source], bool],
+    find: Find,
+    notation: Notation,
+    *,
+    maps_camera: bool = False,
+    make_lens: MakeLens | None = None,
+    **others: Any,
+) -> Format:
+    """Make a format of documents with one entry that holds T_camera_lidar or, if `maps_camera`, its inverse.
+
+    `make_lens` makes the keys of the intrinsics in the same entry. `others` are fields of `Format`.
+    """
+
+    def read(source: Source, options: FormatOptions) -> Pose:
+        T = notation.read(find(source.node, options), options)
+        return inverse(T) if maps_camera else T
+
+    def make(T_camera_lidar: Pose, options: FormatOptions) -> dict[str, Any]:
+        document: dict[str, Any] = {}
+        entry = find(Node(f"--to {name}", document), options).mapping
+        notation.put(entry, inverse(T_camera_lidar) if maps_camera else T_camera_lidar)
+        if make_lens is not None and options.intrinsics is not None:
+            entry |= make_lens(options.intrinsics)
+        return document
+
+    return Format(name, equation, recognises, read, **{"make": make, **others})
+
+
+class Pair(NamedTuple):
+    """The entries of a camera and a LiDAR."""
+
+    camera: Node
+    lidar: Node
+    T_frame_optical: Pose = np.eye(4)
+    """(4, 4) maps the camera's optical frame to the frame of its entry."""
+
+
+def base_format(
+    name: str,
+    equation: str,
+    recognises: Callable[[Source], bool],
+    find: Callable[[Node, FormatOptions], Pair],
+    notation: Notation,
+    *,
+    base: str,
+    asks: tuple[str, ...],
+) -> Format:
+    """Make a format of documents with the poses of sensors on a base, p_base = T p_sensor.
+
+    No file can be made, because the extrinsics do not determine the poses of camera and LiDAR on the base.
+    """
+
+    def read(source: Source, options: FormatOptions) -> Pose:
+        pair = find(source.node, options)
+        T_base_optical = notation.read(pair.camera, options) @ pair.T_frame_optical
+        return inverse(T_base_optical) @ notation.read(pair.lidar, options)
+
+    def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+        needed = "needed another format: the transform between two sensors does not determine these poses"
+        raise InputError(f"--to {name}: poses are relative to the {base}, {needed}")
+
+    return Format(name, equation, recognises, read, make, asks)
+
+
+RELLIS_3D_KEY = "os1_cloud_node-pylon_camera_node"
+"""Key of the pose of LiDAR and camera; other files of the data set have the same layout but relate two LiDARs."""
+# The file does not state its direction; labels and images agree only in this direction.
+RELLIS_3D = entry_format(
+    "rellis-3d",
+    f"p_lidar = T p_camera: transforms.yaml, {RELLIS_3D_KEY}",
+    lambda source: RELLIS_3D_KEY in source.mapping,
+    under(RELLIS_3D_KEY),
+    Numbers({"q": WXYZ, "t": PLACE}, are_named=True),
+    maps_camera=True,
+)
+
+
+def _has_results(source: Source) -> bool:
+    results = source.mapping.get("results")
+    return isinstance(results, dict) and "T_lidar_camera" in results
+
+
+DIRECT_VISUAL_LIDAR = entry_format(
+    "direct-visual-lidar",
+    "p_lidar = T p_camera: results.T_lidar_camera of calib.json, x y z qx qy qz qw",
+    _has_results,
+    under("results"),
+    Numbers({"T_lidar_camera": (*PLACE, *XYZW)}),
+    maps_camera=True,
+    as_json=True,
+)
+
+
+def camera_format(
+    name: str, equation: str, key: str, first_camera: str, *, make_lens: MakeLens | None = None, **others: Any
+) -> Format:
+    """Make a format of files with an entry for each camera, which holds p_camera = T p_lidar under a key."""
+
+    def cameras(document: dict[Any, Any]) -> list[Any]:
+        return [camera for camera, entry in document.items() if isinstance(entry, dict) and key in entry]
+
+    def find(document: Node, options: FormatOptions) -> Node:
+        if options.is_written:
+            document.mapping[options.camera or first_camera] = {key: None}
+        found = cameras(document.mapping)
+        camera = options.camera or (found[0] if len(found) == 1 else None)
+        if camera not in found:
+            raise InputError(
+                f"{document.where}: found {key} of {listed(found)}, needed --camera to name one of them"
+            )
+        return document.at(camera)
+
+    return entry_format(
+        name,
+        f"p_camera = T p_lidar: {equation}",
+        lambda source: bool(cameras(source.mapping)),
+        find,
+        Matrix(key),
+        asks=("camera",),
+        make_lens=make_lens,
+        **others,
+    )
+
+
+# The info files of MMDetection3D and similar projects.
+LIDAR2CAM = camera_format(
+    "lidar2cam", "lidar2cam of a camera's entry, JSON", "lidar2cam", "CAM_FRONT", as_json=True
+)
+
+
+def _blocks(node: Node) -> list[Node]:
+    """All blocks with Rcl and Pcl at any depth, for instance inside ROS 2's `/**: ros__parameters:`."""
+    if not isinstance(node.value, dict):
+        return []
+    inner = [block for key, value in node.value.items() for block in _blocks(node.child(key, value))]
+    return [node, *inner] if node.value.keys() >= {"Rcl", "Pcl"} else inner
+
+
+def _find_block(document: Node, options: FormatOptions) -> Node:
+    if options.is_written:
+        return under("extrin_calib")(document, options)
+    blocks = _blocks(document)
+    if len(blocks) != 1:
+        raise InputError(f"{document.where}: found {len(blocks)} blocks with Rcl and Pcl, needed one")
+    return blocks[0]
+
+
+class _RotationAndPlace:
+    """A pose as a rotation by rows and a translation."""
+
+    def read(self, node: Node, options: FormatOptions) -> Pose:
+        R = node.at("Rcl")
+        return checked(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
+
+    def put(self, entry: dict[Any, Any], T: Pose) -> None:
+        entry["Rcl"], entry["Pcl"] = T[:3, :3].ravel().tolist(), T[:3, 3].tolist()
+
+
+FAST_LIVO2 = entry_format(
+    "fast-livo2",
+    "p_camera = Rcl p_lidar + Pcl: extrin_calib",
+    lambda source: bool(_blocks(Node("", source.mapping))),
+    _find_block,
+    _RotationAndPlace(),
+)
+
+ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
+COLMAP_POSE = Numbers({ROTATION: WXYZ, TRANSLATION: PLACE})
+
+
+def _rig_cameras(rigs: Node) -> list[Node]:
+    """Cameras of all rigs that have a pose in their rig."""
+    found = []
+    for index, rig in enumerate(rigs.value if isinstance(rigs.value, list) else []):
+        cameras = rig.get("cameras") if isinstance(rig, dict) else None
+        for number, camera in enumerate(cameras if isinstance(cameras, list) else []):
+            if isinstance(camera, dict) and ROTATION in camera:
+                found.append(rigs.child(index, rig).child("cameras", cameras).child(number, camera))
+    return found
+
+
+def _find_rig_camera(document: Node, options: FormatOptions) -> Node:
+    cameras = _rig_cameras(document)
+    found = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
+    if len(found) != 1:
+        known = listed(camera.value.get(NAME) for camera in cameras)
+        needed = f"needed --camera with the {NAME} of one of them"
+        raise InputError(f"{document.where}: found cameras {known}, {needed}")
+    return found[0]
+
+
+def _make_rig(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    camera: dict[str, Any] = {NAME: options.camera or CAMERA}
+    COLMAP_POSE.put(camera, T_camera_lidar)
+    return (json.dumps([{"cameras": [camera]}], indent=2) + "\n").encode()
+
+
+COLMAP = entry_format(
+    "colmap",
+    f"p_camera = T p_rig, where the rig is the LiDAR: {ROTATION} (w x y z) and {TRANSLATION}",
+    lambda source: bool(_rig_cameras(Node("", source.records))),
+    _find_rig_camera,
+    COLMAP_POSE,
+    make=_make_rig,
+    asks=("camera",),
+)

@@ -1,0 +1,106 @@
+"""The table of formats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import wraps
+from types import UnionType
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+
+from semcal_cli.errors import InputError, describe, one_of
+from semcal_cli.formats import bases, camera_info, kalibr, matrix, opencv, ros, semcal, urdf
+from semcal_cli.formats import document_formats as documents
+from semcal_cli.formats import kitti_files as kitti
+from semcal_cli.formats.format import Format
+from semcal_cli.plugins import Plugins
+
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
+FORMATS: tuple[Format, ...] = (
+    semcal.FORMAT,
+    ros.COMMAND,
+    ros.LAUNCH,
+    ros.TF2,
+    ros.APOLLO,
+    bases.AUTOWARE,
+    urdf.FORMAT,
+    kitti.ODOMETRY,
+    kitti.OBJECT,
+    kitti.RAW,
+    kitti.KITTI_360,
+    documents.RELLIS_3D,
+    bases.NUSCENES,
+    kalibr.FORMAT,
+    documents.LIDAR2CAM,
+    opencv.FORMAT,
+    camera_info.FORMAT,
+    documents.DIRECT_VISUAL_LIDAR,
+    kitti.OPENCALIB,
+    documents.FAST_LIVO2,
+    documents.COLMAP,
+    matrix.TUM,
+    matrix.TEXT,
+    matrix.ARRAY,
+)
+PLUGINS = Plugins("semcal.formats", (format.name for format in FORMATS))
+"""Formats of other installed packages. They are asked for files that no format of semcal's recognises."""
+
+
+def plugin_formats() -> list[Format]:
+    """Load the formats of plugins, by the names of their entry points."""
+    return [_guarded(name, format) for name, format in PLUGINS.all(Format).items()]
+
+
+def all_formats() -> Iterator[Format]:
+    """Go through all formats; those of plugins are loaded after semcal's own."""
+    yield from FORMATS
+    yield from plugin_formats()
+
+
+def find_format(name: str) -> Format:
+    """Find a format of semcal's or of a plugin's by its name.
+
+    Raises:
+        InputError: there is no such format.
+    """
+    for format in FORMATS:
+        if format.name == name:
+            return format
+    if (plugin := PLUGINS.get(name, Format)) is not None:
+        return _guarded(name, plugin)
+    known = [*(format.name for format in FORMATS), *PLUGINS.names]
+    raise InputError(f"found format {name!r}, needed {one_of(name, known)}")
+
+
+def _guarded(name: str, format: Format) -> Format:
+    """Give a plugin's format the name of its entry point, and name the plugin in the errors of its functions."""
+    make, read_lens = format.make, format.read_lens
+    return replace(
+        format,
+        name=name,
+        equation=str(format.equation),
+        recognises=PLUGINS.guarded(name, format.recognises),
+        read=PLUGINS.guarded(name, _returning("read", np.ndarray, format.read)),
+        make=None if make is None else PLUGINS.guarded(name, _returning("make", bytes | dict, make)),
+        read_lens=None
+        if read_lens is None
+        else PLUGINS.guarded(name, _returning("read_lens", tuple | None, read_lens)),
+    )
+
+
+def _returning(
+    field: str, kind: type | UnionType, function: Callable[Given, Returned]
+) -> Callable[Given, Returned]:
+    """Check what a function of a plugin returns."""
+
+    @wraps(function)
+    def call(*arguments: Given.args, **named: Given.kwargs) -> Returned:
+        if not isinstance(found := function(*arguments, **named), kind):
+            needed = getattr(kind, "__name__", kind)
+            raise TypeError(f"{field}: found {describe(found)}, needed {needed}")
+        return found
+
+    return call

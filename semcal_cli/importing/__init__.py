@@ -1,0 +1,91 @@
+"""Data sets: each has a reader that finds a recording in its native tree; `writing` makes a drive of it.
+
+This module imports nothing heavy, because the command line lists the data sets from its table.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib import import_module
+from types import FunctionType
+from typing import TYPE_CHECKING, NamedTuple
+
+from semcal_cli.errors import InputError, one_of
+from semcal_cli.plugins import Plugins
+
+if TYPE_CHECKING:
+    from semcal_cli.importing.recording import Recording, Request
+
+
+class Dataset(NamedTuple):
+    """A data set."""
+
+    reader: str
+    """Module in this folder, and its function that turns a `Request` into a `Recording`."""
+    summary: str
+    """One line of help."""
+
+
+DATASETS = {
+    "kitti-odometry": Dataset(
+        "kitti.read_odometry",
+        "KITTI odometry: ROOT/sequences/00/velodyne; cameras image_0 to image_3, by default image_2.",
+    ),
+    "semantickitti": Dataset(
+        "kitti.read_semantickitti", "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels."
+    ),
+    "kitti-raw": Dataset(
+        "kitti.read_raw",
+        "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, by default image_02.",
+    ),
+    "kitti-object": Dataset(
+        "kitti.read_object",
+        "KITTI object: ROOT/training/velodyne; frames that share a calibration; cameras image_2 and image_3, by "
+        "default image_2.",
+    ),
+    "kitti-360": Dataset(
+        "kitti_360.read",
+        "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, by default image_00.",
+    ),
+    "rellis-3d": Dataset(
+        "rellis_3d.read", "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node."
+    ),
+    "nuscenes": Dataset(
+        "nuscenes.read",
+        "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, such as scene-0061; cameras are "
+        "channels, by default CAM_FRONT.",
+    ),
+    "carla": Dataset(
+        "carla.read",
+        "CARLA's `save_to_disk`: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
+    ),
+    "opencalib": Dataset(
+        "opencalib.read", "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg."
+    ),
+}
+PLUGINS = Plugins("semcal.datasets", (*DATASETS, "bag", "folder"))
+"""Data sets of other installed packages, which cannot take the names of semcal's own imports."""
+
+
+def read_dataset(name: str, request: Request) -> Recording:
+    """Find the frames, the camera and the reference in the native tree of a data set.
+
+    Raises:
+        InputError: there is no such data set; a file, a key, the sequence or the camera is missing or wrong; or no
+            frame is complete.
+        PluginError: the data set is a plugin's, which failed or returned no valid recording.
+    """
+    if name not in DATASETS:
+        return _read_by_plugin(name, request)
+    module, function = DATASETS[name].reader.split(".")
+    recording: Recording = getattr(import_module(f"semcal_cli.importing.{module}"), function)(request)
+    return recording
+
+
+def _read_by_plugin(name: str, request: Request) -> Recording:
+    from semcal_cli.importing.recording import checked
+
+    if (read := PLUGINS.get(name, FunctionType)) is None:
+        raise InputError(f"found data set {name!r}, needed {one_of(name, [*DATASETS, *PLUGINS.names])}")
+    with PLUGINS.blamed(name):
+        return checked(read(request), partial(PLUGINS.guarded, name))

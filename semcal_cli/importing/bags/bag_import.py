@@ -1,0 +1,347 @@
+"""Import of a recording: choose topics and frames, and write the files of a drive."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from itertools import islice
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from semcal_cli.drive.document import Frame, output_drive_file
+from semcal_cli.errors import InputError, os_reason
+from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.files.input_files import is_folder, is_same_file
+from semcal_cli.files.output_files import make_folder, no_empty_folder, removed_if_refused
+from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.importing.bags.bag import Bag
+from semcal_cli.importing.bags.camera_messages import CameraInfo, camera_block, difference, read_camera_info
+from semcal_cli.importing.bags.candidates import Candidate, Spool, choose, read_pairs, spooled, wanted_times
+from semcal_cli.importing.bags.messages import NS, VIDEOS, Message, MessageError, Topic
+from semcal_cli.importing.bags.point_messages import read_sweep
+from semcal_cli.importing.bags.recorded_frames import WrittenFrame, image_folder, write_frames, write_motion
+from semcal_cli.importing.bags.recorded_motion import Trajectory, find_motion, read_frames
+from semcal_cli.importing.bags.stamped_pairs import Pairing
+from semcal_cli.importing.bags.topics import Request, choose_topics
+from semcal_cli.importing.bags.transforms import reference
+from semcal_cli.importing.bags.video import Video
+from semcal_cli.importing.choice import Options
+from semcal_cli.importing.drive_folder import Written, check_is_replaced, write_drive
+from semcal_cli.importing.motion_agreement import compare_motions
+from semcal_cli.importing.recording import Recording
+from semcal_cli.importing.sweep_odometry import DOUBTFUL_NS, Odometry
+
+AROUND_NS = NS
+"""Odometry uses sweeps from this long before the first wanted time to this long after the last, too."""
+FAR_CLOCKS_S = 1.0
+"""Difference between two clocks that no driver's delay explains."""
+MAX_TOLD = 3
+"""Largest number of remarks about damage in an error."""
+MAX_LATCHED = 100
+"""Largest number of messages of a camera that is published now and then, rather than with each image."""
+
+
+class ImportedDrive(NamedTuple):
+    """Summary of an import."""
+
+    written: Written
+    """The drive."""
+    num_sweeps: int
+    """Number of sweeps in the recording."""
+    left_out: Counter[str]
+    """Number of sweeps, images and pairs that were read and left out, by kind and reason."""
+
+
+def import_bag(
+    request: Request, out: Path, on_event: Listener = ignore, *, force: bool = False
+) -> ImportedDrive:
+    """Make a drive of a recording. The drive.yaml is written last, and each file as a whole or not at all.
+
+    Errors leave no new file. Files are named after their topic and stamp, so a second import writes the same files, and
+    several cameras of one recording can share a folder.
+
+    Args:
+        request: The recording, and the user's choices.
+        out: Folder of the drive, or its drive.yaml.
+        on_event: Called with each event.
+        force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
+
+    Raises:
+        InputError: the recording has no usable pairs, contradicts itself or the request, or the drive.yaml is there and
+            is not one of this recording.
+    """
+    folder = output_drive_file(out).parent
+    with Bag(request.paths) as bag, no_empty_folder(folder), removed_if_refused() as write:
+        return _Import(bag, request, out, on_event, write, force).run()
+
+
+class _Import:
+    def __init__(
+        self,
+        bag: Bag,
+        request: Request,
+        out: Path,
+        on_event: Listener,
+        write: Callable[[bytes, Path], None],
+        force: bool,
+    ) -> None:
+        self.bag, self.request, self.on_event = bag, request, on_event
+        self.write, self.force = write, force
+        self.path = output_drive_file(out)
+        self.topics = choose_topics(bag, request)
+        intrinsics = [] if request.intrinsics is None else [request.intrinsics]
+        self.read = (*bag.files, *intrinsics)
+        is_video = self.topics.image.is_a(VIDEOS)
+        self.video = Video(bag, self.topics.image) if is_video else None
+        self.info: CameraInfo | None = None
+        self.trajectory: Trajectory | None = None
+        self.remarks = [
+            f"{topic.name} is not used: it holds the messages of {topic.name.rpartition('/')[0]} in another encoding"
+            for topic in self.topics.again
+        ]
+        self.left_out: Counter[str] = Counter()
+
+    def run(self) -> ImportedDrive:
+        self._check_output()
+        camera = self._camera()
+        tree, moving = read_frames(self.bag)
+        lidar, optical = (self._first_frame(topic) for topic in (self.topics.points, self.topics.image))
+        self.frame_ids = {self.topics.points: lidar, self.topics.image: optical}
+        rectification = self.info if self.topics.is_rectified else None
+        T_camera_lidar, remarks = reference(tree, lidar, optical, rectification)
+        self.remarks += remarks
+        request = self.request
+        self.trajectory, why = find_motion(
+            self.bag, tree, moving, lidar, request.motion, request.motion_frame
+        )
+        self.remarks += [why] if why else []
+        wanted = wanted_times(self.bag, self.topics, request)
+        odometry = self._odometry(wanted) if request.odometry else None
+        if odometry is not None and self.trajectory is None:
+            self.trajectory = Trajectory.estimated(odometry.poses())
+            self.remarks += self._doubts(odometry)
+        make_folder(self.path.parent)
+        refused: Counter[str] = Counter()
+        try:
+            with tempfile.TemporaryFile(dir=self.path.parent) as file:
+                spool = Spool(file, self.video)
+                candidates = self._candidates(spool, wanted)
+                self._check_replaced(candidates)
+                chosen = choose(candidates, request, self.trajectory, self.left_out)
+                found = write_frames(
+                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refused, self.write
+                )
+        except OSError as error:
+            raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
+        if not found:
+            raise self._no_pair(next(iter(refused)))
+        self.left_out += refused
+        self.remarks += list(dict.fromkeys(each.times.remark for each in found if each.times.remark))
+        motion, frames = None, [each.source for each in found]
+        if self.trajectory is not None:
+            motion, frames, told = write_motion(self.trajectory, found, self.path, self.write)
+            self.remarks.append(told)
+            if odometry is not None and self._poses_topic is not None:
+                self.remarks.append(self._comparison(self._poses_topic.name, odometry, found))
+            if left := len(found) - len(frames):
+                self.left_out["pairs: no poses around them, or no point times"] += left
+        recording = Recording(
+            camera=camera,
+            frames=frames,
+            T_camera_lidar=T_camera_lidar,
+            motion=motion,
+            remarks=(*self.remarks, *self.bag.damage_remarks()),
+            read=self.read,
+            labels_by=None,
+        )
+        written = write_drive(recording, Options(), self.path, force=True)
+        return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
+
+    def _check_output(self) -> None:
+        """Check, before the work begins, that the drive.yaml replaces no file that is read."""
+        if is_folder(self.path):
+            raise InputError(f"{self.path}: is a folder, needed a file to write to")
+        if any(is_same_file(self.path, file) for file in self.read):
+            raise InputError(f"{self.path}: found a file that this import reads, needed another name")
+        if not self.force:
+            check_is_replaced(self.path, lambda file, frame: True)
+
+    def _check_replaced(self, candidates: Sequence[Candidate]) -> None:
+        """Check that a drive.yaml in the place of the new one is of the same topic of images, at the same time."""
+        if self.force:
+            return
+        images = image_folder(self.path.parent, self.topics)
+        # The whole recording: this run may choose, or only look for, frames at other times than the one before.
+        span = [self.bag.start_ns, self.bag.end_ns, *(each.pair.image_ns for each in candidates)]
+
+        def is_known(file: Path, frame: Frame) -> bool:
+            is_beside = os.path.realpath(file.parent) == os.path.realpath(images)
+            return is_beside and min(span) <= (frame.image_stamp or 0.0) * NS <= max(span)
+
+        check_is_replaced(self.path, is_known)
+
+    def _no_pair(self, reason: str) -> InputError:
+        return self._refusal(f"{self.bag.paths[0]}: found no usable pair of a sweep and an image: {reason}")
+
+    def _refusal(self, found: str) -> InputError:
+        """Make the error of a recording that gives no drive, with what is damaged in it."""
+        return InputError("; ".join([found, *self.bag.damage_remarks()[:MAX_TOLD]]))
+
+    def _camera(self) -> dict[str, Any]:
+        """Read the camera from the user's file, or from the first message of its topic."""
+        if self.request.intrinsics is not None:
+            return read_intrinsics(self.request.intrinsics)
+        topic, image = self.topics.camera_info, self.topics.image
+        assert topic is not None
+        first = self.bag.first(topic)
+        if first is None:
+            raise self._refusal(
+                f"{topic.name}: found no whole message, needed the intrinsics, or --intrinsics FILE"
+            )
+        try:
+            self.info = read_camera_info(first)
+        except MessageError as error:
+            raise InputError(f"{topic.name}: {error}") from None
+        if not self.topics.is_beside:
+            self.remarks.append(f"{topic.name} is not next to {image.name}; its intrinsics are used anyway")
+        if topic.span.num_messages <= MAX_LATCHED:
+            for message in self.bag.messages([topic]):
+                self._check_same(message)
+        if self.topics.is_rectified:
+            self.remarks.append(
+                f"{image.name} holds rectified images: P of {topic.name} is used, not K and D"
+            )
+        return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
+
+    def _first_frame(self, topic: Topic) -> str:
+        """Read the frame of the first message that has one, among the first few."""
+        frames = map(_frame_of, islice(self.bag.messages([topic]), MAX_LATCHED))
+        return next((frame for frame in frames if frame is not None), "")
+
+    def _odometry(self, wanted: Sequence[int]) -> Odometry:
+        """Estimate the motion from all sweeps between the first and the last wanted time, and around them."""
+        odometry, request = Odometry(), self.request
+        start_ns, stop_ns = min(wanted) - AROUND_NS, max(wanted) + AROUND_NS
+        for message in self.bag.messages([self.topics.points], start_ns, stop_ns):
+            share = (message.received_ns - start_ns) / (stop_ns - start_ns)
+            self.on_event(Progress(f"estimating the motion from the sweeps: {share:.0%}"))
+            if _frame_of(message) != self.frame_ids[self.topics.points]:
+                continue
+            with suppress(MessageError):
+                stamp_ns = message.received_ns if request.by_receipt else message.header_ns
+                sweep = read_sweep(message, stamp_ns)
+                odometry.add(sweep.points, None if sweep.seconds is None else sweep.seconds.ravel(), stamp_ns)
+        return odometry
+
+    def _doubts(self, odometry: Odometry) -> list[str]:
+        """Say that frames are left out where the motion estimated from the sweeps is doubtful."""
+        if not odometry.doubtful_ns:
+            return []
+        count, first_s = len(odometry.doubtful_ns), (odometry.doubtful_ns[0] - self.bag.start_ns) / NS
+        when = f"at {count:,} of them, first {first_s:.1f} s after the start"
+        left_out = f"frames within {DOUBTFUL_NS / NS:g} s are left out"
+        return [f"the motion estimated from the sweeps is doubtful {when}: {left_out}"]
+
+    def _comparison(self, name: str, odometry: Odometry, written: Sequence[WrittenFrame]) -> str:
+        """Say whether the topic of the motion agrees with the sweeps."""
+        assert self.trajectory is not None
+        moments_ns = [each.moments_ns[0] for each in written]
+        difference = compare_motions(self.trajectory.poses, odometry.poses(), moments_ns)
+        if difference is None:
+            return (
+                f"{name} could not be compared with the sweeps' motion: no frame has poses of both around it"
+            )
+        return (
+            f"{difference.told(name)}{'' if difference.agrees else '; --motion none uses that of the sweeps'}"
+        )
+
+    def _candidates(self, spool: Spool, wanted: Sequence[int]) -> list[Candidate]:
+        """Read pairs near wanted times, and check on the way that the camera stays the same."""
+        rate_hz = self.topics.points.rate_hz
+        pairing = Pairing(
+            wanted,
+            round(self.request.max_gap_s * NS),
+            by_receipt=self.request.by_receipt,
+            image_topic=self.topics.image,
+            period_ns=round(NS / rate_hz) if rate_hz else 0,
+        )
+        began = perf_counter()
+
+        def on_place(done: int, count: int) -> None:
+            left = f", {(perf_counter() - began) / done * (count - done):.0f} s left" if done else ""
+            self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {count} places{left}"))
+
+        told = None if self._poses_topic is None else self.trajectory
+        pairs = read_pairs(self.bag, wanted, pairing, self._watched, told, on_place)
+        found = spooled(pairs, spool, self.left_out)
+        self.left_out += pairing.left_out
+        self._check_clocks(pairing, len(found))
+        looked_at = len(found) + sum(n for why, n in self.left_out.items() if not why.startswith("images"))
+        not_read = self.topics.points.span.num_messages - looked_at
+        if not_read > 0:
+            self.left_out["sweeps: between the times that were read"] += not_read
+        return found
+
+    @property
+    def _poses_topic(self) -> Topic | None:
+        """The topic whose messages state the motion, if there is one."""
+        source = None if self.trajectory is None else self.trajectory.source
+        return None if source is None else source.topic
+
+    def _watched(self, start_ns: int, stop_ns: int) -> Iterator[Message]:
+        """Yield sweeps and images; poses and cameras are handled here."""
+        info = None if self.info is None else self.topics.camera_info
+        poses = self._poses_topic
+        topics = [topic for topic in (*self.frame_ids, info, poses) if topic is not None]
+        if self.video is not None:
+            self.video.seek(start_ns)
+        for each in self.bag.messages(topics, start_ns, stop_ns):
+            is_frame = self.video is not None and each.topic == self.topics.image
+            message = self.video.take(each) if self.video is not None and is_frame else each
+            needed = self.frame_ids.get(message.topic)
+            if message.topic == info:
+                self._check_same(message)
+            elif self.trajectory is not None and message.topic == poses:
+                self.trajectory.take(message, self.request.by_receipt)
+            elif (frame := _frame_of(message)) is not None and frame != needed:
+                what = "sweeps" if message.topic == self.topics.points else "images"
+                self.left_out[f"{what}: found frame {frame!r}, needed {needed!r}"] += 1
+            else:
+                yield message
+
+    def _check_same(self, message: Message) -> None:
+        assert self.info is not None
+        try:
+            changed = difference(read_camera_info(message), self.info)
+        except MessageError:
+            return
+        if changed is not None:
+            seconds = (message.received_ns - self.bag.start_ns) / NS
+            found = f"found other intrinsics {seconds:.3f} s after the start: {changed}"
+            raise InputError(f"{message.topic.name}: {found}; needed the same throughout")
+
+    def _check_clocks(self, pairing: Pairing, count: int) -> None:
+        """Detect that the clocks of LiDAR and camera differ, by how late their messages were received."""
+        sweeps, images = (pairing.delays_s[is_image] for is_image in (False, True))
+        difference_s = float(np.median(sweeps) - np.median(images)) if sweeps and images else 0.0
+        names = f"{self.topics.points.name} and {self.topics.image.name}"
+        apart = f"the clocks of {names} differ by {difference_s:.3f} s"
+        are_apart = abs(difference_s) > FAR_CLOCKS_S
+        if not count:
+            common = self.left_out.most_common(1) or [("no sweeps and images at the same times", 0)]
+            raise self._no_pair(f"{apart}; try --stamps receive" if are_apart else common[0][0])
+        if are_apart:
+            self.remarks.append(f"{apart}, judging by when their messages were received")
+
+
+def _frame_of(message: Message) -> str | None:
+    try:
+        return message.frame_id
+    except MessageError:
+        return None

@@ -1,0 +1,165 @@
+"""The files of a drive's frames: sweeps, images, and the poses of the LiDAR.
+
+They are named after their topic and stamp, and written as a whole or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+from semcal_cli.events import Listener, Progress
+from semcal_cli.importing.bags.candidates import Candidate, Spool
+from semcal_cli.importing.bags.image_messages import image_file
+from semcal_cli.importing.bags.messages import NS, MessageError
+from semcal_cli.importing.bags.point_messages import PointTimes, read_sweep
+from semcal_cli.importing.bags.recorded_motion import Trajectory
+from semcal_cli.importing.bags.topics import Topics
+from semcal_cli.importing.recording import SourceFrame
+from semcal_cli.importing.sweep_odometry import SIGMA, seconds_text
+
+MAX_NAME = 100
+"""Longest topic name that is a folder's name as it is; longer ones are cut, and a hash is added."""
+AT_A_TIME = 2
+"""Number of frames that are written at a time."""
+
+
+class WrittenFrame(NamedTuple):
+    """A frame whose files are written."""
+
+    source: SourceFrame
+    """The frame."""
+    times: PointTimes
+    """Times of its points."""
+
+    @property
+    def moments_ns(self) -> list[int]:
+        """The times at which poses are needed: of the image, and of the first and the last point."""
+        points_s, image_s = self.source.points_stamp or 0.0, self.source.image_stamp or 0.0
+        return [round(each * NS) for each in (image_s, *(points_s + end_s for end_s in self.times.ends_s))]
+
+
+def write_frames(
+    chosen: Sequence[Candidate],
+    spool: Spool,
+    camera: dict[str, Any],
+    topics: Topics,
+    folder: Path,
+    on_event: Listener,
+    left_out: Counter[str],
+    write: Callable[[bytes, Path], None],
+) -> list[WrittenFrame]:
+    """Write the files of frames, two at a time, in order of time.
+
+    Args:
+        chosen: The pairs.
+        spool: Their messages.
+        camera: The `camera:` block of the drive.
+        topics: The topics that they come from.
+        folder: Folder of the drive.
+        on_event: Called with each event.
+        left_out: Counts the pairs that cannot be used, by reason.
+        write: Writes the content of a file to its path.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+
+    def written_frame(candidate: Candidate) -> WrittenFrame | MessageError:
+        try:
+            return _write_frame(candidate, spool, camera, topics, folder, write)
+        except MessageError as error:
+            return error
+
+    written = []
+    with ThreadPoolExecutor(AT_A_TIME) as workers:
+        for index, each in enumerate(workers.map(written_frame, chosen)):
+            on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
+            if isinstance(each, MessageError):
+                left_out[f"pairs: {each}"] += 1
+            else:
+                written.append(each)
+    return written
+
+
+def write_motion(
+    trajectory: Trajectory,
+    written: Sequence[WrittenFrame],
+    drive: Path,
+    write: Callable[[bytes, Path], None],
+) -> tuple[dict[str, Any] | None, list[SourceFrame], str]:
+    """Write the poses of the LiDAR with `write`, if the points of most frames have times to deskew them by.
+
+    Returns:
+        The `motion:` block of the drive, the frames that the poses cover, and a sentence about it; without a block,
+        all frames.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    told = trajectory.told
+    timed = Counter(each.times.reference for each in written if each.times.reference)
+    ((reference, num_timed),) = timed.most_common(1) or [("relative", 0)]
+    covered = [
+        each.source
+        for each in written
+        if each.times.reference == reference and trajectory.covers(*each.moments_ns)
+    ]
+    if 2 * min(num_timed, len(covered)) < len(written):
+        why = "there are no poses around most frames"
+        if 2 * num_timed < len(written):
+            why = "most points have no times for deskewing"
+        return None, [each.source for each in written], f"{told}, but {why}; no motion is written"
+    # The poses depend on the chosen frames, so the file belongs to this drive alone.
+    path = drive.parent / "poses" / f"{drive.stem}.txt"
+    write(trajectory.tum().encode(), path)
+    block: dict[str, Any] = {"poses": path.relative_to(drive.parent).as_posix(), "point_times": reference}
+    if trajectory.source is None:
+        block["sigma"] = SIGMA
+    return block, covered, f"{told}; the drive uses it"
+
+
+def _write_frame(
+    candidate: Candidate,
+    spool: Spool,
+    camera: dict[str, Any],
+    topics: Topics,
+    folder: Path,
+    write: Callable[[bytes, Path], None],
+) -> WrittenFrame:
+    pair = candidate.pair
+    sweep_message, image_message = spool.get(candidate)
+    sweep = read_sweep(sweep_message, pair.sweep_ns)
+    file = image_file(image_message)
+    needed = camera["width"], camera["height"]
+    if file.size != needed:
+        found, states = ("{} x {}".format(*size) for size in (file.size, needed))
+        raise MessageError(f"found an image of {found} pixels, needed {states}, as its intrinsics state")
+    points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
+    image = image_folder(folder, topics) / f"{seconds_text(pair.image_ns)}{file.suffix}"
+    write(sweep.pcd(), points)
+    write(file.content, image)
+    stamps = pair.sweep_ns / NS, pair.image_ns / NS
+    frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
+    return WrittenFrame(frame, sweep.times)
+
+
+def image_folder(folder: Path, topics: Topics) -> Path:
+    """Name the folder of the images in the folder of a drive."""
+    return folder / "images" / _slug(topics.image.name)
+
+
+def _slug(topic: str) -> str:
+    """Turn the name of a topic into a unique name of a folder: /camera/image_raw becomes camera.image_raw."""
+    parts = (
+        quote(part, safe="").replace(".", "%2E").replace("~", "%7E") for part in topic.split("/") if part
+    )
+    name = ".".join(parts) or "%2F"
+    if len(name) <= MAX_NAME:
+        return name
+    return f"{name[:MAX_NAME]}-{hashlib.sha256(topic.encode()).hexdigest()[:16]}"

@@ -1,0 +1,264 @@
+"""The motion of the LiDAR from a recording: `Odometry`, `PoseStamped` or a moving frame of `/tf`."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+
+from semcal_cli.errors import InputError, listed
+from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.importing.bags.bag import Bag
+from semcal_cli.importing.bags.messages import (
+    NS,
+    ODOMETRY,
+    POSE,
+    TRANSFORMS,
+    Message,
+    MessageError,
+    Topic,
+    plain_frame,
+)
+from semcal_cli.importing.bags.transforms import SAME, TF_STATIC, Edge, FrameTree, pose_of, stated_transforms
+from semcal_cli.importing.sweep_odometry import MAX_GAP_NS, covered, estimator, tum_text
+
+NONE = "none"
+"""Value of --motion that asks for no motion."""
+SCOUTED_PLACES, SCOUTED_NS = 8, NS
+"""Places of the recording, and time from each, at which `/tf` is read to learn which of its frames move."""
+LONGEST_SWEEP_NS, LONGEST_LATENCY_NS = NS // 5, NS
+"""How long before its stamp a sweep's first point may be, and how late poses may be received."""
+
+
+class MotionSource(NamedTuple):
+    """A frame whose poses a topic states."""
+
+    topic: Topic
+    """The topic."""
+    frame: str
+    """The frame that moves."""
+    parent: str | None
+    """The frame that it moves in; None if unknown."""
+
+
+class Trajectory:
+    """Poses of the LiDAR in a fixed frame, by their stamps."""
+
+    def __init__(self, source: MotionSource | None, T_frame_lidar: Pose) -> None:
+        """Start without poses; T_frame_lidar (4, 4), metres, is the fixed pose of the LiDAR in the moving frame."""
+        self.source = source
+        """The topic that states the poses; None if they are estimated from the sweeps."""
+        self._T_frame_lidar = T_frame_lidar
+        self._poses: dict[int, Pose] = {}
+        self._stamps: list[int] = []
+        self._latency_ns = 0
+
+    @classmethod
+    def estimated(cls, poses: Mapping[int, Pose]) -> Trajectory:
+        """Take poses (4, 4) of the LiDAR by their stamps in nanoseconds, ascending, as estimated from the sweeps."""
+        trajectory = cls(None, np.eye(4))
+        trajectory._poses, trajectory._stamps = dict(poses), list(poses)
+        return trajectory
+
+    @property
+    def told(self) -> str:
+        """Sentence about the source of the motion."""
+        if self.source is None:
+            return f"{estimator()} estimates the motion of the LiDAR from the sweeps"
+        return f"{self.source.topic.name} states the motion of {self.source.frame!r}"
+
+    @property
+    def before_ns(self) -> int:
+        """How much to read before the stamp of a sweep, so that there is a pose before its first point."""
+        return MAX_GAP_NS + LONGEST_SWEEP_NS
+
+    @property
+    def after_ns(self) -> int:
+        """How much to read after the receipt of a sweep, so that there is a pose after its last point."""
+        return MAX_GAP_NS + self._latency_ns
+
+    def take(self, message: Message, received: bool) -> None:
+        """Add the poses of a message, with the stamps of headers or, if `received`, with the time of receipt."""
+        assert self.source is not None
+        try:
+            found = _poses(message, self.source)
+        except MessageError:
+            return
+        for stamp, T in found:
+            if not received:
+                self._latency_ns = max(self._latency_ns, min(message.received_ns - stamp, LONGEST_LATENCY_NS))
+            time = message.received_ns if received else stamp
+            if time not in self._poses:
+                insort(self._stamps, time)
+            self._poses[time] = T @ self._T_frame_lidar
+
+    @property
+    def poses(self) -> dict[int, Pose]:
+        """Poses (4, 4) of the LiDAR by their stamps in nanoseconds, ascending."""
+        return {stamp: self._poses[stamp] for stamp in self._stamps}
+
+    def covers(self, *stamps_ns: int) -> bool:
+        """Whether poses lie close before and after each of the stamps."""
+        return covered(self._stamps, stamps_ns)
+
+    def position(self, stamp_ns: int) -> np.ndarray | None:
+        """Return the position (3,) of the pose that is nearest in time, metres; None without poses."""
+        if not self._stamps:
+            return None
+        place = bisect_left(self._stamps, stamp_ns)
+        near = self._stamps[max(place - 1, 0) : place + 1]
+        nearest = min(near, key=lambda stamp: abs(stamp - stamp_ns))
+        position: np.ndarray = self._poses[nearest][:3, 3]
+        return position
+
+    def tum(self) -> str:
+        """Format the poses, one per line (see `tum_text`); estimated ones follow a comment that says so."""
+        note = "" if self.source is not None else f"# {self.told}\n"
+        return note + tum_text(self.poses)
+
+
+def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
+    """Read the fixed transforms of a recording, and the frames that its topics of transforms move.
+
+    Transforms of `/tf` that are the same at every place that is read are fixed, too: ROS 1 often publishes them there.
+    """
+    tree, moving = FrameTree(), []
+    topics = bag.of_types(TRANSFORMS)
+    for edge, T in _stated(bag, [topic for topic in topics if topic.name == TF_STATIC]):
+        tree.add(edge, T)
+    for topic in topics:
+        if topic.name == TF_STATIC:
+            continue
+        found: dict[Edge, list[Pose]] = {}
+        for start_ns, stop_ns in _places(bag, topic):
+            for edge, T in _stated(bag, [topic], start_ns, stop_ns):
+                found.setdefault(edge, []).append(T)
+        for (parent, child), poses in found.items():
+            if any(np.abs(T - poses[0]).max() > SAME for T in poses):
+                moving.append(MotionSource(topic, child, parent))
+            elif (parent, child) not in tree.edges:
+                tree.add((parent, child), poses[0])
+    return tree, moving
+
+
+def _stated(
+    bag: Bag, topics: Sequence[Topic], start_ns: int | None = None, stop_ns: int | None = None
+) -> Iterator[tuple[Edge, Pose]]:
+    for message in bag.messages(topics, start_ns, stop_ns):
+        with suppress(MessageError):
+            yield from stated_transforms(message.content.transforms)
+
+
+def _places(bag: Bag, topic: Topic) -> list[tuple[int, int]]:
+    """List the stretches in which transforms are read to learn which of them change."""
+    if not bag.is_indexed:
+        return [(bag.start_ns, bag.end_ns + 1)]
+    starts_ns = map(int, np.linspace(topic.span.first_ns, topic.span.last_ns, SCOUTED_PLACES))
+    return [(start_ns, start_ns + SCOUTED_NS) for start_ns in starts_ns]
+
+
+def find_motion(
+    bag: Bag,
+    tree: FrameTree,
+    moving: Sequence[MotionSource],
+    lidar: str,
+    wanted: str | None,
+    frame: str | None,
+) -> tuple[Trajectory | None, str | None]:
+    """Find the topic that states the motion of the LiDAR.
+
+    Args:
+        bag: The recording.
+        tree: Its fixed transforms.
+        moving: Its frames that topics of transforms move.
+        lidar: Frame of the sweeps.
+        wanted: Name of the topic, or `none`; None for the only one.
+        frame: Frame whose poses the topic holds; None for the one that its messages name.
+
+    Returns:
+        The trajectory, still without poses, or None; and a sentence that says why there is none although there are
+        topics of poses.
+
+    Raises:
+        InputError: the wanted topic is missing or does not fit.
+    """
+    if wanted == NONE:
+        return None, None
+    fixed = tree.reached(lidar)
+    carrying = [each for each in moving if each.frame in fixed and each.parent not in fixed]
+    posed = _posed(bag, wanted, frame)
+    if wanted is not None:
+        carrying = [each for each in carrying if each.topic.name == wanted and frame in (None, each.frame)]
+    usable = [each for each in posed if each.frame and each.frame in fixed] or carrying
+    if len(usable) == 1:
+        return Trajectory(usable[0], inverse(fixed[usable[0].frame])), None
+    if wanted is not None:
+        raise _misfit(bag, wanted, posed, carrying, fixed)
+    if usable:
+        names = listed(f"{each.topic.name} of {each.frame} in {each.parent}" for each in usable)
+        return None, f"several topics state a motion, {names}: choose one with --motion"
+    others = dict.fromkeys(each.topic.name for each in (*posed, *moving))
+    if not others:
+        return None, None
+    reason = f"no motion: no fixed transform connects the frames of {listed(others)} to {lidar!r}"
+    return None, f"{reason}; see --motion and --motion-frame"
+
+
+def _misfit(
+    bag: Bag,
+    wanted: str,
+    posed: Sequence[MotionSource],
+    carrying: Sequence[MotionSource],
+    fixed: Iterable[str],
+) -> InputError:
+    """Explain why the wanted topic states no motion of the LiDAR."""
+    known = [topic for topic in bag.of_types([ODOMETRY, POSE, *TRANSFORMS]) if topic.name != TF_STATIC]
+    if wanted not in [topic.name for topic in known]:
+        names = listed([*(topic.name for topic in known), NONE])
+        return InputError(f"--motion: found no topic {wanted!r} of poses, needed one of: {names}")
+    if not posed:
+        found = listed(f"{each.frame} in {each.parent}" for each in carrying)
+        return InputError(
+            f"--motion {wanted}: found the moving frames {found}, needed one that the LiDAR is fixed to"
+        )
+    if posed[0].topic.is_a([POSE]) and not posed[0].frame:
+        needed = "needed --motion-frame FRAME: a PoseStamped does not say whose pose it is"
+        return InputError(f"--motion {wanted}: {needed}")
+    needed = f"needed those of a frame that the LiDAR is fixed to: {listed(fixed)}; see --motion-frame"
+    return InputError(f"--motion {wanted}: found poses of {posed[0].frame or 'nothing'!r}, {needed}")
+
+
+def _posed(bag: Bag, wanted: str | None, frame: str | None) -> list[MotionSource]:
+    """List the topics of poses, or only the wanted one; the frame is empty if its messages do not name one."""
+    found = []
+    for topic in bag.of_types([ODOMETRY, POSE]):
+        if wanted in (None, topic.name):
+            child, parent, first = "", None, bag.first(topic)
+            if first is not None:
+                with suppress(MessageError):
+                    child = plain_frame(first.content.child_frame_id) if topic.is_a([ODOMETRY]) else ""
+                    parent = first.frame_id
+            found.append(MotionSource(topic, frame or child, parent))
+    return found
+
+
+def _poses(message: Message, source: MotionSource) -> list[tuple[int, Pose]]:
+    """Read the stamps and poses of a source from a message, without those of other frames."""
+    content = message.content
+    if message.is_a(*TRANSFORMS):
+        return [
+            (each.header.stamp.sec * NS + each.header.stamp.nanosec, T)
+            for each in content.transforms
+            for (parent, child), T in stated_transforms([each])
+            if (parent, child) == (source.parent, source.frame)
+        ]
+    if message.frame_id != source.parent:
+        return []
+    if message.is_a(ODOMETRY) and plain_frame(content.child_frame_id) not in ("", source.frame):
+        return []
+    pose = content.pose.pose if message.is_a(ODOMETRY) else content.pose
+    T = pose_of(pose.orientation, pose.position)
+    return [] if T is None else [(message.header_ns, T)]

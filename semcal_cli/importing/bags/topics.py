@@ -1,0 +1,182 @@
+"""The topics of a recording that make a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from semcal_cli.errors import InputError, check_installed, listed
+from semcal_cli.importing.bags.bag import Bag
+from semcal_cli.importing.bags.messages import (
+    CAMERA_INFO,
+    CLOUDS,
+    IMAGES,
+    ODOMETRY,
+    OUSTER,
+    POSE,
+    TRANSFORMS,
+    VELODYNE,
+    VIDEOS,
+    Topic,
+)
+from semcal_cli.importing.bags.transforms import TF_STATIC
+
+RECTIFIED = "image_rect"
+"""Start of the name of a topic with rectified images (image_proc)."""
+MAX_FRAMES = 70
+"""Default of the largest number of frames."""
+MAX_GAP_S = 0.05
+"""Default of the largest time between a sweep and its image, seconds."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asks of a recording."""
+
+    paths: Sequence[Path]
+    """Its files or its folder."""
+    points: str | None = None
+    """Topic of the sweeps; None for the only one."""
+    image: str | None = None
+    """Topic of the images; None for the only one."""
+    camera_info: str | None = None
+    """Topic of the intrinsics; None for the one beside the images, or the only one."""
+    intrinsics: Path | None = None
+    """File of the intrinsics, instead of a topic."""
+    max_frames: int | None = None
+    """Largest number of frames; None for `MAX_FRAMES`, or for all that `every_s` asks for."""
+    every_s: float | None = None
+    """Time from one frame to the next, seconds; None spreads them so that scenes differ."""
+    by_receipt: bool = False
+    """Whether times are those at which messages were received, rather than those of their headers."""
+    max_gap_s: float = MAX_GAP_S
+    """Largest time between a sweep and its image, seconds."""
+    motion: str | None = None
+    """Topic of the motion; `none` for none, None for the only one."""
+    motion_frame: str | None = None
+    """Frame whose poses that topic holds; None for the one that its messages name."""
+    odometry: bool = False
+    """Whether the motion is estimated from the sweeps if no topic states it."""
+
+
+@dataclass(frozen=True)
+class Topics:
+    """The topics that a drive is made of."""
+
+    points: Topic
+    """The sweeps."""
+    image: Topic
+    """The images."""
+    camera_info: Topic | None
+    """The intrinsics; None if a file holds them."""
+    is_beside: bool = True
+    """Whether the topic of the intrinsics is beside that of the images, or was named by the user."""
+    again: tuple[Topic, ...] = ()
+    """Topics that hold the same sweeps or images in another encoding and that the user did not name."""
+
+    @property
+    def is_rectified(self) -> bool:
+        """Whether the images are rectified, by the name of their topic."""
+        parts = self.image.name.split("/")
+        return self.camera_info is not None and any(part.startswith(RECTIFIED) for part in parts)
+
+
+TRANSPORTS = (
+    "compressed",
+    "compressedDepth",
+    "theora",
+    "zstd",
+    "avif",
+    "draco",
+    "zlib",
+    "ffmpeg",
+    "foxglove",
+)
+"""Names below a topic under which the plugins of image_transport and point_cloud_transport publish it again."""
+REPLAY_OUSTER = (
+    "; to turn packets of an Ouster into sweeps, replay them: `ros2 launch ouster_ros replay.launch.xml bag_file:=BAG` "
+    "while `ros2 bag record` runs"
+)
+USES = {
+    "sweeps": CLOUDS,
+    "images": IMAGES,
+    "intrinsics": (CAMERA_INFO,),
+    "motion": (ODOMETRY, POSE, *TRANSFORMS),
+}
+"""Types of messages by their use."""
+
+
+def choose_topics(bag: Bag, request: Request) -> Topics:
+    """Choose the topics that the user names, or the only ones of their kind.
+
+    Raises:
+        InputError: a kind has no topic or several, or there is no topic of a given name.
+    """
+    points = _choose(
+        bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg, VelodyneScan)"
+    )
+    if points.is_a([VELODYNE]):
+        check_installed(points.name, "velodyne_decoder", "velodyne")
+    image = _choose(bag, IMAGES, request.image, "--image", "images (Image, CompressedImage, video)")
+    if image.is_a(VIDEOS):
+        check_installed(image.name, "av", "bag")
+    again = (
+        *(_others_of(bag.of_types(CLOUDS), points) if request.points is None else ()),
+        *(_others_of(bag.of_types(IMAGES), image) if request.image is None else ()),
+    )
+    if request.intrinsics is not None:
+        return Topics(points, image, None, again=again)
+    beside = _info_beside(bag, image) if request.camera_info is None else None
+    needed = "; needed one, or --intrinsics FILE"
+    info = beside or _choose(
+        bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)", needed
+    )
+    return Topics(
+        points, image, info, is_beside=beside is not None or request.camera_info is not None, again=again
+    )
+
+
+def _choose(
+    bag: Bag, types: Sequence[str], wanted: str | None, option: str, what: str, advice: str = ""
+) -> Topic:
+    known = bag.of_types(types)
+    names = listed(topic.name for topic in known)
+    if wanted is not None:
+        found = [topic for topic in known if topic.name == wanted]
+        if not found:
+            raise InputError(f"{option}: found no topic {wanted!r} of {what}, needed one of: {names}")
+        return found[0]
+    if not known:
+        others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
+        if types is CLOUDS and bag.of_types(OUSTER):
+            advice = REPLAY_OUSTER
+        raise InputError(f"{bag.paths[0]}: found no topic of {what}, only {others}{advice}")
+    again = {other for topic in known for other in _others_of(known, topic)}
+    known = [topic for topic in known if topic not in again]
+    if len(known) > 1:
+        names = listed(topic.name for topic in known)
+        raise InputError(f"{option}: found {len(known):,} topics of {what}, needed one of: {names}")
+    return known[0]
+
+
+def _others_of(known: Sequence[Topic], topic: Topic) -> list[Topic]:
+    """List the topics that hold the messages of a topic in another encoding, as image_raw/compressed."""
+    return [other for other in known if other.name in {f"{topic.name}/{each}" for each in TRANSPORTS}]
+
+
+def _info_beside(bag: Bag, image: Topic) -> Topic | None:
+    """Find the camera_info beside image_raw, whose compressed images are a level deeper (image_transport)."""
+    folder = Path(image.name).parent
+    names = [f"{str(each).rstrip('/')}/camera_info" for each in (folder, folder.parent)]
+    known = {topic.name: topic for topic in bag.of_types([CAMERA_INFO])}
+    return next((known[name] for name in names if name in known), None)
+
+
+def roles(bag: Bag) -> dict[Topic, str]:
+    """Say for each usable topic what it is used for."""
+    return {
+        topic: "fixed frames" if topic.name == TF_STATIC else use
+        for use, types in USES.items()
+        for topic in bag.of_types(types)
+    }

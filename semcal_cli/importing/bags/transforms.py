@@ -1,0 +1,127 @@
+"""Coordinate frames of a recording: chains of fixed transforms from `/tf_static` and `/tf`."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.errors import InputError, listed
+from semcal_cli.formats.node import MAX_WORLD_M, rigid
+from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
+from semcal_cli.importing.bags.messages import plain_frame
+
+TF_STATIC = "/tf_static"
+Edge = tuple[str, str]
+"""Parent and child."""
+CONTRADICTION = 1e-4
+"""Difference between two chains that rounding does not explain, metres or entries of a rotation."""
+SAME = 1e-9
+"""Largest difference between two transforms that are the same."""
+
+
+class FrameTree:
+    """Coordinate frames and the fixed transforms between them."""
+
+    def __init__(self) -> None:
+        self.edges: dict[Edge, Pose] = {}
+        """T_parent_child (4, 4) by parent and child, metres."""
+        self.changed: set[Edge] = set()
+        """Edges that were stated again with another transform; the last one is used."""
+        self.contradictory: set[str] = set()
+        """Frames to which several chains lead that contradict one another; `reached` adds those that it finds."""
+
+    def add(self, edge: Edge, T: Pose) -> None:
+        """Add T_parent_child (4, 4) of a parent and a child."""
+        if np.abs(self.edges.get(edge, T) - T).max() > SAME:
+            self.changed.add(edge)
+        self.edges[edge] = T
+
+    def reached(self, frame: str) -> dict[str, Pose]:
+        """Find every frame that is fixed to a frame, including itself, with T_frame_other (4, 4)."""
+        neighbours: dict[str, list[tuple[str, Pose]]] = {}
+        for (parent, child), T in self.edges.items():
+            neighbours.setdefault(parent, []).append((child, T))
+            neighbours.setdefault(child, []).append((parent, inverse(T)))
+        found, waiting = {frame: np.eye(4)}, deque([frame])
+        while waiting:
+            here = waiting.popleft()
+            for there, T in neighbours.get(here, []):
+                chained = found[here] @ T
+                if there not in found:
+                    found[there] = chained
+                    waiting.append(there)
+                elif np.abs(found[there] - chained).max() > CONTRADICTION:
+                    self.contradictory |= {here, there}
+        return found
+
+    def missing(self, source: str, target: str) -> str:
+        """Say why there is no chain between two frames."""
+        if not self.edges:
+            return "there are no fixed transforms"
+        from_source, from_target = (listed(sorted(self.reached(frame))) for frame in (source, target))
+        return f"no chain of fixed transforms connects {from_source} with {from_target}"
+
+
+def reference(
+    tree: FrameTree, lidar: str, optical: str, rectification: Mapping[str, Any] | None
+) -> tuple[Pose | None, list[str]]:
+    """Find T_camera_lidar (4, 4), metres, in the fixed transforms.
+
+    Args:
+        tree: The fixed transforms.
+        lidar: Frame of the sweeps.
+        optical: Frame of the images.
+        rectification: R (9) and P (12), by rows, of the camera whose images are rectified; None if they are raw.
+
+    Returns:
+        The transform, if there is one, and sentences about it.
+
+    Raises:
+        InputError: R is not a rotation.
+    """
+    told = []
+    if tree.changed:
+        edges = listed(f"{parent} to {child}" for parent, child in sorted(tree.changed))
+        told.append(f"{TF_STATIC} states several transforms of {edges}: the last one is used")
+    T = tree.reached(optical).get(lidar)
+    if lidar == optical:
+        why_not = f": sweeps and images both have the frame {lidar!r}"
+    elif T is not None and tree.contradictory:
+        why_not = f": fixed transforms contradict one another at {listed(sorted(tree.contradictory))}"
+    elif T is None or not lidar:
+        why_not = f" from {lidar!r} to {optical!r}: {tree.missing(lidar, optical)}"
+    elif rectification is not None and (rectification["P"][3] or rectification["P"][7]):
+        why_not = ": P belongs to the second camera of a stereo pair, whose frame is not stated"
+    else:
+        if rectification is not None and any(rectification["R"]):
+            T[:3] = np.reshape(rectification["R"], (3, 3)) @ T[:3]
+            T = rigid(f"{optical}: R of the camera in this frame", T)
+        return T, [
+            *told,
+            f"the reference T_camera_lidar comes from the recording, from {lidar!r} to {optical!r}",
+        ]
+    return None, [*told, f"no reference{why_not}"]
+
+
+def stated_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:
+    """Read TransformStamped messages: T_parent_child (4, 4) by parent and child, without those that are not rigid."""
+    found = []
+    for each in transforms:
+        T = pose_of(each.transform.rotation, each.transform.translation)
+        edge = plain_frame(each.header.frame_id), plain_frame(each.child_frame_id)
+        if T is not None and edge[0] != edge[1]:
+            found.append((edge, T))
+    return found
+
+
+def pose_of(rotation: Any, position: Any) -> Pose | None:
+    """Make a transform (4, 4), metres, of a Quaternion and a Point or Vector3; None if it is not rigid."""
+    quaternion = [rotation.x, rotation.y, rotation.z, rotation.w]
+    place = [position.x, position.y, position.z]
+    try:
+        return rigid("transform", pose_from_quaternion(quaternion, place), MAX_WORLD_M)
+    except (ValueError, InputError):
+        return None

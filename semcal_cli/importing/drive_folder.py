@@ -1,0 +1,229 @@
+"""The drive of a recording: a drive.yaml that names the original files, and copies of converted clouds."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.drive.document import Drive, Frame, output_drive_file, read_drive
+from semcal_cli.errors import InputError, counted
+from semcal_cli.files.documents import document_text
+from semcal_cli.files.image_files import holds_colors
+from semcal_cli.files.output_files import removed_if_refused
+from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
+from semcal_cli.formats.node import rigid
+from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
+from semcal_cli.importing.choice import Options, labelled, most_varied, narrowed, relabelled
+from semcal_cli.importing.dataset_tree import need_file, writable_name
+from semcal_cli.importing.ontologies import Ontology
+from semcal_cli.importing.recording import Conversion, Recording, SourceFrame
+
+UNWRITTEN = Path("the drive to be written")
+"""File name for errors that no single file of the data set causes."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """Summary of a written drive."""
+
+    path: Path
+    """The drive.yaml."""
+    num_frames: int
+    """Number of frames."""
+    num_converted: int
+    """Number of converted clouds that were written beside the drive.yaml."""
+    remarks: tuple[str, ...]
+    """Sentences that the user should read."""
+    drive: Drive
+    """The drive."""
+
+
+def write_drive(recording: Recording, options: Options, out: Path, *, force: bool = False) -> Written:
+    """Write a drive. The drive.yaml is written last, and each file as a whole or not at all; errors leave no new file.
+
+    Args:
+        recording: The sequence of the data set.
+        options: The user's labels, classes and choice of frames.
+        out: Folder of the drive, or its drive.yaml.
+        force: Whether a drive.yaml of other data, or any other file in its place, is replaced.
+
+    Raises:
+        InputError: no frame is left, a file cannot be written, the recording makes no valid drive, or the drive.yaml is
+            there and is not one of these data.
+    """
+    path = output_drive_file(out)
+    tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
+    if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
+        raise InputError(f"{path}: found a file that this import reads, needed another name")
+    recording = labelled(relabelled(recording, options))
+    if not force:
+        known = {
+            os.path.realpath(file) for frame in recording.frames if (file := _told_by(frame)) is not None
+        }
+        check_is_replaced(path, lambda file, frame: os.path.realpath(file) in known)
+    recording = narrowed(recording, options)
+    drive = validate(Drive, _document(recording, path), UNWRITTEN)
+    drive._path = path
+    chosen = most_varied(drive, recording, options)
+    with removed_if_refused() as write:
+        frames = [frame for frame in chosen if _converted(frame, path.parent, write)]
+        if not frames:
+            file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
+            raise InputError(
+                f"{file}: found no points for any of {counted(len(chosen), 'frame')}, needed some"
+            )
+        document = _document(replace(recording, frames=frames), path)
+        drive = validate(Drive, document, UNWRITTEN)
+        drive._path = path
+        write(document_text(document, "yaml").encode(), path)
+    remarks = [*recording.remarks]
+    if left_out := len(chosen) - len(frames):
+        remarks.append(f"left out {counted(left_out, 'frame')} without points")
+    num_converted = sum(isinstance(frame.points, Conversion) for frame in frames)
+    return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)), drive)
+
+
+def check_is_replaced(path: Path, is_known: Callable[[Path, Frame], bool]) -> None:
+    """Check that a drive.yaml may be written: there is none, or one that an import of the same data wrote.
+
+    Args:
+        path: The drive.yaml.
+        is_known: Whether a frame of the old drive belongs to the data, by its image, or its sweep without an image.
+
+    Raises:
+        InputError: there is another file.
+    """
+    if not path.is_file():
+        return
+    found = "a file that cannot be read as a drive"
+    with suppress(InputError):
+        old, found = read_drive(path), "a drive of other data"
+        names = [frame.image or frame.image_labels or frame.points for frame in old.frames]
+        if old.networks is not None:
+            found = "a drive with labels of networks"
+        elif any(is_known(old.resolve(name), frame) for name, frame in zip(names, old.frames, strict=True)):
+            return
+    raise InputError(f"{path}: found {found}, needed another -o, or --force")
+
+
+def _told_by(frame: SourceFrame) -> Path | None:
+    """Choose the original file by which a frame is known again."""
+    return frame.image or frame.image_labels or (frame.points if isinstance(frame.points, Path) else None)
+
+
+def _document(recording: Recording, path: Path) -> dict[str, Any]:
+    """Make the content of a drive.yaml at `path`."""
+    lidar, motion, T_camera_lidar = recording.lidar, recording.motion, _reference(recording)
+    return {
+        "semcal_drive": 1,
+        "camera": dict(recording.camera),
+        **({} if lidar is None else {"lidar": dict(lidar)}),
+        "frames": [_frame_document(frame, path.parent) for frame in recording.frames],
+        **_class_blocks(recording),
+        **({} if motion is None else {"motion": dict(motion)}),
+        **({} if T_camera_lidar is None else {"T_camera_lidar": T_camera_lidar.tolist()}),
+    }
+
+
+def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:
+    document: dict[str, Any] = {}
+    if isinstance(frame.points, Conversion):
+        copies = dict(zip(("points", "point_labels"), _copies(frame.name), strict=True))
+        document = copies if frame.points.has_labels else {"points": copies["points"]}
+    for key in ("points", "point_labels", "image_labels", "image"):
+        path = getattr(frame, key)
+        if isinstance(path, Path):
+            document[key] = _relative(path, folder)
+    stamps = {"points_stamp": frame.points_stamp, "image_stamp": frame.image_stamp}
+    return document | {key: float(stamp) for key, stamp in stamps.items() if stamp is not None}
+
+
+def _class_blocks(recording: Recording) -> dict[str, Any]:
+    """Make the `ignore:`, `classes:` and `palette:` blocks."""
+    sides: dict[str, Ontology | None] = {"points": recording.point_classes, "image": recording.image_classes}
+    coded = next((f.image_labels for f in recording.frames if f.image_labels), None)
+    palette = None
+    if coded and holds_colors(coded):
+        palette = recording.image_classes.palette() if recording.image_classes else {}
+        if not palette:
+            raise InputError(
+                f"{coded}: found colours, needed ids, or a class table with these colours with --image-classes"
+            )
+        del sides["image"]
+    blocks: dict[str, Any] = {}
+    if known := {side: table for side, table in sides.items() if table}:
+        blocks["ignore"] = {side: list(table.ignore) for side, table in known.items()}
+        blocks["classes"] = {side: table.ids() for side, table in known.items()}
+    return blocks | ({"palette": palette} if palette else {})
+
+
+def _reference(recording: Recording) -> Pose | None:
+    """Choose the transform of the recording, or the mean of its frames' transforms."""
+    poses = _frame_poses(recording.frames)
+    if not poses:
+        return recording.T_camera_lidar
+    where = "T_camera_lidar, the mean over the frames"
+    return rigid(where, nearest_rigid(np.mean(poses, axis=0)), MAX_TRANSLATION_M)
+
+
+def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
+    """Say how far the transforms of the frames are from their mean."""
+    poses = _frame_poses(frames)
+    if len(poses) < 2:
+        return []
+    mean = nearest_rigid(np.mean(poses, axis=0))
+    distance_m = max(float(np.linalg.norm(camera_center(T) - camera_center(mean))) for T in poses)
+    angle_deg = max(rotation_error_deg(T, mean) for T in poses)
+    return [
+        "the rig moves between sweep and image: T_camera_lidar is the mean over the frames, "
+        f"from which they differ by up to {distance_m:.2f} m and {angle_deg:.2f} deg"
+    ]
+
+
+def _frame_poses(frames: Sequence[SourceFrame]) -> list[Pose]:
+    return [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
+
+
+def _converted(frame: SourceFrame, folder: Path, write: Callable[[bytes, Path], None]) -> bool:
+    """Write the converted cloud of a frame if it needs one; return whether the frame has points."""
+    if not isinstance(frame.points, Conversion):
+        return True
+    cloud = frame.points.cloud()
+    if not len(cloud.points):
+        return False
+    file, shape = frame.points.file, np.shape(cloud.points)
+    if len(shape) != 2 or shape[1] != 4:
+        raise InputError(f"{file}: frame {frame.name!r}: found points of shape {shape}, needed (N, 4)")
+    points, labels = (folder / copy for copy in _copies(frame.name))
+    if frame.points.has_labels:
+        if cloud.labels is None or cloud.labels.shape != shape[:1]:
+            found = "no labels" if cloud.labels is None else f"labels of shape {cloud.labels.shape}"
+            raise InputError(f"{file}: frame {frame.name!r}: found {found}, needed one label per point")
+        write(cloud.labels.astype("<u4").tobytes(), labels)
+    write(cloud.points.astype("<f4").tobytes(), points)
+    return True
+
+
+def _copies(name: str) -> tuple[str, str]:
+    """Name the files of a frame's converted cloud and of its labels, which stay in the drive's folder.
+
+    Raises:
+        InputError: the name of the frame leads to another folder.
+    """
+    if Path(name).name != name:
+        raise InputError(f"frame {name!r}: found the name of no file, needed one for its converted cloud")
+    return f"points/{name}.bin", f"point_labels/{name}.label"
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Name a file relative to the drive's real folder, or absolutely if it is on another Windows drive."""
+    real = Path(os.path.realpath(need_file(path).parent)) / path.name
+    with suppress(ValueError):
+        real = Path(os.path.relpath(real, os.path.realpath(folder)))
+    return writable_name(path, real.as_posix())

@@ -1,0 +1,119 @@
+"""Pairs of files, by the times in their names if every name has one, else by the names themselves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli.errors import InputError, counted
+from semcal_cli.formats.node import MAX_STAMP_S
+from semcal_cli.importing.dataset_tree import stem
+
+PLAIN_SECONDS = re.compile(r"\d+\.\d+")
+SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")
+"""Unix seconds from 2001 on, then their fraction or nanoseconds; 0000000005 is a frame number."""
+WHOLE_UNITS = re.compile(r"(?<!\d)([1-9](?:\d{18}|\d{15}|\d{12}|\d{9}))(?!\d)")
+"""Unix time from 2001 on, in nanoseconds, microseconds, milliseconds or seconds, by its number of digits."""
+PADDED = (3, 6, 9)
+"""Numbers of digits of milliseconds, microseconds and nanoseconds."""
+
+
+def stamps_s(files: Sequence[Path]) -> dict[Path, float]:
+    """Read the times in the names of one kind of files, in seconds; files without one are left out.
+
+    ROS's seconds and nanoseconds are often joined without leading zeros: 1581624663_98000000 is 1581624663.098. Only
+    the names of all files together distinguish this from a fraction.
+
+    Raises:
+        InputError: digits after the seconds are neither a fraction nor nanoseconds.
+    """
+    found = {path: SPLIT_SECONDS.findall(stem(path)) for path in files}
+    split = {path: matches[-1] for path, matches in found.items() if matches}
+    nanoseconds = {mark: _are_nanoseconds(split, mark) for mark in "._-"}
+    stamps = {path: _plain_stamp_s(stem(path)) for path in files}
+    for path, (seconds, mark, digits) in split.items():
+        fraction = digits.zfill(9) if nanoseconds[mark] else digits
+        stamps[path] = float(f"{seconds}.{fraction}")
+    return {path: stamp for path, stamp in stamps.items() if stamp is not None}
+
+
+def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> bool:
+    """Whether the digits after the seconds and a mark are nanoseconds without leading zeros, and not a fraction."""
+    groups = {path: digits for path, (_, between, digits) in split.items() if between == mark}
+    odd = next((path for path, digits in groups.items() if len(digits) not in PADDED), None)
+    if odd is None:
+        return False
+    longest = max(map(len, groups.values()))
+    padded = any(len(digits) > 1 and digits.startswith("0") for digits in groups.values())
+    if mark == ".":  # a fraction after a decimal point may have any length, but nine digits are ROS's
+        return longest == 9 and not padded
+    if longest <= 6 or padded:
+        raise InputError(
+            f"{odd}: found {counted(len(groups[odd]), 'digit')} after the seconds, needed 3, 6 or 9 in every name, or "
+            "nanoseconds without leading zeros"
+        )
+    return True
+
+
+def _plain_stamp_s(name: str) -> float | None:
+    """Read a name that is a decimal number, or the last whole Unix time in a name; seconds."""
+    if PLAIN_SECONDS.fullmatch(name):
+        return stamp if (stamp := float(name)) <= MAX_STAMP_S else None
+    if found := WHOLE_UNITS.findall(name):
+        return int(found[-1]) / 10.0 ** (len(found[-1]) - 10)
+    return None
+
+
+def by_time(*sides: Sequence[Path]) -> bool:
+    """Whether every name holds a time."""
+    return all(len(stamps_s(side)) == len(set(side)) for side in sides)
+
+
+def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> dict[Path, Path]:
+    """Find the file that belongs to each cloud; no file is used twice.
+
+    By time, two files belong together if each is the nearest to the other, within `max_gap_s`.
+
+    Args:
+        clouds: Files of point clouds.
+        others: Files of another kind.
+        max_gap_s: Largest time between two files of a pair, in seconds.
+
+    Raises:
+        InputError: two files of one kind have the same name, or a time in a name is ambiguous.
+    """
+    if not by_time(clouds, others):
+        named = _by_name(others)
+        return {cloud: named[name] for name, cloud in _by_name(clouds).items() if name in named}
+    cloud_stamps, other_stamps = (
+        np.array([stamps[path] for path in side])
+        for side, stamps in ((clouds, stamps_s(clouds)), (others, stamps_s(others)))
+    )
+    nearest_other = _nearest(cloud_stamps, other_stamps)
+    nearest_cloud = _nearest(other_stamps, cloud_stamps)
+    return {
+        clouds[i]: others[j]
+        for i, j in enumerate(nearest_other)
+        if nearest_cloud[j] == i and abs(cloud_stamps[i] - other_stamps[j]) <= max_gap_s
+    }
+
+
+def _nearest(stamps: np.ndarray, among: np.ndarray) -> list[int]:
+    """Find the index of the nearest of `among` for each stamp, the earlier one of two that are equally near."""
+    order = np.argsort(among, kind="stable")
+    after = np.clip(np.searchsorted(among[order], stamps), 0, len(among) - 1)
+    before = np.maximum(after - 1, 0)
+    earlier = np.abs(among[order[before]] - stamps) <= np.abs(among[order[after]] - stamps)
+    return [int(index) for index in order[np.where(earlier, before, after)]]
+
+
+def _by_name(files: Sequence[Path]) -> dict[str, Path]:
+    named: dict[str, Path] = {}
+    for path in files:
+        other = named.setdefault(stem(path), path)
+        if other != path:
+            raise InputError(f"{path}: found the same name as {other}, needed a distinct name for each frame")
+    return named

@@ -1,0 +1,161 @@
+"""A user's own data: clouds, labels and images found by patterns, and paired by time or by name."""
+
+from __future__ import annotations
+
+import glob
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli.config import MAX_POINTS
+from semcal_cli.drive.document import drive_file
+from semcal_cli.errors import InputError, counted
+from semcal_cli.files.point_clouds import read_point_clouds
+from semcal_cli.files.validation import MAX_TRANSLATION_M
+from semcal_cli.formats import read_transform
+from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.formats.node import rigid
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.importing.dataset_tree import (
+    CLOUD_SUFFIXES,
+    IMAGE_LABEL_SUFFIXES,
+    IMAGE_SUFFIXES,
+    POINT_LABEL_SUFFIXES,
+    stem,
+)
+from semcal_cli.importing.file_pairing import by_time, pairs, stamps_s
+from semcal_cli.importing.recording import Recording, SourceFrame
+
+SUFFIXES = {
+    "--points": CLOUD_SUFFIXES,
+    "--point-labels": POINT_LABEL_SUFFIXES,
+    "--image-labels": IMAGE_LABEL_SUFFIXES,
+    "--images": IMAGE_SUFFIXES,
+}
+"""Suffixes of the files that are read, by the option of their pattern."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Patterns and files of a user's own data. A pattern starts in the working folder; `**` matches any folders."""
+
+    points: str
+    """Pattern of the clouds."""
+    camera_info: Path
+    """File of the intrinsics."""
+    max_gap_s: float
+    """Largest time between a cloud and its partner, in seconds."""
+    image_labels: str | None = None
+    """Pattern of the label images."""
+    point_labels: str | None = None
+    """Pattern of the point labels."""
+    images: str | None = None
+    """Pattern of the images."""
+    camera: str | None = None
+    """Name of a camera in a Kalibr camchain; None for the only one."""
+    model: str | None = None
+    """Camera model, if the file of the intrinsics names none or a wrong one."""
+    reference: Path | None = None
+    """File of a transform to compare with."""
+    max_points: int = MAX_POINTS
+    """Largest number of points of a cloud that is read."""
+
+
+@dataclass(frozen=True)
+class Partners:
+    """Files of one kind that are paired with clouds."""
+
+    of_cloud: dict[Path, Path] = field(default_factory=dict)
+    """The file of each cloud that has one."""
+    stamps_s: dict[Path, float] = field(default_factory=dict)
+    """Times of the files whose names hold one, in seconds."""
+    remarks: tuple[str, ...] = ()
+    """Sentences that the user should read."""
+
+
+def read(folder: Folder) -> Recording:
+    """Pair the files and read the intrinsics.
+
+    Raises:
+        InputError: a pattern matches nothing or a file of an unknown format, nothing can be paired, no cloud has all
+            its files, or a file is wrong.
+    """
+    camera = read_intrinsics(folder.camera_info, folder.camera, folder.model)
+    clouds = _find("--points", folder.points)
+    point_labels = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
+    image_labels = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)
+    images = _partners(clouds, "--images", folder.images, folder.max_gap_s)
+    timed = image_labels if image_labels.of_cloud else images
+    needed = [found.of_cloud for found in (point_labels, timed) if found.of_cloud]
+    whole = [cloud for cloud in clouds if all(cloud in found for found in needed)]
+    if not whole:
+        option = "--image-labels" if image_labels.of_cloud else "--images"
+        raise InputError(
+            f"--points: found {counted(len(clouds), 'cloud')}, {len(point_labels.of_cloud):,} with a file of "
+            f"--point-labels, {len(timed.of_cloud):,} with one of {option}, none with both, needed at least one"
+        )
+    stamps, has_labels = stamps_s(clouds), False
+    if not point_labels.of_cloud:
+        (first,) = read_point_clouds([(whole[0], None)], folder.max_points)
+        has_labels = first.labels is not None
+    own_labels = (f"point labels: from the clouds themselves, such as {whole[0].name}",) if has_labels else ()
+    frames = [
+        SourceFrame(
+            name=stem(cloud),
+            points=cloud,
+            point_labels=point_labels.of_cloud.get(cloud),
+            image_labels=image_labels.of_cloud.get(cloud),
+            image=images.of_cloud.get(cloud),
+            points_stamp=stamps.get(cloud),
+            image_stamp=timed.stamps_s.get(timed.of_cloud[cloud]) if timed.of_cloud else None,
+            cloud_has_labels=has_labels,
+        )
+        for cloud in whole
+    ]
+    return Recording(
+        camera=camera,
+        frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
+        T_camera_lidar=None if folder.reference is None else _reference(folder.reference),
+        remarks=(*own_labels, *point_labels.remarks, *image_labels.remarks, *images.remarks),
+        read=(folder.camera_info, *([drive_file(folder.reference)] if folder.reference else [])),
+        labels_by="GLOB",
+    )
+
+
+def _find(option: str, pattern: str) -> list[Path]:
+    names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
+    found = [path for path in map(Path, sorted(names)) if path.is_file()]
+    if not found:
+        raise InputError(
+            f"{option}: {pattern}: found no matching file, needed at least one; quote the pattern"
+        )
+    known = SUFFIXES[option]
+    for path in found:
+        if not path.name.lower().endswith(known):
+            suffix = f"found suffix {path.suffix!r}" if path.suffix else "found no suffix"
+            raise InputError(f"{option}: {path}: {suffix}, needed {', '.join(known[:-1])} or {known[-1]}")
+    return found
+
+
+def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: float) -> Partners:
+    """Pair one kind of files with the clouds, and count the unpaired ones."""
+    if pattern is None:
+        return Partners()
+    files = _find(option, pattern)
+    found = pairs(clouds, files, max_gap_s)
+    how = f"by time, within {max_gap_s} s" if by_time(clouds, files) else "by name"
+    if not found:
+        raise InputError(
+            f"{option}: found no partner, {how}, for any of {counted(len(clouds), 'cloud')} "
+            f"(such as {clouds[0].name}) among {counted(len(files), 'file')} (such as {files[0].name})"
+        )
+    alone = len(clouds) - len(found), len(files) - len(found)
+    unpaired = f"{counted(alone[0], 'cloud')}, {counted(alone[1], 'file')}"
+    counts = f"{option}: {counted(len(found), 'pair')} {how}; unpaired: {unpaired}"
+    return Partners(found, stamps_s(files), (counts,) if any(alone) else ())
+
+
+def _reference(path: Path) -> Pose:
+    with np.errstate(all="ignore"):
+        return rigid(f"{path}", read_transform(path), MAX_TRANSLATION_M)

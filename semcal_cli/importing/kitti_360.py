@@ -1,0 +1,164 @@
+"""KITTI-360: accumulated points of ROOT/data_3d_semantics cut around each pose, or the raw sweeps.
+
+calib_cam_to_velo.txt maps camera 0 to the LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt the
+vehicle to the world. T_camera_lidar of camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0), for its
+raw images. The rectified images of the perspective pair are those of a camera that R_rect has turned, so R_rect is
+applied last (autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py, devkits/commons/loadCalibration.py).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.input_files import read_text
+from semcal_cli.formats.camera_block import read_intrinsics
+from semcal_cli.formats.kitti_files import read_keyed, unrectified_camera0_pose
+from semcal_cli.formats.node import MAX_WORLD_M, pick
+from semcal_cli.formats.pose import from_line, from_rows, rotation
+from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.importing import kitti
+from semcal_cli.importing.dataset_tree import (
+    KITTI_PERIOD_S,
+    files_by_stem,
+    folders,
+    numbered_files,
+    read_rows,
+    speeds_mps,
+)
+from semcal_cli.importing.kitti_360_windows import Windows
+from semcal_cli.importing.ontologies import read_ontology
+from semcal_cli.importing.recording import Recording, Request, joined
+
+USUAL_CAMERA = "image_00"
+PERSPECTIVE = ("image_00", "image_01")
+"""The pair that looks forward. Its rectified images are in data_rect, its raw images in data_rgb."""
+FISHEYES = ("image_02", "image_03")
+"""Cameras that look to the sides. Their images are always raw, in data_rgb."""
+PARTS = ("train", "test")
+MAX_FRAME = 10**9
+
+
+def read(request: Request) -> Recording:
+    """Find the frames of a drive, with labelled points from the accumulated windows if they exist.
+
+    Raises:
+        InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
+    """
+    root = request.root
+    sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
+    sequence = pick("sequence", request.sequence, sequences, root)
+    camera = pick("camera", request.camera, [*PERSPECTIVE, *FISHEYES], root, usual=USUAL_CAMERA)
+    rectified = _is_rectified(camera, request.rectified)
+    block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
+    to_velo = root / "calibration/calib_cam_to_velo.txt"
+    T_camera0_lidar = unrectified_camera0_pose(to_velo, read_text(to_velo))
+    images = _images(root, sequence, camera, rectified)
+    folders_of_windows = (root / "data_3d_semantics" / part / sequence / "static" for part in PARTS)
+    folder = next((folder for folder in folders_of_windows if folder.is_dir()), None)
+    raw_pair = camera in PERSPECTIVE and not rectified
+    place = f"{camera}/data_rgb" if raw_pair else camera
+    missing = f"{root}: found no frame of {sequence} with points, a pose and an image of {place}"
+    wanted: dict[str, Any] = {"needs": ("image", "image_labels"), "missing": missing, **images}
+    if folder is None:
+        sweeps = root / "data_3d_raw" / sequence / "velodyne_points"
+        clouds = numbered_files(sweeps / "data", ".bin")
+        frames = joined(clouds, points_stamp=kitti.read_stamps(sweeps / "timestamps.txt"), **wanted)
+        remarks = ["raw sweeps carry no labels"]
+    else:
+        windows = Windows(folder, visible_only=camera in PERSPECTIVE)
+        T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ T_camera0_lidar
+        poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
+        cuts = {
+            f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
+            for number, T_world_pose in poses.items()
+            if number in windows
+        }
+        frames = joined(cuts, speed_mps=_speeds(poses), **wanted)
+        remarks = [f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}"]
+    if raw_pair:
+        remarks.append(
+            "data_2d_semantics labels only rectified images: give labels of raw images with --image-labels"
+        )
+    ontology = read_ontology("kitti-360")
+    return Recording(
+        camera=block,
+        lidar=kitti.LIDAR if folder is None else None,
+        frames=frames,
+        T_camera_lidar=T_camera_camera0 @ T_camera0_lidar,
+        point_classes=ontology if folder else None,
+        image_classes=ontology if any(frame.image_labels for frame in frames) else None,
+        remarks=tuple(remarks),
+        read=(_fisheye(root / "calibration", camera),),
+    )
+
+
+def _sequences(folder: Path) -> list[str]:
+    """List the drives in a folder and in its parts."""
+    names = folders(folder) if folder.is_dir() else []
+    inner = [name for part in PARTS if part in names for name in folders(folder / part)]
+    return [name for name in names + inner if name.endswith("_sync")]
+
+
+def _is_rectified(camera: str, asked: bool | None) -> bool:
+    """Decide whether the images are rectified: those of the perspective pair are, unless raw ones are requested."""
+    if camera in PERSPECTIVE:
+        return asked is not False
+    if asked:
+        raise InputError(
+            f"--rectified: found camera {camera}, whose images are all raw, needed {' or '.join(PERSPECTIVE)}"
+        )
+    return False
+
+
+def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any], Pose]:
+    """Read the camera block and T_camera_camera0, where camera 0 is not rectified."""
+    T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
+    if camera in FISHEYES:
+        return read_intrinsics(_fisheye(folder, camera)), T
+    keyed, number = read_keyed(folder / "perspective.txt"), camera.removeprefix("image_")
+    if not rectified:
+        return kitti.raw_camera(keyed, number), T
+    # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
+    block = kitti.pinhole(keyed.at(f"P_rect_{number}"), *kitti.image_sides(keyed.at(f"S_rect_{number}")))
+    return block, rotation(keyed.at(f"R_rect_{number}")) @ T
+
+
+def _fisheye(folder: Path, camera: str) -> Path:
+    return folder / f"{camera}.yaml"
+
+
+def _camera_to_pose(folder: Path, camera: str) -> Pose:
+    return from_line(read_keyed(folder / "calib_cam_to_pose.txt").at(camera))
+
+
+def _images(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str, Any]:
+    """Find the images, their label images and their stamps. Raw images of the perspective pair have no labels."""
+    folder = root / "data_2d_raw" / sequence / camera
+    images = folder / ("data_rect" if rectified else "data_rgb")
+    parts = PARTS if rectified or camera in FISHEYES else ()
+    semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in parts]
+    return {
+        "image": files_by_stem(images, ".png", is_needed=False),
+        "image_labels": next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {}),
+        "image_stamp": kitti.read_stamps(folder / "timestamps.txt"),
+    }
+
+
+def _read_poses(path: Path) -> dict[int, Pose]:
+    """Read T_world_pose of each frame that has one; a line holds the frame number and 12 numbers."""
+    poses = {}
+    for where, (frame, *rows) in read_rows(path, 13, is_needed=True):
+        if not frame.is_integer() or not 0 <= frame <= MAX_FRAME:
+            raise InputError(f"{where}: found frame {frame:g}, needed a whole number from 0 to {MAX_FRAME}")
+        poses[int(frame)] = from_rows(where, rows, farthest_m=MAX_WORLD_M)
+    return poses
+
+
+def _speeds(poses: dict[int, Pose]) -> dict[int, float]:
+    positions = np.array([pose[:3, 3] for pose in poses.values()]).reshape(-1, 3)
+    periods = np.diff(list(poses)) * KITTI_PERIOD_S
+    return dict(zip(poses, speeds_mps(positions, periods), strict=True))

@@ -1,0 +1,194 @@
+"""nuScenes: keyframes of a scene, from the tables in ROOT/v1.0-mini (schema_nuscenes.md of nutonomy/nuscenes-devkit).
+
+Quaternions have w first. Sensor poses map the sensor to the vehicle, vehicle poses map the vehicle to the world at the
+time of each sensor:
+T_camera_lidar = inv(T_ego_camera) inv(T_world_ego at the image) (T_world_ego at the sweep) T_ego_lidar.
+Predictions are named after the token of the sweep, as <token>_lidarseg.bin (nuscenes-devkit, eval/lidarseg/README.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.errors import InputError, describe
+from semcal_cli.files.rows import read_rows
+from semcal_cli.files.validation import MAX_TRANSLATION_M
+from semcal_cli.formats.node import MAX_STAMP_S, MAX_WORLD_M, Node, camera_block, number, pick, rigid
+from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
+from semcal_cli.importing.dataset_tree import folders, inside, need_file, speeds_mps
+from semcal_cli.importing.ontologies import read_ontology
+from semcal_cli.importing.recording import Recording, Request, SourceFrame
+
+LIDAR_CHANNEL = "LIDAR_TOP"
+USUAL_CAMERA = "CAM_FRONT"
+LIDAR = {"channels": 32, "columns": 1084, "fov_up_deg": 10.67, "fov_down_deg": -30.67}
+"""Scan pattern of the Velodyne HDL-32E at 20 turns per second."""
+MICROSECONDS = 1e-6
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables of one version of the data set: lists of rows with tokens."""
+
+    root: Path
+    """Folder of the data set."""
+    folder: Path
+
+    def path(self, table: str) -> Path:
+        """Locate the file of a table."""
+        return self.folder / f"{table}.json"
+
+    def rows(self, table: str) -> Iterator[tuple[str, Node]]:
+        """Read the rows of a table with their tokens.
+
+        Raises:
+            InputError: the table does not exist, or a row is not a mapping with a token.
+        """
+        path = self.path(table)
+        for index, row in enumerate(read_rows(path)):
+            node = Node(str(path), row, f"[{index}]")
+            yield text(node, "token"), node
+
+    def chosen(self, table: str, tokens: Collection[str]) -> dict[str, Node]:
+        """Read the rows with these tokens.
+
+        Raises:
+            InputError: a row is missing.
+        """
+        rows = {token: row for token, row in self.rows(table) if token in tokens}
+        if missing := sorted(set(tokens) - rows.keys()):
+            raise InputError(
+                f"{self.path(table)}: found no row with token {describe(missing[0])}, needed one"
+            )
+        return rows
+
+    def file(self, row: Node) -> Path:
+        """Locate the file that a row names.
+
+        Raises:
+            InputError: the name does not lead to a file inside the data set, or the file does not exist.
+        """
+        filename = row.at("filename")
+        return need_file(inside(self.root, filename.value, filename.where))
+
+
+def read(request: Request) -> Recording:
+    """Find the keyframes of a scene, each with its own T_camera_lidar through the poses of the vehicle.
+
+    Raises:
+        InputError: the scene, the camera, a row or a file is missing or wrong, or no keyframe is complete.
+    """
+    versions = [name for name in folders(request.root) if name.startswith("v1.0")]
+    version = pick("version", request.version, versions, request.root)
+    tables = Tables(request.root, request.root / version)
+    sensors = dict(tables.rows("calibrated_sensor"))
+    keyframes = _keyframes(tables, sensors, request)
+    has_labels = tables.path("lidarseg").exists()
+    labels = {text(row, "sample_data_token"): row for _, row in tables.rows("lidarseg")} if has_labels else {}
+    return Recording(
+        camera=_camera(keyframes[0][1], sensors),
+        lidar=LIDAR,
+        frames=_frames(tables, keyframes, labels),
+        point_classes=read_ontology("nuscenes-lidarseg") if labels else None,
+    )
+
+
+def text(row: Node, key: str) -> str:
+    """Read a string of a row, such as the token of another row."""
+    return row.at(key).text()
+
+
+def _keyframes(tables: Tables, sensors: dict[str, Node], request: Request) -> list[tuple[Node, Node]]:
+    """Find the sweep and the image of each sample of the scene that has both, in order of time."""
+    scenes = {text(row, "name"): token for token, row in tables.rows("scene")}
+    scene = scenes[pick("sequence", request.sequence, sorted(scenes), request.root)]
+    samples = {token for token, row in tables.rows("sample") if text(row, "scene_token") == scene}
+    names = {token: text(row, "channel") for token, row in tables.rows("sensor")}
+    channels = {token: names.get(text(row, "sensor_token"), "") for token, row in sensors.items()}
+    cameras = sorted({channel for channel in channels.values() if channel.startswith("CAM_")})
+    camera = pick("camera", request.camera, cameras, request.root, usual=USUAL_CAMERA)
+    found: dict[str, dict[str, Node]] = {LIDAR_CHANNEL: {}, camera: {}}
+    for _, row in tables.rows("sample_data"):
+        channel, sample = channels.get(text(row, "calibrated_sensor_token"), ""), text(row, "sample_token")
+        if channel in found and sample in samples and row.at("is_key_frame").value is True:
+            found[channel][sample] = row
+    sweeps, images = found[LIDAR_CHANNEL], found[camera]
+    both = [(sweeps[sample], images[sample]) for sample in sweeps if sample in images]
+    if not both:
+        raise InputError(
+            f"{tables.path('sample_data')}: found no keyframe of both {LIDAR_CHANNEL} and {camera}"
+        )
+    return sorted(both, key=lambda pair: _stamp_s(pair[0]))
+
+
+def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str, Node]) -> list[SourceFrame]:
+    T_world_sensor = _sensor_poses(tables, [row for pair in keyframes for row in pair])
+    T_world_lidar = [T_world_sensor[text(sweep, "token")] for sweep, _ in keyframes]
+    stamps_s = np.array([_stamp_s(sweep) for sweep, _ in keyframes])
+    speeds = speeds_mps(np.array([T[:3, 3] for T in T_world_lidar]), np.diff(stamps_s))
+    frames = []
+    for (sweep, image), T, speed in zip(keyframes, T_world_lidar, speeds, strict=True):
+        name = text(sweep, "token")
+        tokens = " and ".join(describe(text(row, "ego_pose_token")) for row in (sweep, image))
+        where = f"{tables.path('ego_pose')}: rows {tokens}: T_camera_lidar"
+        T_camera_lidar = inverse(T_world_sensor[text(image, "token")]) @ T
+        frames.append(
+            SourceFrame(
+                name=name,
+                points=tables.file(sweep),
+                point_labels=tables.file(labels[name]) if name in labels else None,
+                image=tables.file(image),
+                points_stamp=_stamp_s(sweep),
+                image_stamp=_stamp_s(image),
+                speed_mps=float(speed),
+                T_camera_lidar=rigid(where, T_camera_lidar, MAX_TRANSLATION_M),
+                label_names=(f"{name}_lidarseg",),
+            )
+        )
+    return frames
+
+
+def _stamp_s(row: Node) -> float:
+    """Read the Unix time of a row of sample_data, in seconds."""
+    return row.at("timestamp").number(0.0, MAX_STAMP_S / MICROSECONDS) * MICROSECONDS
+
+
+def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:
+    """Compute T_world_sensor (4, 4) at the time of each file, by the token of its row."""
+
+    def poses(table: str) -> dict[str, Pose]:
+        tokens = {text(row, f"{table}_token") for row in rows}
+        return {token: _pose(row) for token, row in tables.chosen(table, tokens).items()}
+
+    T_ego_sensor, T_world_ego = poses("calibrated_sensor"), poses("ego_pose")
+    return {
+        text(row, "token"): T_world_ego[text(row, "ego_pose_token")]
+        @ T_ego_sensor[text(row, "calibrated_sensor_token")]
+        for row in rows
+    }
+
+
+def _pose(row: Node) -> Pose:
+    """Read T_vehicle_sensor or T_world_vehicle (4, 4) of a row, in metres."""
+    place, (w, x, y, z) = row.at("translation"), row.at("rotation").numbers(4)
+    translation = [number(place.where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in place.numbers(3)]
+    try:
+        return pose_from_quaternion((x, y, z, w), translation)
+    except ValueError as error:
+        raise InputError(f"{row.where}: {error}") from None
+
+
+def _camera(image: Node, sensors: dict[str, Node]) -> dict[str, Any]:
+    """Make the camera block; nuScenes' images are undistorted."""
+    K = sensors[text(image, "calibrated_sensor_token")].at("camera_intrinsic")
+    if not isinstance(K.value, list):
+        raise K.mismatch("3 rows of 3 numbers")
+    rows = [K.child(index, row).numbers(3) for index, row in enumerate(K.value)]
+    width, height = (image.at(key).side() for key in ("width", "height"))
+    block = {"model": "plumb_bob", "width": width, "height": height, "K": rows}
+    return camera_block(K.file, block, {"K": K.key})

@@ -1,0 +1,226 @@
+"""The request to a data set and the recording that it returns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar, get_origin
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.config.setting import settings_of
+from semcal_cli.errors import InputError, describe
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.importing.dataset_tree import need_folder
+from semcal_cli.importing.ontologies import Ontology
+
+Kind = TypeVar("Kind")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asks of a data set."""
+
+    root: Path
+    """Folder of the data set."""
+    sequence: str | None = None
+    """Name of the sequence; None for the only one."""
+    camera: str | None = None
+    """Name of the camera; None for the data set's default."""
+    version: str | None = None
+    """Folder of nuScenes' tables, or release of CARLA."""
+    rectified: bool | None = None
+    """Whether KITTI-360's images are the rectified ones or the raw ones; None for the camera's default."""
+
+    def __post_init__(self) -> None:
+        """Check that the folder exists.
+
+        Raises:
+            InputError: the folder does not exist.
+        """
+        need_folder(self.root)
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A point cloud that had to be converted."""
+
+    points: npt.NDArray[np.float32]
+    """(N, 4) x, y, z in metres in the LiDAR frame, and the intensity, 0 where unknown."""
+    labels: npt.NDArray[np.uint32] | None
+    """(N,) ids of the points; None without labels."""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Conversion of a cloud that the data set does not store in the form that a drive needs."""
+
+    cloud: Callable[[], Cloud]
+    """Function that makes the cloud."""
+    has_labels: bool
+    """Whether the cloud has labels that are written with it."""
+    file: Path
+    """File that the points come from."""
+    in_order: bool
+    """Whether the points are those of the file, in its order. If not, no other label file can fit."""
+
+
+@dataclass(frozen=True)
+class SourceFrame:
+    """A sweep and the image taken with it, as files of the data set."""
+
+    name: str
+    """Number or name of the frame in the data set."""
+    points: Path | Conversion
+    """File of the cloud, or the conversion that makes it."""
+    point_labels: Path | None = None
+    """File of the point labels."""
+    image_labels: Path | None = None
+    """File of the label image."""
+    image: Path | None = None
+    """File of the image."""
+    points_stamp: float | None = None
+    """Time of the sweep, in seconds."""
+    image_stamp: float | None = None
+    """Time of the image, in seconds."""
+    cloud_has_labels: bool = False
+    """Whether the file of the cloud has a field of labels."""
+    speed_mps: float | None = None
+    """Speed of the rig, in metres per second."""
+    T_camera_lidar: Pose | None = None
+    """Reference transform (4, 4) of this frame, if it includes the motion between sweep and image."""
+    label_names: tuple[str, ...] = ()
+    """Further names, without suffix, that a label file of this frame may have."""
+
+    @property
+    def gap_s(self) -> float:
+        """Time between the sweep and the image, in seconds; 0 where a stamp is unknown."""
+        if self.points_stamp is None or self.image_stamp is None:
+            return 0.0
+        return abs(self.points_stamp - self.image_stamp)
+
+    @property
+    def cloud_file(self) -> Path | None:
+        """The file that holds the points in their order, or None."""
+        if isinstance(self.points, Conversion):
+            return self.points.file if self.points.in_order else None
+        return self.points
+
+    @property
+    def has_point_labels(self) -> bool:
+        """Whether the points have labels, in a file of their own, in the cloud's or from the conversion."""
+        converted = isinstance(self.points, Conversion) and self.points.has_labels
+        return converted or self.cloud_has_labels or self.point_labels is not None
+
+
+def joined(
+    clouds: Mapping[str, Path | Conversion],
+    *,
+    missing: str,
+    needs: tuple[str, ...] = ("image",),
+    **values: Mapping[Any, Any],
+) -> list[SourceFrame]:
+    """Join each cloud with the values that have its name or its number into a frame.
+
+    Args:
+        clouds: Clouds by the names of their frames.
+        missing: Message of the error if there is no frame.
+        needs: Fields of which a frame needs at least one.
+        values: Values of fields of `SourceFrame`, by the names of the frames, or by their numbers if these are numeric.
+
+    Raises:
+        InputError: there is no frame.
+    """
+    frames = []
+    for name, points in clouds.items():
+        keys: tuple[str | int, ...] = (name, int(name)) if name.isdecimal() else (name,)
+        fields = {field: found[key] for field, found in values.items() for key in keys if key in found}
+        if fields.keys() & set(needs):
+            frames.append(SourceFrame(name, points, **fields))
+    if not frames:
+        raise InputError(missing)
+    return frames
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One sequence of a data set as one of its cameras sees it."""
+
+    camera: Mapping[str, Any]
+    """The `camera:` block of a drive."""
+    frames: Sequence[SourceFrame]
+    """Frames in order of time."""
+    T_camera_lidar: Pose | None = None
+    """Reference transform (4, 4), p_camera = T_camera_lidar * p_lidar; None if unknown or if each frame has its own."""
+    lidar: Mapping[str, Any] | None = None
+    """The `lidar:` block of a drive, if the scan pattern is known."""
+    point_classes: Ontology | None = None
+    """Classes of the point labels."""
+    image_classes: Ontology | None = None
+    """Classes of the label images."""
+    ids_in_red: bool = False
+    """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
+    motion: Mapping[str, Any] | None = None
+    """The `motion:` block of a drive, if the motion of the LiDAR is known."""
+    remarks: tuple[str, ...] = ()
+    """Sentences that the user should read."""
+    read: tuple[Path, ...] = ()
+    """YAML files that were read, which a drive.yaml must not overwrite."""
+    labels_by: str | None = "DIR"
+    """Placeholder of the values of --point-labels and --image-labels in messages; None if `semcal label` makes them."""
+
+
+def checked(recording: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]) -> Recording:
+    """Check a recording whose types no type checker has seen.
+
+    Args:
+        recording: What the function of a plugin returned.
+        guarded: Wraps the function of a conversion, which runs later.
+
+    Raises:
+        TypeError: something is of another type, or a number is not finite.
+        ValueError: there is no frame.
+    """
+    found = _checked("", recording, Recording)
+    for key in ("camera", "lidar", "motion"):
+        if (block := getattr(found, key)) is not None:
+            _check_block(key, block)
+    if not found.frames:
+        raise ValueError("frames: found none, needed at least one")
+    return replace(found, frames=[_checked_frame(*each, guarded) for each in enumerate(found.frames)])
+
+
+def _checked_frame(
+    index: int, frame: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]
+) -> SourceFrame:
+    found = _checked(f"frames[{index}]", frame, SourceFrame)
+    if not isinstance(found.points, Conversion):
+        return found
+    make = _checked(f"frames[{index}].points", found.points, Conversion).cloud
+    cloud = guarded(lambda: _checked("cloud", make(), Cloud))
+    return replace(found, points=replace(found.points, cloud=cloud))
+
+
+def _checked(where: str, value: object, kind: type[Kind]) -> Kind:
+    """Check the class of an object, and its fields against the annotations of the class."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{where}: found {describe(value)}, needed a {kind.__name__}".removeprefix(": "))
+    of_kind: type = kind
+    for key, about in settings_of(of_kind, with_others=True).items():
+        if not about.allows(found := getattr(value, key)):
+            if isinstance(found, tuple) and get_origin(about.kind) is tuple:
+                index = [about.entry.allows(each) for each in found].index(False)
+                key, found, about = f"{key}[{index}]", found[index], about.entry
+            needed = about.needed(found) + " or None" * about.is_optional
+            raise TypeError(f"{where}.{key}: found {describe(found)}, needed {needed}".removeprefix("."))
+    return value
+
+
+def _check_block(key: str, block: Mapping[str, Any]) -> None:
+    try:
+        json.dumps(dict(block))
+    except TypeError as error:
+        raise TypeError(f"{key}: {error}; needed numbers, text, lists and mappings") from None

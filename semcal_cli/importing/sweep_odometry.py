@@ -1,0 +1,349 @@
+"""LiDAR odometry: the motion of a LiDAR from its own consecutive sweeps, by KISS-ICP.
+
+Source: Vizzo et al., *KISS-ICP* (RA-L 2023), from the extra `odometry`. As there, a sweep is deskewed with the motion
+up to the sweep before. Unlike there, the times of its points are used as they are: these need not fill the time from
+one sweep to the next, and recordings lose sweeps.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import core
+from semcal_cli.drive.document import Drive
+from semcal_cli.errors import InputError, counted
+from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.files.point_clouds import read_point_clouds
+from semcal_cli.geometry.poses import Pose, orthonormal, quaternion_xyzw
+from semcal_cli.observations.motion import MAX_SWEEP_S, displacement
+
+NS = 1_000_000_000
+RANGES_M = 1.5, 100.0
+"""Ranges of the points that are used. Nearer ones may lie on the vehicle itself and would suggest a standstill."""
+VOXEL_M = 1.0
+MAX_GAP_NS = NS // 2
+"""Longest time from one sweep or pose to the next. After a longer gap between sweeps, the odometry starts anew."""
+WARM_UPS = 4
+"""How many times the first two sweeps are registered, each time deskewed with the motion found before."""
+SPEEDS_M_S = np.linspace(-40.0, 40.0, 81)
+OVERLAP_M, CLEAR_OVERLAP = 0.5, 0.003
+"""Speeds that are tried for the first two sweeps, side of the voxels in which they overlap, and how much larger the
+overlap of one of two motions must be, as a share of the points."""
+MAX_CHANGE_M_S, MAX_CHANGE_RAD_S = 3.0, 1.0
+"""Largest change of the motion from one sweep to the next; a car that brakes hard loses 1 m/s in 0.1 s."""
+SIGMA = {"linear_m_s": 0.1, "angular_rad_s": 0.01}
+"""Standard deviations of the velocities between poses, for `motion: sigma:`. They are 0.09 m/s and 0.008 rad/s over
+0.4 s on three drives of KITTI raw, and less on synthetic streets (`tests/benchmarks/odometry.py`)."""
+DOUBTFUL_NS = NS // 2
+"""Time before and after a doubtful sweep in which no pose is trusted."""
+LEAST_SHARE = 0.07
+"""Smallest share of a sweep's constraints along any direction. It is 0.04 between endless smooth walls, and 0.12 to
+0.24 in KITTI's streets, also in a traffic jam, and in synthetic ones."""
+CELL_M, ROUGH_M, LEAST_POINTS = 2.0, 0.1, 8
+"""Side of the cells whose shapes are measured, roughness below which a surface is flat, and fewest points of a cell."""
+
+
+class _Sweep(NamedTuple):
+    points: npt.NDArray[np.float32]
+    times_s: npt.NDArray[np.float64]
+    """(N,) seconds after `moment_ns`."""
+    moment_ns: int
+    """Middle of the times of its points, for which its pose is estimated."""
+
+
+def estimator() -> str:
+    """Name the software that estimates the poses, with its version."""
+    return f"KISS-ICP {version('kiss-icp')}"
+
+
+def covered(stamps_ns: Sequence[int], moments_ns: Iterable[int]) -> bool:
+    """Whether poses with these ascending stamps lie close before and after each of the moments."""
+    places = [bisect_left(stamps_ns, moment) for moment in moments_ns]
+    return all(
+        0 < place < len(stamps_ns) and stamps_ns[place] - stamps_ns[place - 1] <= MAX_GAP_NS
+        for place in places
+    )
+
+
+def tum_text(poses: Mapping[int, Pose]) -> str:
+    """Format poses (4, 4) by their times in nanoseconds, one per line: seconds x y z qx qy qz qw (TUM)."""
+    lines = []
+    for stamp_ns, T in poses.items():
+        numbers = [*T[:3, 3], *quaternion_xyzw(T)]
+        lines.append(" ".join([seconds_text(stamp_ns), *(f"{each:.12g}" for each in numbers)]))
+    return "\n".join(lines) + "\n"
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Format a time in seconds, with all nine digits of its nanoseconds."""
+    sign, stamp = ("-" if stamp_ns < 0 else ""), abs(stamp_ns)
+    return f"{sign}{stamp // NS}.{stamp % NS:09d}"
+
+
+class Odometry:
+    """Poses of a LiDAR, estimated sweep by sweep. Memory grows by one pose per sweep.
+
+    The same sweeps give the same poses, to the last bit: KISS-ICP runs on one thread here.
+    """
+
+    def __init__(self) -> None:
+        """Start without sweeps."""
+        self.doubtful_ns: list[int] = []
+        """Times at which the motion jumped or was unobservable in one direction, such as between a tunnel's walls."""
+        self._stretches: list[dict[int, Pose]] = []
+        self._first: _Sweep | None = None
+        self._kiss: Any = None
+        self._last_ns = 0
+        self._last_pose: Pose = np.eye(4)
+        self._twist_per_s = [0.0] * 6
+
+    def add(
+        self, points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int
+    ) -> None:
+        """Estimate the pose of the next sweep. A sweep that is not later than the one before is left out.
+
+        Args:
+            points: (N, 3) metres, each in the LiDAR frame of its own time. Points without a range are ignored.
+            times_s: (N,) seconds after the stamp; None for a sweep that was deskewed to it.
+            stamp_ns: Time of the sweep.
+        """
+        sweep = _sweep(points, times_s, stamp_ns)
+        gap_ns = sweep.moment_ns - self._last_ns
+        if self._stretches and gap_ns <= 0:
+            return
+        if not self._stretches or gap_ns > MAX_GAP_NS:
+            self._begin(sweep)
+        elif self._first is not None:
+            self._begin_motion(self._first, sweep)
+        else:
+            self._go_on(sweep)
+
+    def poses(self) -> dict[int, Pose]:
+        """Return poses (4, 4) of the LiDAR in a fixed frame, by their times in nanoseconds, none near doubtful ones.
+
+        Each stretch without gaps gets one more pose before its first sweep and after its last, as if the motion went
+        on: the points of these sweeps reach beyond the moments of their poses.
+        """
+        whole: dict[int, Pose] = {}
+        for stretch in self._stretches:
+            if len(stretch) > 1:
+                poses = list(stretch.items())
+                whole |= dict([_continued(poses[2::-1]), *poses, _continued(poses[-3:])])
+        return {
+            stamp: T
+            for stamp, T in whole.items()
+            if all(abs(stamp - doubtful) > DOUBTFUL_NS for doubtful in self.doubtful_ns)
+        }
+
+    def _begin(self, sweep: _Sweep) -> None:
+        """Start a stretch with a sweep, at the last known pose."""
+        self._first = sweep
+        self._stretches.append({})
+        self._keep(sweep, self._last_pose)
+
+    def _begin_motion(self, first: _Sweep, second: _Sweep) -> None:
+        """Register the first two sweeps repeatedly: the motion between them deskews both."""
+        self._first = None
+        found = []
+        for start in ([0.0] * 6, _best_speed(first, second)):
+            self._twist_per_s = start
+            for _ in range(WARM_UPS):
+                self._kiss = _kiss_icp()
+                self._kiss.last_pose = self._last_pose
+                self._register(first, 0)
+                self._twist_per_s = self._register(second, second.moment_ns - first.moment_ns)
+            found.append((_overlap(first, second, self._twist_per_s), self._kiss, self._twist_per_s))
+        (other, _, twist), (best, self._kiss, self._twist_per_s) = sorted(found, key=lambda each: each[0])
+        if _jumps(twist, self._twist_per_s) and best - other < CLEAR_OVERLAP:
+            self._doubt(second)
+        self._keep(second, self._kiss.last_pose)
+
+    def _go_on(self, sweep: _Sweep) -> None:
+        before, self._twist_per_s = self._twist_per_s, self._register(sweep, sweep.moment_ns - self._last_ns)
+        if _jumps(before, self._twist_per_s):
+            self._doubt(sweep)
+            self._begin(sweep)
+        else:
+            self._keep(sweep, self._kiss.last_pose)
+
+    def _doubt(self, sweep: _Sweep) -> None:
+        if sweep.moment_ns not in self.doubtful_ns[-2:]:
+            self.doubtful_ns.append(sweep.moment_ns)
+
+    def _keep(self, sweep: _Sweep, T: Pose) -> None:
+        self._last_ns, self._last_pose = sweep.moment_ns, orthonormal(T)
+        self._stretches[-1][self._last_ns] = self._last_pose
+
+    def _register(self, sweep: _Sweep, step_ns: int) -> list[float]:
+        """Register a sweep `step_ns` after the one before, and return the twist (6,) per second between them."""
+        motion, before = core.Trajectory.constant(self._twist_per_s, 0.0), self._kiss.last_pose
+        self._kiss.last_delta = displacement(motion, 0.0, step_ns / NS)
+        points = motion.compensate(sweep.points, sweep.times_s, 0.0).astype(np.float64)
+        if shares(points)[0][0] < LEAST_SHARE:
+            self._doubt(sweep)
+        self._kiss.register_frame(points, np.empty(0))
+        if step_ns == 0:
+            return self._twist_per_s
+        return twist_from(before, self._kiss.last_pose, step_ns / NS)
+
+
+def shares(points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Measure how well a sweep constrains its position along each direction.
+
+    A surface constrains it along its normal. All cells with a surface have the same weight; the covariance of their
+    points gives their normals. Between two smooth walls, almost no normal points along the walls.
+
+    Args:
+        points: (N, 3) metres, LiDAR frame.
+
+    Returns:
+        Shares (3,) of the three directions, which sum to 1, the smallest first, and their axes as columns (3, 3);
+        zeros and the LiDAR's axes without surfaces.
+    """
+    cells = np.floor(points / CELL_M)
+    inside = points - (cells + 0.5) * CELL_M
+    _, cell, counts = np.unique(
+        cells.astype(np.int64) @ [1, 1 << 20, 1 << 40], return_inverse=True, return_counts=True
+    )
+    mean = np.stack([np.bincount(cell, axis) for axis in inside.T], axis=-1) / counts[:, None]
+    products = [[np.bincount(cell, a * b) for b in inside.T] for a in inside.T]
+    covariances = (
+        np.moveaxis(np.array(products), -1, 0) / counts[:, None, None] - mean[:, :, None] * mean[:, None]
+    )
+    variances, axes = np.linalg.eigh(covariances[counts >= LEAST_POINTS])
+    is_surface = variances[:, 1] > 2.0 * ROUGH_M**2
+    variances, axes = variances[is_surface], axes[is_surface]
+    if not len(variances):
+        return np.zeros(3), np.eye(3)
+    told = 1.0 / (variances + ROUGH_M**2)
+    told /= told.sum(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(np.einsum("nia,na,nja->ij", axes, told, axes) / len(told))
+    return values, vectors
+
+
+def _best_speed(first: _Sweep, second: _Sweep) -> list[float]:
+    """Find the velocity along the least constrained direction at which two sweeps overlap most.
+
+    Where a sweep sees little but walls and ground, registration that starts from a standstill finds a standstill.
+
+    Returns:
+        A twist (6,) per second.
+    """
+    _, axes = shares(first.points.astype(np.float64))
+    twists = [[*(speed_m_s * axes[:, 0]), 0.0, 0.0, 0.0] for speed_m_s in SPEEDS_M_S]
+    return max(twists, key=lambda twist: _overlap(first, second, twist))
+
+
+def _overlap(first: _Sweep, second: _Sweep, twist_per_s: Sequence[float]) -> float:
+    """Compute the share of the second sweep's points that lie in a voxel with points of the first, for a motion."""
+    motion, seconds = core.Trajectory.constant(twist_per_s, 0.0), (second.moment_ns - first.moment_ns) / NS
+    before = motion.compensate(first.points, first.times_s, 0.0)
+    after = motion.compensate(second.points, second.times_s + seconds, 0.0)
+    keys = [np.floor(each / OVERLAP_M).astype(np.int64) @ [1, 1 << 20, 1 << 40] for each in (before, after)]
+    return float(np.isin(keys[1], keys[0]).mean()) if len(keys[1]) else 0.0
+
+
+def _jumps(before: Sequence[float], after: Sequence[float]) -> bool:
+    change = np.subtract(after, before)
+    return bool(np.linalg.norm(change[:3]) > MAX_CHANGE_M_S or np.linalg.norm(change[3:]) > MAX_CHANGE_RAD_S)
+
+
+class DriveMotion(NamedTuple):
+    """The motion of a drive, estimated from its sweeps."""
+
+    poses: dict[int, Pose]
+    """Poses (4, 4) of the LiDAR, by their times in nanoseconds."""
+    doubtful_ns: list[int]
+    """Times at which the motion is doubtful; poses near them are left out."""
+    uncovered: list[str]
+    """Sweeps of frames without poses close before and after them."""
+    point_times: str
+    """`relative` or `absolute`, for `point_times` of the `motion:` block."""
+
+
+def drive_motion(drive: Drive, on_event: Listener = ignore) -> DriveMotion:
+    """Estimate the motion of the LiDAR in a drive of consecutive sweeps. One sweep is in memory at a time.
+
+    Sweeps whose points have no times are assumed to be deskewed to their stamp.
+
+    Raises:
+        InputError: a frame has no stamp, a file cannot be read, or the sweeps are not consecutive.
+    """
+    odometry, is_absolute = Odometry(), False
+    stamps_s, moments_s = dict[str, float](), dict[str, list[float]]()
+    for frame in drive.frames:
+        if frame.points_stamp is None:
+            found = f"{drive.path}: {frame.key('points_stamp')}: found nothing"
+            raise InputError(f"{found}, needed the time of the sweep for odometry")
+        stamps_s.setdefault(frame.points, frame.points_stamp)
+        moments_s.setdefault(frame.points, []).append(frame.image_stamp or frame.points_stamp)
+    ordered = sorted(stamps_s.items(), key=lambda each: each[1])
+    for number, (name, stamp_s) in enumerate(ordered, start=1):
+        on_event(Progress(f"estimating the motion: {number:,} of {len(ordered):,} sweeps"))
+        (cloud,) = read_point_clouds([(drive.resolve(name), None)], drive.max_points)
+        times_s = cloud.time
+        if times_s is not None and np.nanmin(np.abs(times_s)) > MAX_SWEEP_S:
+            is_absolute, times_s = True, times_s - stamp_s
+        odometry.add(cloud.points, times_s, round(stamp_s * NS))
+        moments_s[name] += [stamp_s + end for end in (0.0, *_ends(times_s))]
+    poses = odometry.poses()
+    gaps_s = np.diff([stamp_s for _, stamp_s in ordered])
+    if not poses or np.median(gaps_s) > MAX_GAP_NS / NS:
+        found = f"found {counted(len(ordered), 'sweep')}" + (
+            f", {np.median(gaps_s):.3g} s apart" if len(gaps_s) else ""
+        )
+        needed = f"needed consecutive ones, at most {MAX_GAP_NS / NS:g} s apart"
+        raise InputError(
+            f"{drive.path}: {found}, {needed}; `import bag --odometry` reads all sweeps of a recording"
+        )
+    stamps = list(poses)
+    uncovered = [
+        name for name, _ in ordered if not covered(stamps, [round(each * NS) for each in moments_s[name]])
+    ]
+    return DriveMotion(poses, odometry.doubtful_ns, uncovered, "absolute" if is_absolute else "relative")
+
+
+def _ends(times_s: npt.NDArray[np.float64] | None) -> list[float]:
+    return [] if times_s is None else [float(np.nanmin(times_s)), float(np.nanmax(times_s))]
+
+
+def _sweep(points: npt.NDArray[np.float32], times_s: npt.NDArray[np.float64] | None, stamp_ns: int) -> _Sweep:
+    times_s = np.zeros(len(points)) if times_s is None else times_s
+    ranges_m = np.linalg.norm(points, axis=1)
+    counts = (ranges_m > RANGES_M[0]) & (ranges_m < RANGES_M[1]) & np.isfinite(times_s)
+    points, times_s = np.ascontiguousarray(points[counts], np.float32), times_s[counts].astype(np.float64)
+    middle_s = 0.5 * (times_s.min() + times_s.max()) if len(times_s) else 0.0
+    return _Sweep(points, times_s - middle_s, stamp_ns + round(middle_s * NS))
+
+
+def _continued(poses: Sequence[tuple[int, Pose]]) -> tuple[int, Pose]:
+    """Extrapolate by one step, forward or backward, the motion through two or three poses with their times."""
+    (start_ns, start), (before_ns, _), (end_ns, end) = poses[0], poses[-2], poses[-1]
+    step_ns = max(-MAX_GAP_NS // 2, min(end_ns - before_ns, MAX_GAP_NS // 2))
+    motion = core.Trajectory.constant(twist_from(start, end, abs(end_ns - start_ns) / NS), 0.0)
+    return end_ns + step_ns, end @ displacement(motion, 0.0, abs(step_ns) / NS)
+
+
+def twist_from(start: Pose, end: Pose, seconds: float) -> list[float]:
+    """Compute the twist (6,) per second that leads from one pose (4, 4) to another."""
+    return core.Trajectory.through([0.0, seconds], [orthonormal(start), orthonormal(end)]).twist_at(0.0)
+
+
+def _kiss_icp() -> Any:
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
+    from kiss_icp.kiss_icp import KissICP
+
+    return KissICP(
+        KISSConfig(
+            data=DataConfig(min_range=RANGES_M[0], max_range=RANGES_M[1], deskew=False),
+            mapping=MappingConfig(voxel_size=VOXEL_M),
+            registration=RegistrationConfig(max_num_threads=1),
+        )
+    )

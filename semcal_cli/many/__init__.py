@@ -1,0 +1,1 @@
+"""Many drives, and rigs of several cameras."""

@@ -1,0 +1,98 @@
+"""A batch on a Dask cluster whose workers share the drives' storage."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from collections.abc import Callable, Generator, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from semcal_cli.errors import InputError, check_installed
+from semcal_cli.many.batch.processes import Worker
+from semcal_cli.many.batch.run import Execute, Run, execute_task
+from semcal_cli.many.batch.tasks import Outcome, Task, failed
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+CONNECT_S = 30
+_of_thread = threading.local()
+"""Process of each thread of a Dask worker, which is kept for the next batch."""
+
+
+def connect(address: str) -> Client:
+    """Connect to a scheduler.
+
+    Raises:
+        InputError: distributed is not installed, or no scheduler answers at the address.
+    """
+    check_installed(f"--dask {address}", "distributed", "dask")
+    from distributed import Client
+
+    try:
+        return Client(address, timeout=CONNECT_S)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"--dask {address}: found no scheduler: {reason}") from None
+
+
+def execute_on(client: Client, folder: Path, run: Run) -> Execute:
+    """Run tasks on a cluster, one drive on each thread of its workers; other workers repeat those of a lost worker."""
+
+    def execute(tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
+        for task, get in on_cluster(client, partial(_execute, str(folder), run), tasks):
+            try:
+                yield get()
+            except LostWorkerError as error:
+                # There is no record of this, so the next run repeats the drive.
+                yield failed(task.drive, str(error))
+
+    return execute
+
+
+class LostWorkerError(Exception):
+    """The worker of an item was lost again and again."""
+
+
+def on_cluster(
+    client: Client, work: Callable[[Item], Answer], items: Iterable[Item]
+) -> Generator[tuple[Item, Callable[[], Answer]], None, None]:
+    """Work on items on a cluster, and give each when it is done, with a function that returns what the work returned.
+
+    That function raises whatever the work raised, or `LostWorkerError`.
+    """
+    from distributed import KilledWorker, as_completed
+
+    of_item = {client.submit(work, item, pure=False): item for item in items}
+
+    def get(done: Future[Answer]) -> Answer:
+        try:
+            answer: Answer = done.result()
+        except KilledWorker:
+            raise LostWorkerError("its worker was lost repeatedly") from None
+        return answer
+
+    try:
+        for done in as_completed(of_item):
+            yield of_item[done], partial(get, done)
+    finally:
+        client.cancel(list(of_item))
+
+
+def worker_of_thread() -> Worker:
+    """Give the process of this thread of a worker of the cluster, which stays for the next item."""
+    # Dask's nannies make workers daemons, which must not have child processes; ours end with their worker.
+    multiprocessing.current_process().daemon = False
+    if not hasattr(_of_thread, "process"):
+        _of_thread.process = Worker()
+    process: Worker = _of_thread.process
+    return process
+
+
+def _execute(folder: str, run: Run, task: Task) -> Outcome:
+    """Run the task of a drive on a worker of the cluster."""
+    return execute_task(Path(folder), worker_of_thread(), run, task)

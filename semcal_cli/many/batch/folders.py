@@ -1,0 +1,188 @@
+"""The folders of a batch's results, which are apart from the drives, made by a batch, and free of links and pipes.
+
+Each folder gets a marker before anything else is written there. A batch thus recognises its own folders, even if it was
+killed at any moment, and never replaces a file that a person wrote.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+
+from semcal_cli.errors import InputError, os_reason
+from semcal_cli.files.input_files import FILE, FOLDER, LINK, check_own_file, kind_of, read_start
+from semcal_cli.files.output_files import locked, make_folder, open_own
+from semcal_cli.many.batch.records import CSV, JSONL
+from semcal_cli.many.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task, folder_of
+
+LOCK, MARKER = ".lock", ".semcal_batch"
+"""Markers of the folder of all results and of a drive's folder."""
+MARK = b"A folder of semcal batch, which replaces its files.\n"
+"""Content of a marker."""
+OF_ALL = (LOCK, CSV, JSONL)
+OF_DRIVE = (MARKER, RECORD, LOG, TIMES, *RESULTS.values(), *(f"{name}{PART}" for name in RESULTS.values()))
+TEMPORARY = re.compile(r"\.[0-9a-f]{16}\.tmp")
+"""Names of the files that `files.writing` renames when they are complete."""
+_NEEDED = "needed a folder that is new, empty or from a batch"
+
+
+def check_apart(drives: Iterable[str], output: Path) -> None:
+    """Check that the folder of all results is not a drive's folder, and that neither is inside the other.
+
+    Args:
+        drives: The drives: folders or files.
+        output: The folder as the user gave it.
+
+    Raises:
+        InputError: results would be among the files of a drive.
+    """
+    results = os.path.realpath(output)
+    for drive in drives:
+        for folder in _folders_of_drive(drive):
+            shared = os.path.commonpath([results, folder])
+            if shared in (results, folder):
+                found = "the folder of" if results == folder else "a folder in"
+                found = found if shared == folder else "a folder that contains"
+                raise InputError(
+                    f"{output}: found {found} drive {drive}, needed a folder apart from the drives"
+                )
+
+
+def check_distinct_folders(drives: Iterable[str]) -> None:
+    """Check that no two drives share a results folder, and that no such folder has the name of a file of the batch.
+
+    Raises:
+        InputError: two drives have the same folder, or a drive's folder would be in the way of a file.
+    """
+    owners: dict[PurePosixPath, str] = {}
+    for drive in drives:
+        owner = owners.setdefault(folder_of(drive), drive)
+        if owner != drive:
+            raise InputError(
+                f"{owner}, {drive}: found two drives whose results would go to the same folder {folder_of(drive)}, "
+                "needed different names or two batches"
+            )
+    for folder, drive in owners.items():
+        for path in (folder, *folder.parents[:-1]):
+            if path.name in (OF_DRIVE if path.parent in owners else ()) or str(path) in OF_ALL:
+                raise InputError(
+                    f"{drive}: found a drive whose results would go to {path}, a file of the batch, needed another name"
+                )
+
+
+def check_made_by_batch(tasks: Sequence[Task], folder: Path, output: Path) -> None:
+    """Check that only a batch wrote the files in the results folders; to be called before any work.
+
+    Args:
+        tasks: The tasks, whose folders are in `folder`.
+        folder: The folder of all results, which need not exist.
+        output: The same as the user gave it, for messages.
+
+    Raises:
+        InputError: a folder contains a file that would be replaced, a link, or the results of another batch.
+    """
+    for name in OF_ALL:
+        check_own_file(output / name)
+    above = [place / name for place in Path(os.path.realpath(folder)).parents for name in (LOCK, MARKER)]
+    for marker in (folder / MARKER, *above):
+        if _mark(marker) == MARK:
+            raise InputError(f"{output}: found the results of another batch in {marker.parent}, {_NEEDED}")
+    _check_marked(folder / LOCK, output)
+    for task in tasks:
+        place = _find_folder(task, folder, output)
+        if place is not None:
+            shown = output / place.relative_to(folder)
+            if _mark(place / LOCK) == MARK:
+                raise InputError(f"{output}: found the results of another batch in {shown}, {_NEEDED}")
+            _check_marked(place / MARKER, shown)
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[int]:
+    """Lock and mark the folder of all results; yields the descriptor of the lock.
+
+    Raises:
+        InputError: another batch is using the folder, or it cannot be written to.
+    """
+    with locked(folder / LOCK, "batch") as lock:
+        _write_mark(lock, folder / LOCK)
+        yield lock
+
+
+def is_still_claimed(lock: int, folder: Path) -> bool:
+    """Whether the folder of a lock is still there; a person may have removed or replaced it."""
+    with suppress(OSError):
+        return os.path.samestat(os.fstat(lock), os.lstat(folder / LOCK))
+    return False
+
+
+def make_folder_of_drive(task: Task, folder: Path) -> None:
+    """Make and mark the folder of a drive's results, and check that nothing but files is where files will be written.
+
+    Raises:
+        InputError: the folder cannot be made, or a link, a pipe or a folder is in the way.
+    """
+    place = Path(task.folder)
+    _find_folder(task, folder, folder)
+    make_folder(place)
+    for name in OF_DRIVE:
+        check_own_file(place / name)
+    if _mark(place / MARKER) != MARK:
+        with open_own(place / MARKER) as marker:
+            _write_mark(marker.fileno(), place / MARKER)
+
+
+def _folders_of_drive(drive: str) -> set[str]:
+    """Find the real folders of a drive; a drive file that is a link has two."""
+    path = Path(drive)
+    if kind_of(path.resolve()) == FILE:
+        return {os.path.realpath(path.parent), str(path.resolve().parent)}
+    return {os.path.realpath(path)}
+
+
+def _check_marked(marker: Path, shown: Path) -> None:
+    """Check that a folder has a marker or no files that would be replaced."""
+    mark, folder = _mark(marker), marker.parent
+    if mark == MARK:
+        return
+    names = set[str]()
+    with suppress(OSError):  # There is no such folder, or the batch cannot write there.
+        names = {each.name for each in folder.iterdir()}
+    ours = {name for name in names if name in OF_ALL or name in OF_DRIVE or TEMPORARY.fullmatch(name)}
+    # A batch that was killed at its start leaves part of a marker. Only files and links are ever replaced.
+    kept = {name for name in ours if kind_of(folder / name) in (FILE, LINK)}
+    if found := kept - ({marker.name} if MARK.startswith(mark) else set()):
+        raise InputError(f"{shown}: found {min(found)}, which no batch wrote, {_NEEDED}")
+
+
+def _find_folder(task: Task, folder: Path, output: Path) -> Path | None:
+    """Find the folder of a drive's results, which must not be a link; None if there is none yet."""
+    place = folder
+    for part in Path(task.folder).relative_to(folder).parts:
+        place /= part
+        kind = kind_of(place)
+        if kind == LINK:
+            raise InputError(
+                f"{output / place.relative_to(folder)}: found a link, needed a folder or nothing"
+            )
+        if kind != FOLDER:
+            return None
+    return place
+
+
+def _mark(path: Path) -> bytes:
+    return read_start(path, len(MARK) + 1) if kind_of(path) == FILE else b""
+
+
+def _write_mark(marker: int, path: Path) -> None:
+    """Write a marker, or the rest of one whose writing was interrupted."""
+    try:
+        written = os.fstat(marker).st_size
+        if written < len(MARK):
+            os.write(marker, MARK[written:])
+            os.fsync(marker)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {os_reason(error)}") from None

@@ -1,0 +1,227 @@
+"""The tasks of a batch and their outcomes: what a drive's result says, or why there is none."""
+
+from __future__ import annotations
+
+import codecs
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, Literal, TextIO, TypeAlias
+
+from pydantic import Field, model_validator
+
+from semcal_cli.config import MAX_POINTS
+from semcal_cli.drive.document import DRIVE_FILE, Stamp, drive_file, first_stamp, read_drive
+from semcal_cli.errors import InputError, printable
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.input_files import MAX_DOCUMENT_BYTES, is_folder, read_start
+from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
+from semcal_cli.result.calibration_document import Topic, read_calibration
+from semcal_cli.result.provenance import camera_hash
+from semcal_cli.result.uncertainty import Covariance, CovarianceEntries, check_part
+
+LISTS = (".txt", ".list")
+MAGIC = "*?["
+MAX_SHOWN = 200
+"""Number of characters of a wrong name that a message shows."""
+MAX_NAME_BYTES = 4095
+"""Longest file name, which is Linux's limit: resolving a name of megabytes would take minutes."""
+
+
+def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
+    """List drives, each once, ordered by name.
+
+    Args:
+        arguments: Folders, drive files, patterns, text files with one of these on each line, or - for standard input.
+        stdin: Standard input; None if it is closed.
+
+    Raises:
+        InputError: no drives are named, a pattern matches nothing, a list cannot be read, or a name or the working
+            folder is not one line of UTF-8 text.
+    """
+    _checked(str(Path.cwd()))
+    found: dict[str, str] = {}
+    for argument in arguments:
+        for name in _expanded(argument, stdin):
+            normal = os.path.normpath(name)
+            # Two names of the same drive count once.
+            found.setdefault(os.path.realpath(drive_file(Path(normal))), normal)
+    if not found:
+        raise InputError(f"{', '.join(arguments)}: found no drive, needed at least one")
+    return sorted(found.values())
+
+
+def folder_of(drive: str) -> PurePosixPath:
+    """Name the folder of a drive's results after the drive, relative to the folder of all results."""
+    path = PurePosixPath(drive)
+    if path.name == DRIVE_FILE:
+        path = path.parent
+    parts = ["__" if part == ".." else part for part in path.parts if part != path.anchor]
+    return PurePosixPath(*parts or ["_"])
+
+
+def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
+    if argument == "-":
+        if stdin is None:
+            raise InputError("standard input: found none, needed a list of drives")
+        return _listed(stdin.buffer.read(MAX_DOCUMENT_BYTES + 1), "standard input")
+    path = Path(argument)
+    if path.suffix.lower() in LISTS and not is_folder(path):
+        return _listed(read_start(path, MAX_DOCUMENT_BYTES + 1), argument)
+    return [_checked(name) for name in _matches(argument)]
+
+
+def _listed(content: bytes, source: str) -> list[str]:
+    """Read names of drives, one on each line; empty lines and lines that begin with # are ignored."""
+    if len(content) > MAX_DOCUMENT_BYTES:
+        raise InputError(f"{source}: found more than {MAX_DOCUMENT_BYTES >> 20} MiB, needed a list of drives")
+    names = []
+    for number, line in enumerate(content.removeprefix(codecs.BOM_UTF8).splitlines(), start=1):
+        where = f"{source}: line {number}: "
+        name = _checked(line.strip().decode(errors="surrogateescape"), where)
+        if name and not name.startswith("#"):
+            names += [_checked(found, where) for found in _matches(name)]
+    return names
+
+
+def _checked(name: str, where: str = "") -> str:
+    """Check that a name fits in one line of the summary and of the terminal."""
+    text = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
+    if (
+        text == name
+        and "\0" not in name
+        and len(name.splitlines()) <= 1
+        and len(name.encode()) <= MAX_NAME_BYTES
+    ):
+        return name
+    needed = f"needed one line of UTF-8 text of at most {MAX_NAME_BYTES:,} bytes"
+    raise InputError(f"{where}{printable(text[:MAX_SHOWN])}: found an invalid file name, {needed}")
+
+
+def _matches(name: str) -> list[str]:
+    path = Path(name)
+    if not any(character in name for character in MAGIC) or os.access(path, os.F_OK):
+        return [name]
+    root = Path(path.anchor)
+    try:
+        found = sorted(map(str, root.glob(str(path.relative_to(root)))))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{name}: found an invalid pattern: {' '.join(str(error).splitlines())}") from None
+    if not found:
+        raise InputError(f"{name}: found no match for this pattern, needed drives")
+    return found
+
+
+RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
+RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}
+PART = ".part"
+"""Suffix of a result that is being written."""
+FAILED = "failed"
+"""Status of a drive without an answer."""
+Status: TypeAlias = Literal[
+    "trusted", "not_trusted", "not_assessed", "pass", "fail", "inconclusive", "failed"
+]
+
+
+@dataclass(frozen=True)
+class Task:
+    """The run of a command on one drive, in any process; paths are absolute."""
+
+    drive: str
+    """Name of the drive as the user gave it."""
+    path: str
+    """The drive's folder or file."""
+    folder: str
+    """Folder of the drive's result, log and record."""
+    command: str
+    """`calibrate` or `verify`."""
+    arguments: tuple[str, ...] = ()
+    """Arguments of the command that affect the answer."""
+    also: tuple[str, ...] = ()
+    """Files that the command reads besides those of the drive."""
+    num_threads: int = 1
+    """Threads of its process."""
+    max_points: int = MAX_POINTS
+    """Points of the largest sweep that the command reads."""
+    timeout_s: float | None = None
+    """Seconds after which the drive has failed; None without a limit."""
+
+    @property
+    def result(self) -> Path:
+        """File of the result."""
+        return Path(self.folder) / RESULTS[self.command]
+
+
+class Outcome(StrictModel):
+    """The outcome of a drive: a line of the summary. It contains neither times nor machines."""
+
+    drive: FileName
+    """The drive as it was given."""
+    status: Status
+    """Status of the calibration, verdict of `verify`, or `failed`."""
+    exit_code: Literal[0, 1, 3, 4]
+    """Exit code of the command."""
+    reasons: Annotated[tuple[str, ...], length(0)]
+    """Sentences that say why the drive is not trusted or has failed."""
+    topics: Annotated[tuple[Topic, ...], length(0)] = ()
+    """Topic of each reason, which is its entry in docs/troubleshooting.md; empty for a drive that has failed."""
+    stamp: Stamp | None = None
+    """Stamp of the first frame in seconds, if it has one."""
+    T_camera_lidar: Transform | None = None
+    """(4, 4) rows of the transform."""
+    covariance: CovarianceEntries | None = None
+    """(6, 6) covariance of xi = (rho, phi), camera frame, left perturbation."""
+    mutual_information_nats: Figure | None = None
+    """Mutual information at the transform."""
+    camera: Annotated[str, Field(pattern=r"\S")] | None = None
+    """Hash of the camera, given or estimated, that the transform belongs to; see `provenance.camera_hash`."""
+    result: FileName | None = None
+    """File of the result, relative to the folder of the batch."""
+    covariance_of_intrinsics: Covariance | None = None
+    """(6, 6) part of the covariance from errors of K, which all drives of a camera share."""
+
+    @model_validator(mode="after")
+    def _check_part(self) -> Outcome:
+        check_part(self.covariance_of_intrinsics, self.covariance)
+        return self
+
+
+def failed(drive: str, reason: str) -> Outcome:
+    """Make the outcome of a drive without an answer; its reason is put on one line of valid UTF-8."""
+    text = reason.encode(errors="backslashreplace").decode()
+    reasons = (" ".join(text.splitlines()),)
+    return Outcome(drive=drive, status="failed", exit_code=1, reasons=reasons)
+
+
+def describe_result(task: Task, exit_code: int) -> Outcome:
+    """Read the result of a command.
+
+    Args:
+        task: Task of the command.
+        exit_code: Exit code of the command: 0, 3 or 4.
+
+    Raises:
+        InputError: the file is not a result of the command.
+    """
+    known: dict[str, Any] = {"drive": task.drive, "exit_code": exit_code}
+    known["stamp"] = first_stamp(read_drive(Path(task.path)))
+    known["result"] = str(folder_of(task.drive) / task.result.name)
+    if task.command == "calibrate":
+        found = read_calibration(task.result)
+        uncertainty = found.uncertainty
+        known |= {
+            "status": found.status,
+            "reasons": found.reasons,
+            "topics": found.topics,
+            "T_camera_lidar": found.rows_camera_lidar,
+            "covariance": uncertainty and uncertainty.covariance,
+            "mutual_information_nats": found.quality.mutual_information_nats,
+            "camera": camera_hash(found.used_camera),
+            "covariance_of_intrinsics": uncertainty and uncertainty.covariance_of_intrinsics,
+        }
+    else:
+        document = read_document(task.result)
+        known |= {key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")}
+        known["status"] = document.get("verdict")
+    return validate(Outcome, known, task.result)

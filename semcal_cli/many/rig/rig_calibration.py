@@ -1,0 +1,240 @@
+"""Calibration of a rig: the calibrations of its cameras, and the transform between each pair of cameras.
+
+    T_a_b = T_a_lidar T_b_lidar^-1
+
+With errors xi_a and xi_b on the left of the two transforms, to first order
+
+    exp(xi_a) T_a_lidar (exp(xi_b) T_b_lidar)^-1 = exp(xi_a - Ad(T_a_b) xi_b) T_a_b
+
+The covariance is the sum of that of xi_a and that of xi_b, mapped by the adjoint of T_a_b (Barfoot, *State Estimation
+for Robotics*, 2017, section 7.3). The two errors are taken as independent. Cameras that see the same points share
+errors of the point labels, which partly cancel, so the covariance is too large rather than too small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.drive.document import Drive
+from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
+from semcal_cli.geometry.poses import Pose, PoseError, compare_poses, inverse, quaternion_xyzw
+from semcal_cli.geometry.twists import adjoint
+from semcal_cli.many.rig.rig_document import Rig
+from semcal_cli.result.calibration_document import Calibration, Status
+from semcal_cli.result.provenance import versions
+from semcal_cli.result.uncertainty import Uncertainty
+
+WORST_FIRST: tuple[Status, ...] = ("not_trusted", "not_assessed", "trusted")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Reference transform between two cameras."""
+
+    T_a_b: Pose
+    """(4, 4), p_a = T_a_b p_b, metres."""
+    source: str
+    """Where it comes from."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Transform between two cameras of a rig."""
+
+    a: str
+    b: str
+    T_a_b: Pose
+    """(4, 4), p_a = T_a_b p_b, metres."""
+    uncertainty: Uncertainty | None
+    """Uncertainty of T_a_b, for a twist on its left in the frame of a; None if that of either camera is unknown."""
+    reference: Reference | None
+    """Reference transform, if there is one."""
+    is_doubted: bool = False
+    """Whether either camera is not trusted."""
+
+    @property
+    def believed_uncertainty(self) -> Uncertainty | None:
+        """Uncertainty to show; None if either camera is not trusted."""
+        return None if self.is_doubted else self.uncertainty
+
+    @property
+    def error(self) -> PoseError | None:
+        """Error against the reference: the position of camera a in the frame of b, and its rotation."""
+        return None if self.reference is None else compare_poses(self.T_a_b, self.reference.T_a_b)
+
+    @property
+    def distance(self) -> str:
+        """Distance from the reference in words; empty without one."""
+        if self.error is None or self.reference is None:
+            return ""
+        off = f"{10.0 * self.error.camera_center_cm:.1f} mm and {self.error.rotation_deg:.3f} degrees"
+        return f"{off} from {self.reference.source}"
+
+    @property
+    def is_explained(self) -> bool | None:
+        """Whether the joint 95 % region of all six axes contains the reference.
+
+        None without a reference, if the region is unknown, or if either camera is not trusted.
+        """
+        known = self.believed_uncertainty
+        if self.error is None or known is None:
+            return None
+        # A translation rho moves the camera centre in the opposite direction.
+        center_m = [-0.01 * x for x in self.error.camera_center_xyz_cm]
+        off = np.array([*center_m, *np.radians(self.error.rotation_xyz_deg)])
+        squared = float(off @ np.linalg.solve(np.array(known.covariance), off))
+        return squared <= joint_quantile(0.05, min(known.degrees_of_freedom))
+
+    def describe(self) -> dict[str, Any]:
+        """Make the entry of the pair in the document of a rig; the camera centre is that of a in the frame of b."""
+        reference, beside = None, {"weak_directions", "label_bleed", "intrinsics_cost"}
+        if self.reference is not None:
+            reference = {
+                "source": self.reference.source,
+                "T_a_b": self.reference.T_a_b.tolist(),
+                **{name: list(v) if isinstance(v, tuple) else v for name, v in vars(self.error).items()},
+                "is_explained": self.is_explained,
+            }
+        return {
+            "a": self.a,
+            "b": self.b,
+            "T_a_b": self.T_a_b.tolist(),
+            "translation_m": self.T_a_b[:3, 3].tolist(),
+            "quaternion_xyzw": quaternion_xyzw(self.T_a_b).tolist(),
+            "uncertainty": None if self.uncertainty is None else self.uncertainty.model_dump(exclude=beside),
+            "reference": reference,
+        }
+
+
+@dataclass(frozen=True)
+class RigCalibration:
+    """Calibrations of the cameras of a rig, and of its pairs of cameras."""
+
+    cameras: Mapping[str, Calibration]
+    """Calibration of each camera that has one."""
+    failures: Mapping[str, str]
+    """Error of each camera that has no calibration."""
+    pairs: tuple[Pair, ...]
+    """Transform between each two cameras."""
+    num_sweeps: int
+    """Number of different clouds that were read."""
+
+    @property
+    def status(self) -> str:
+        """The worst status of all cameras: `failed`, or that of a calibration."""
+        if self.failures:
+            return "failed"
+        return min((each.status for each in self.cameras.values()), key=WORST_FIRST.index)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Findings and errors of all cameras, each preceded by the camera's name."""
+        return (
+            *(f"{name}: {reason}" for name, reason in self.failures.items()),
+            *(f"{name}: {reason}" for name, each in self.cameras.items() for reason in each.reasons),
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences that the user should read and that do not affect the verdict."""
+        notes = []
+        for pair in self.pairs:
+            if pair.is_explained is False and pair.error is not None and pair.reference is not None:
+                off = f"{pair.error.camera_center_cm:.2f} cm and {pair.error.rotation_deg:.3f} deg"
+                notes.append(
+                    f"T_{pair.a}_{pair.b} is {off} from {pair.reference.source}, more than chance explains"
+                )
+        return tuple(notes)
+
+
+def combine(
+    rig: Rig,
+    drives: Mapping[str, Drive],
+    cameras: Mapping[str, Calibration],
+    failures: Mapping[str, str],
+    num_sweeps: int,
+) -> RigCalibration:
+    """Combine the calibrations of a rig's cameras, and compare each pair with the reference of the rig or the drives.
+
+    Args:
+        rig: The rig.
+        drives: Drive of each camera.
+        cameras: Calibration of each camera that has one.
+        failures: Error of each camera that has no calibration.
+        num_sweeps: Number of different clouds that were read.
+    """
+    pairs = []
+    for a, b in combinations(cameras, 2):
+        reference, T_a, T_b = None, drives[a].T_camera_lidar, drives[b].T_camera_lidar
+        if (stated := rig.reference(a, b)) is not None:
+            reference = Reference(stated, rig.path.name)
+        elif T_a is not None and T_b is not None:
+            reference = Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
+        pairs.append(make_pair(a, cameras[a], b, cameras[b], reference))
+    return RigCalibration(cameras, failures, tuple(pairs), num_sweeps)
+
+
+def make_pair(
+    a: str, of_a: Calibration, b: str, of_b: Calibration, reference: Reference | None = None
+) -> Pair:
+    """Compute the transform between two cameras and its uncertainty.
+
+    Args:
+        a: Name of the first camera.
+        of_a: Calibration of the first camera.
+        b: Name of the second camera.
+        of_b: Calibration of the second camera.
+        reference: Reference transform to compare with.
+    """
+    T_a_b = of_a.pose @ inverse(of_b.pose)
+    uncertainty, known_a, known_b = None, of_a.uncertainty, of_b.uncertainty
+    if known_a is not None and known_b is not None:
+        covariance_a, covariance_b = np.array(known_a.covariance), np.array(known_b.covariance)
+        Ad = adjoint(T_a_b)
+        # Satterthwaite's degrees of freedom of the sum of the variances that both cameras contribute to an axis.
+        parts = np.hstack([np.diag(np.diag(covariance_a)), Ad**2 * np.diag(covariance_b)])
+        known = np.array([*known_a.degrees_of_freedom, *known_b.degrees_of_freedom])
+        degrees_of_freedom = parts.sum(axis=1) ** 2 / (parts**2 / known).sum(axis=1)
+        covariance = covariance_a + Ad @ covariance_b @ Ad.T
+        uncertainty = Uncertainty.from_covariance(T_a_b, covariance, degrees_of_freedom)
+    is_doubted = "not_trusted" in (of_a.status, of_b.status)
+    return Pair(a, b, T_a_b, uncertainty, reference, is_doubted)
+
+
+def describe_rig(
+    found: RigCalibration, files: Mapping[str, str], source: str, hashes: Mapping[str, str]
+) -> dict[str, Any]:
+    """Make the document of a rig's calibration.
+
+    Args:
+        found: Calibrations of the rig.
+        files: File of each camera's calibration, relative to this document.
+        source: The rig.yaml, relative to this document.
+        hashes: SHA-256 of the rig.yaml and of the drive.yaml of each camera.
+    """
+    cameras: dict[str, Any] = {
+        name: {"status": "failed", "reasons": [reason]} for name, reason in found.failures.items()
+    }
+    for name, calibration in found.cameras.items():
+        cameras[name] = {
+            "status": calibration.status,
+            "reasons": list(calibration.reasons),
+            "calibration": files[name],
+            "T_camera_lidar": calibration.rows_camera_lidar,
+        }
+    return {
+        "semcal_rig_calibration": 1,
+        "status": found.status,
+        "reasons": list(found.reasons),
+        "notes": list(found.notes),
+        "cameras": cameras,
+        "pairs": [pair.describe() for pair in found.pairs],
+        "num_sweeps": found.num_sweeps,
+        "input": {"rig": source, "sha256": dict(hashes)},
+        "versions": versions(),
+    }

@@ -1,0 +1,211 @@
+"""The rig: several cameras and one LiDAR, described by a `rig.yaml`."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Hashable, Iterable, Mapping
+from hashlib import sha256
+from itertools import chain, pairwise
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import numpy as np
+from pydantic import Field, PrivateAttr, field_validator, model_validator
+
+from semcal_cli.config import MAX_POINTS
+from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
+from semcal_cli.errors import InputError, describe, mismatch, one_of
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.input_files import is_folder, open_file, read_bytes, size_of
+from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
+from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
+
+RESULT = "rig_calibration"
+"""Name of the result of the whole rig, next to the results of its cameras."""
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+SAMPLE_BYTES = 65_536
+"""Number of bytes in the middle of a file that, with its size, identify copies. No two sweeps agree in them."""
+Group: TypeAlias = tuple[list[str], set[Hashable]]
+"""Names of cameras, and what identifies their clouds."""
+
+
+class Rig(StrictModel):
+    """Content of a rig.yaml. Each camera has its own drive, and the drives name the same clouds."""
+
+    semcal_rig: Version
+    """Version of this format."""
+    cameras: Annotated[dict[str, FileName], Field(min_length=2)]
+    """Drive of each camera: its folder or its file, relative to the rig.yaml."""
+    T_camera_camera: dict[str, dict[str, StatedTransform]] = {}
+    """Reference transforms between cameras, for comparison only. The entry b under a is T_a_b in metres, with
+    p_a = T_a_b * p_b, as from a stereo calibration."""
+
+    _path: Path = PrivateAttr(default=Path(RIG_FILE))
+
+    @field_validator("cameras")
+    @classmethod
+    def _check_names(cls, cameras: dict[str, str]) -> dict[str, str]:
+        for name in cameras:
+            # The results are files with these names.
+            if not NAME.fullmatch(name):
+                raise mismatch(describe(name), "a camera name of letters, digits, _, - and .")
+            if name.lower() == RESULT:
+                raise mismatch(describe(name), "a name that differs from that of the rig's own result")
+        folded: dict[str, str] = {}
+        for name in cameras:
+            if folded.setdefault(name.lower(), name) != name:
+                raise mismatch(
+                    f"{folded[name.lower()]!r} and {name!r}", "names that differ in more than case"
+                )
+        return cameras
+
+    @model_validator(mode="after")
+    def _check_references(self) -> Rig:
+        for to, others in self.T_camera_camera.items():
+            for name in (to, *others):
+                if name not in self.cameras:
+                    needed = one_of(name, self.cameras)
+                    raise ValueError(f"T_camera_camera: found camera {describe(name)}, needed {needed}")
+            if to in others:
+                raise ValueError(f"T_camera_camera: found {to!r} under itself, needed two different cameras")
+            for other in others:
+                if to in self.T_camera_camera.get(other, {}):
+                    raise ValueError(
+                        f"T_camera_camera: found {to!r} and {other!r} in both directions, needed one of them"
+                    )
+        return self
+
+    @property
+    def path(self) -> Path:
+        """The file that was read."""
+        return self._path
+
+    def read_drives(self, max_points: int = MAX_POINTS) -> dict[str, Drive]:
+        """Read and check the drive of each camera.
+
+        Args:
+            max_points: Points of the largest sweep that is read.
+
+        Raises:
+            InputError: a drive is wrong, two cameras have the same drive, two drives describe different LiDARs, or
+                cameras share no clouds.
+        """
+        folder = self._path.parent
+        drives = {name: read_drive(folder / drive, max_points) for name, drive in self.cameras.items()}
+        owners: dict[Path, str] = {}
+        for name, drive in drives.items():
+            owner = owners.setdefault(drive.path.resolve(), name)
+            if owner != name:
+                raise InputError(
+                    f"{self._path}: cameras: found {drive.path} for {owner!r} and {name!r}, needed a drive for each"
+                )
+        stated = {name: drive.lidar for name, drive in drives.items() if drive.lidar is not None}
+        for first, name in pairwise(stated):
+            if stated[first] != stated[name]:
+                raise InputError(
+                    f"{self._path}: cameras: found different `lidar` blocks in the drives of {first!r} and {name!r}, "
+                    "needed the same LiDAR"
+                )
+        group, *others = connected_cameras(drives) or [[]]
+        if others:
+            apart, rest = (" and ".join(map(repr, names)) for names in (chain.from_iterable(others), group))
+            raise InputError(
+                f"{self._path}: cameras: found no cloud of {apart} among those of {rest}, "
+                "needed drives that name the same clouds, because the cameras of a rig share one LiDAR"
+            )
+        return drives
+
+    def reference(self, to: str, other: str) -> Pose | None:
+        """Return the reference T_to_other (4, 4) of two cameras, stated in either direction; None without one."""
+        if (T := self.T_camera_camera.get(to, {}).get(other)) is not None:
+            return nearest_rigid(np.array(T))
+        if (T := self.T_camera_camera.get(other, {}).get(to)) is not None:
+            return inverse(nearest_rigid(np.array(T)))
+        return None
+
+
+def find_rig(path: Path) -> Path | None:
+    """Find the rig.yaml that a path names.
+
+    Args:
+        path: A file, or a folder with a rig.yaml and no drive.yaml.
+
+    Returns:
+        The rig.yaml; None if the path names a drive.
+
+    Raises:
+        InputError: the file does not exist or cannot be parsed.
+    """
+    if is_folder(path):
+        file = path / RIG_FILE
+        return file if file.exists() and not (path / DRIVE_FILE).exists() else None
+    # A file without the key is not parsed, which would take time for a long drive.
+    return path if RIG.encode() in read_bytes(path) and RIG in read_document(path) else None
+
+
+def read_rig(path: Path) -> Rig:
+    """Read and check a rig.
+
+    Raises:
+        InputError: the file is wrong; the message names the file, the key, what was found and what was needed.
+    """
+    rig = validate(Rig, read_document(path), path)
+    rig._path = path
+    return rig
+
+
+def connected_cameras(drives: Mapping[str, Drive]) -> list[list[str]]:
+    """Group the cameras that share clouds, directly or through other cameras.
+
+    A cloud is shared if two drives name the same file or copies of it. Files are opened only where cameras share none
+    by name. A group with unreadable clouds is then left out, since nothing can be said about it.
+
+    Args:
+        drives: Drive of each camera.
+
+    Returns:
+        Names of the cameras of each group, in the order of the drives.
+    """
+    files = {
+        name: {cloud_path(drive, frame.points) for frame in drive.frames} for name, drive in drives.items()
+    }
+    groups = _joined(([name], set[Hashable](files[name])) for name in drives)
+    if len(groups) > 1:
+        clouds = [(names, set().union(*(files[name] for name in names))) for names, _ in groups]
+        groups = _joined(
+            (names, {_content(path) for path in paths})
+            for names, paths in clouds
+            if all(os.access(path, os.R_OK) and path.is_file() for path in paths)
+        )
+    order = list(drives)
+    return sorted(
+        (sorted(names, key=order.index) for names, _ in groups), key=lambda names: order.index(names[0])
+    )
+
+
+def cloud_path(drive: Drive, name: str) -> Path:
+    """Resolve the name of a cloud in a drive, including links."""
+    return Path(os.path.realpath(drive.resolve(name)))
+
+
+def _content(path: Path) -> tuple[int, bytes]:
+    """Identify the content of a cloud: the size of its file, and the hash of the bytes in its middle."""
+    with open_file(path) as file:
+        size = size_of(file)
+        file.seek(max((size - SAMPLE_BYTES) // 2, 0))
+        return size, sha256(file.read(SAMPLE_BYTES)).digest()
+
+
+def _joined(groups: Iterable[Group]) -> list[Group]:
+    """Join the groups whose clouds overlap."""
+    joined: list[Group] = []
+    for names, clouds in groups:
+        apart = []
+        for other, of_other in joined:
+            if clouds.isdisjoint(of_other):
+                apart.append((other, of_other))
+            else:
+                names, clouds = other + names, clouds | of_other
+        joined = [*apart, (names, clouds)]
+    return joined

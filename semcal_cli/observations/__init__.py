@@ -1,0 +1,1 @@
+"""What points and pixels say: their classes, by each cue."""

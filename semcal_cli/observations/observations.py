@@ -1,0 +1,238 @@
+"""The labelled points and label images of all frames, with dense classes.
+
+A frame is a sweep and the image taken with it. Each cue observes it in its own classes, in a `FrameObservation`. The
+Rust core knows only these, and calls each of them a frame.
+
+The arrays of a frame are copied to the Rust core once, at their first use. Observations of some of the frames, or with
+other cameras or labels, share the unchanged arrays, here and in the core. No code may write to an array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import core
+from semcal_cli.config import StartsConfig
+from semcal_cli.drive.camera import Camera, core_camera
+from semcal_cli.drive.document import Lidar
+from semcal_cli.observations.scenes import alike_frames, ranges_of
+
+NO_CLASS = 255
+"""The class of points and pixels that carry no information."""
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledCloud:
+    """The points of one frame, with their classes by one cue."""
+
+    points: npt.NDArray[np.float32]
+    """(N, 3) metres, LiDAR frame; if the motion is known, at the time of the image's middle line, or of `exposed_s`."""
+    classes: npt.NDArray[np.uint8]
+    """(N,) an index into `Observations.point_class_names`, or `NO_CLASS`."""
+    shares: core.ClassShares | None = None
+    """Class probabilities of each point, if there are any; `classes` are then the most likely ones."""
+    partitions: core.Partitions | None = None
+    """Segments of the points, which replace the (then coarser) classes when poses are refined."""
+    vectors: npt.NDArray[np.float16] | None = None
+    """(N, C) features, whose codes are the classes; None without features."""
+    exposed_s: npt.NDArray[np.float64] | None = None
+    """(N,) time at which each point is seen, in seconds after the exposure of the image's middle line; None if all are
+    seen at that time. See `semcal_cli.observations.motion`."""
+
+    @property
+    def num_points(self) -> int:
+        """Number of points, with and without a class."""
+        return len(self.points)
+
+    def with_points(self, points: npt.NDArray[np.float32]) -> LabelledCloud:
+        """Copy with other points (N, 3), and the same labels and times."""
+        return replace(self, points=points)
+
+    def with_classes(self, classes: npt.NDArray[np.uint8]) -> LabelledCloud:
+        """Copy with other classes (N,); probabilities and features stay."""
+        return replace(self, classes=classes)
+
+    @cached_property
+    def core(self) -> core.LabelledCloud:
+        """Cloud of the Rust core, copied on first use."""
+        return core.LabelledCloud(self.points, self.classes, self.shares, self.partitions)
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledImage:
+    """The pixels of one frame, with their classes by one cue."""
+
+    classes: npt.NDArray[np.uint8]
+    """(H, W) an index into `Observations.image_class_names`, or `NO_CLASS`."""
+    shares: core.ClassShares | None = None
+    """Class probabilities of each pixel, row by row, if there are any; `classes` are then the most likely ones."""
+    vectors: npt.NDArray[np.float16] | None = None
+    """(H / s, W / s, C) features of blocks of s x s pixels, whose codes are the classes; None without features."""
+
+    def with_classes(self, classes: npt.NDArray[np.uint8]) -> LabelledImage:
+        """Copy with other classes (H, W); probabilities and features stay."""
+        return replace(self, classes=classes)
+
+    def without_shares(self) -> LabelledImage:
+        """Copy in which each pixel belongs to its class with certainty."""
+        return self if self.shares is None else replace(self, shares=None)
+
+    @cached_property
+    def core(self) -> core.LabelledImage:
+        """Label image of the Rust core, copied on first use."""
+        return core.LabelledImage(self.classes, self.shares)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameObservation:
+    """A frame as one cue observes it: a sweep and the image taken with it."""
+
+    cloud: LabelledCloud
+    image: LabelledImage
+    """Label image; no pixel has a class if the drive has no label image."""
+    weight: float = 1.0
+    """Weight of each point when a pose is refined; one of several cues may weigh less."""
+    twist_per_s: Sequence[float] | None = None
+    """(6,) twist of the LiDAR in its own frame, metres and radians per second; None if it is not known."""
+    lag_s: float = 0.0
+    """Time by which the sweep was moved to that of the image: see `motion.Compensated`."""
+    is_rigid: bool = False
+    """Whether the sweep has no point times and was moved as a whole: see `motion.Compensated`."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Points and label images of all frames by each cue, with the names of their classes and the camera."""
+
+    camera: Camera
+    lidar: Lidar | None
+    frame_observations: tuple[FrameObservation, ...]
+    """All frames by the first cue, then all frames by the next one. `clouds`, `images` and the core use this order."""
+    point_class_names: Sequence[str]
+    image_class_names: Sequence[str]
+    motion_error_px: float | None = None
+    """Median displacement of the points by the rig's motion during a sweep: see `motion.motion_error_px`."""
+    have_times: bool = False
+    """Whether points have the times at which they were measured: see `motion.have_times`."""
+    num_cues: int = 1
+    """Number of cues, each of which observes every frame."""
+    starts: StartsConfig | None = None
+    """How a pose is refined from several starts, if the information has many maxima near the right one."""
+    by_classes: bool = False
+    """Whether to use the classes of points that have segments."""
+    speckle: float = 0.0
+    """Share of the pixels that were isolated among other classes, and got the class around them."""
+    known_scenes: Sequence[int] | None = None
+    """Number of the scene that each frame shows, kept when clouds are moved or frames are chosen; None if frames have
+    not been compared yet."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames of the drive: pairs of sweep and image."""
+        return len(self.frame_observations) // self.num_cues
+
+    @property
+    def frame_indices(self) -> npt.NDArray[np.intp]:
+        """Index of the frame of each of `frame_observations`."""
+        return np.tile(np.arange(self.num_frames), self.num_cues)
+
+    @property
+    def clouds(self) -> list[LabelledCloud]:
+        """Clouds of all frames by each cue."""
+        return [observed.cloud for observed in self.frame_observations]
+
+    @property
+    def images(self) -> list[LabelledImage]:
+        """Label images of all frames by each cue."""
+        return [observed.image for observed in self.frame_observations]
+
+    @property
+    def has_vectors(self) -> bool:
+        """Whether points and pixels have features."""
+        return all(cloud.vectors is not None for cloud in self.clouds)
+
+    @property
+    def has_segments(self) -> bool:
+        """Whether poses are refined by segments of points instead of their classes."""
+        return not self.by_classes and any(cloud.partitions is not None for cloud in self.clouds)
+
+    @property
+    def is_local(self) -> bool:
+        """Whether points show only small offsets of the pose: edges or intensity alone."""
+        return self.starts is not None and not self.has_segments
+
+    @property
+    def unit(self) -> str:
+        """Unit of the information: nats, or for segments the adjusted mutual information (AMI), a share."""
+        return "AMI" if self.has_segments else "nats"
+
+    @cached_property
+    def of_classes(self) -> Observations:
+        """The same without segments: with the classes of points, which all frames share."""
+        return replace(self, by_classes=True) if self.has_segments else self
+
+    def of_frames(self, indices: Iterable[int]) -> Observations:
+        """Observations of some of the frames, by each cue."""
+        kept = list(indices)
+        of_cues = (self.frame_observations[self.span_of_cue(cue)] for cue in range(self.num_cues))
+        known = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
+        return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=known)
+
+    def of_cue(self, cue: int) -> Observations:
+        """Observations of all frames by one cue, counted from 0."""
+        if self.num_cues == 1:
+            return self
+        return replace(self._with(self.frame_observations[self.span_of_cue(cue)]), num_cues=1)
+
+    def span_of_cue(self, cue: int) -> slice:
+        """Slice of `frame_observations` with the observations by one cue, counted from 0."""
+        return slice(cue * self.num_frames, (cue + 1) * self.num_frames)
+
+    def with_clouds(self, clouds: Iterable[LabelledCloud]) -> Observations:
+        """Copy with another cloud in each of `frame_observations`; scenes stay."""
+        pairs = zip(self.frame_observations, clouds, strict=True)
+        return self._with(replace(observed, cloud=cloud) for observed, cloud in pairs)
+
+    def with_images(self, images: Iterable[LabelledImage]) -> Observations:
+        """Copy with another label image in each of `frame_observations`."""
+        pairs = zip(self.frame_observations, images, strict=True)
+        return self._with(replace(observed, image=image) for observed, image in pairs)
+
+    def weighed(self, weight: float) -> Observations:
+        """Copy in which all points have this weight when a pose is refined."""
+        return self._with(replace(observed, weight=weight) for observed in self.frame_observations)
+
+    def _with(self, frame_observations: Iterable[FrameObservation]) -> Observations:
+        return replace(self, frame_observations=tuple(frame_observations))
+
+    @cached_property
+    def scenes(self) -> Sequence[int]:
+        """For each frame, the index of the first frame that shows the same scene."""
+        if self.known_scenes is not None:
+            return [self.known_scenes.index(scene) for scene in self.known_scenes]
+        return alike_frames(ranges_of([cloud.points for cloud in self.of_cue(0).clouds]))
+
+    @property
+    def with_scenes(self) -> Observations:
+        """The same with known scenes, so that no copy compares frames again."""
+        return self if self.known_scenes is not None else replace(self, known_scenes=self.scenes)
+
+    @cached_property
+    def core(self) -> core.Observations:
+        """Observations of the Rust core, which share frames with other observations of them.
+
+        Raises:
+            InputError: counts, sizes or classes do not match.
+        """
+        return core.Observations(
+            core_camera(self.camera),
+            [(each.cloud.core, each.image.core, each.weight) for each in self.frame_observations],
+            len(self.point_class_names),
+            len(self.image_class_names),
+            self.by_classes,
+        )

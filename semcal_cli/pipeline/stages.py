@@ -1,0 +1,213 @@
+"""Results of the stages of one calibration, and what speaks against the pose of the last one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.checks.pose_checks import check_motion, check_pose, check_shutter, check_unstated
+from semcal_cli.estimation.adjust.joint import Joint
+from semcal_cli.estimation.adjust.priors import Fused
+from semcal_cli.estimation.refine.polish import Polish
+from semcal_cli.estimation.search.mounting_search import Initialization
+from semcal_cli.estimation.stage import StageResult
+from semcal_cli.findings.check import Measured, findings_among
+from semcal_cli.findings.finding import Finding
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.loading import LoadedDrive
+from semcal_cli.observations.observations import Observations
+from semcal_cli.result.sections import DrivePart, Quality, Repeatability, Stage
+from semcal_cli.result.uncertainty import Uncertainty
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Uncertainty of a pose, and findings against it."""
+
+    uncertainty: Uncertainty | None = None
+    """Uncertainty of the pose; None if the data do not determine it."""
+    findings: tuple[Finding, ...] = ()
+    """Findings of the assessment against the pose."""
+    notes: tuple[str, ...] = ()
+    """Sentences that a person should read and that do not speak against the pose."""
+    parts: tuple[DrivePart, ...] = ()
+    """Parts of the drive, if its frames fit several poses."""
+    measured: tuple[Measured, ...] = ()
+    """What the checks measured, whether or not it is beyond their limits."""
+    of_motion: npt.NDArray[np.float64] | None = None
+    """(6, 6) part of the covariance of the pose by the clock and the motion that stay as the drive says; None if there
+    is none."""
+
+    def with_measured(self, *measured: Measured) -> Assessment:
+        """Add the measurements of more checks, with their findings."""
+        findings = (*self.findings, *findings_among(measured))
+        return replace(self, findings=findings, measured=(*self.measured, *measured))
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Results of the stages of one calibration; None for stages that were not run."""
+
+    initial: StageResult
+    refined: StageResult | None = None
+    polished: Polish | None = None
+    joint: Joint | None = None
+    """Joint estimate of the pose with intrinsics or the time offset."""
+    fused: Fused | None = None
+    assessment: Assessment | None = None
+    repeatability: Repeatability | None = None
+    unrolled: Observations | None = None
+    """Observations that all stages after the refinement saw, line by line, if the shutter rolls; None if they saw those
+    of the drive."""
+    of_data: tuple[Finding, ...] = ()
+    """Findings against the data."""
+    notes_on_data: tuple[str, ...] = ()
+    """Sentences about the data that do not speak against the pose."""
+    of_comparison: tuple[Finding, ...] = ()
+    """Findings of a comparison of the last pose with something else, such as the poses of other seeds."""
+    max_baseline_m: float = math.inf
+    """Distance between camera and LiDAR at which the last pose was held; infinite where it was not."""
+
+    @classmethod
+    def from_refined(
+        cls,
+        data: LoadedDrive,
+        initial: StageResult,
+        refined: StageResult,
+        *,
+        is_compensated: bool,
+        max_baseline_m: float,
+        of_comparison: tuple[Finding, ...] = (),
+    ) -> Stages:
+        """Start from a refined pose, and check the data that it was found from.
+
+        Args:
+            data: The drive, as `load` returns it.
+            initial: Result of the initial calibration.
+            refined: Result of the refinement.
+            is_compensated: Whether the method compensates a rolling shutter where the motion is known.
+            max_baseline_m: Distance between camera and LiDAR at which the pose was held, metres.
+            of_comparison: Findings of a comparison of the pose with something else.
+        """
+        of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=is_compensated)
+        return cls(
+            initial,
+            refined,
+            of_data=(
+                *check_motion(data.observations.motion_error_px),
+                *of_shutter,
+                *check_unstated(data.drive, data.observations),
+            ),
+            notes_on_data=(*data.notes_on_networks, *notes),
+            of_comparison=of_comparison,
+            max_baseline_m=max_baseline_m,
+        )
+
+    @property
+    def poses(self) -> dict[str, StageResult]:
+        """Results of the stages that give a pose, by name, in order."""
+        stages = {
+            "initial": self.initial,
+            "refined": self.refined,
+            "polished": self.polished,
+            "joint": self.joint if self.is_joint else None,
+            "fused": self.fused,
+        }
+        return {name: stage for name, stage in stages.items() if stage is not None}
+
+    @property
+    def last(self) -> StageResult:
+        """Result of the last stage that gives a pose."""
+        return list(self.poses.values())[-1]
+
+    @property
+    def T_camera_lidar(self) -> Pose:
+        """Pose (4, 4) of the last stage, metres."""
+        return self.last.T_camera_lidar
+
+    @property
+    def searched(self) -> Initialization | None:
+        """The search for the initial pose; None where the pose was given."""
+        return self.initial if isinstance(self.initial, Initialization) else None
+
+    @property
+    def records(self) -> dict[str, Stage]:
+        """What a result says of each stage that gives a pose, by name."""
+        return {
+            name: Stage(
+                T_camera_lidar=each.T_camera_lidar.tolist(),
+                mutual_information_nats=each.agreement.mutual_information,
+                bound_nats=each.bound_nats,
+            )
+            for name, each in self.poses.items()
+        }
+
+    def quality(self, num_frames: int) -> Quality:
+        """Measure how well points and images agree at the last pose, for `num_frames` used frames."""
+        agreement = self.last.agreement
+        return Quality(
+            mutual_information_nats=agreement.mutual_information,
+            bias_nats=agreement.bias,
+            label_agreement=agreement.label_agreement,
+            overlap=agreement.overlap,
+            num_points=agreement.num_inside - agreement.num_hidden,
+            num_frames=num_frames,
+            runner_up_margin=None if self.searched is None else self.searched.runner_up_margin,
+        )
+
+    @property
+    def is_joint(self) -> bool:
+        """Whether the pose is that of a joint estimate with intrinsics or the clock."""
+        return self.joint is not None and self.joint.is_kept
+
+    @property
+    def is_rejected(self) -> bool:
+        """Whether the last pose is the refined one, since the polish was rejected and nothing else took its place."""
+        was_rejected = self.polished is not None and not self.polished.is_accepted
+        return was_rejected and self.fused is None and not self.is_joint
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Everything that speaks against the pose of the last stage."""
+        polished, fused, later = self.polished, self.fused, list[StageResult | Assessment | None]()
+        if not self.is_joint:
+            # If labels alone determine no pose, their polish is not expected to settle.
+            later.append(polished if fused is None or fused.is_alone else None)
+            # A pose that is polished or fused need not have settled before.
+            is_last = fused is None and (polished is None or not polished.is_accepted)
+            later += [self.refined if is_last else None, fused]
+        later.append(self.assessment)
+        return (
+            *self.initial.findings,
+            *self.of_data,
+            *(finding for stage in later if stage is not None for finding in stage.findings),
+            *self.of_comparison,
+            *check_pose(self.T_camera_lidar, self.last.agreement, self.max_baseline_m),
+        )
+
+    @property
+    def seen(self) -> Observations | None:
+        """Observations as seen by the camera of the last pose; None if they are those of the drive."""
+        return self.joint.observations if self.joint is not None and self.joint.is_kept else self.unrolled
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences that a person should read and that do not speak against the pose."""
+        of_joint = () if self.joint is None else self.joint.notes
+        of_assessment = () if self.assessment is None else self.assessment.notes
+        return self.notes_on_data + of_joint + of_assessment
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Uncertainty of the last pose; None if it was not assessed or the data do not determine it."""
+        return None if self.assessment is None else self.assessment.uncertainty
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """Options of the stages that changed the answer, in the order of the stages."""
+        # A joint estimate that is not kept gives no pose, but widens the interval.
+        stages = [*self.poses.values(), *([] if self.joint is None else [self.joint])]
+        return {name: value for stage in stages for name, value in stage.settings.items()}

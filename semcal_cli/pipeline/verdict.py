@@ -1,0 +1,128 @@
+"""Limits on the offset of a transform, and verdicts on offsets with their 95 % intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from semcal_cli.config import Limits
+from semcal_cli.errors import told_apart
+from semcal_cli.estimation.uncertainty.quantiles import overall_width
+
+Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
+Unit: TypeAlias = Literal["cm", "deg", "ms"]
+
+VERDICTS: tuple[Verdict, ...] = ("fail", "inconclusive", "pass")
+"""Verdicts, in the order in which they decide a combined one."""
+AXES = ("x", "y", "z")
+OVERALL = " overall"
+"""Suffix of the names of checks of all three axes together."""
+CLOCK = "clock"
+"""Name of the check of the camera's clock."""
+UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
+"""Units in words."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """An offset with its limit and the verdict on it."""
+
+    name: str
+    """Name of the offset."""
+    unit: Unit
+    """Unit of all figures."""
+    offset: float
+    """Estimate of the offset."""
+    half_width: float | None
+    """Half width of its 95 % interval; None if it is unknown."""
+    allowed: float
+    """Largest offset that is allowed."""
+    verdict: Verdict
+    """`fail` if the whole interval is beyond the limit, `pass` if it is within, else `inconclusive`."""
+
+    @property
+    def has_estimate(self) -> bool:
+        """Whether the offset is an estimate; an undetermined time offset stays at its given value."""
+        return self.name != CLOCK or self.half_width is not None
+
+
+def judge(
+    center_m: Sequence[float],
+    rotation_deg: Sequence[float],
+    half_widths: Sequence[float] | None,
+    limits: Limits,
+) -> tuple[Check, ...]:
+    """Judge the offsets of a transform: one whose 95 % interval is beyond its limit fails, one within it passes.
+
+    Args:
+        center_m: (3,) offset of the camera's position along the axes of the camera.
+        rotation_deg: (3,) offset of its rotation about these axes.
+        half_widths: (6,) half widths of the 95 % intervals, metres and degrees; None if they are unknown.
+        limits: Largest offsets that are allowed.
+
+    Returns:
+        Checks of the camera centre along each axis and in total, and of the rotation about each axis and in total.
+    """
+    widths = None if half_widths is None else np.array(half_widths) * ([100.0] * 3 + [1.0] * 3)
+    parts: tuple[tuple[str, Unit, slice, list[float], float], ...] = (
+        ("camera centre", "cm", slice(0, 3), [100.0 * x for x in center_m], 100.0 * limits.translation_m),
+        ("rotation", "deg", slice(3, 6), list(rotation_deg), limits.rotation_deg),
+    )
+    checks = []
+    for name, unit, part, offsets, allowed in parts:
+        of_part = None if widths is None else widths[part]
+        for index, axis in enumerate(AXES):
+            width = None if of_part is None else float(of_part[index])
+            checks.append(_check(f"{name} {axis}", unit, offsets[index], width, allowed))
+        width = None if of_part is None else overall_width(offsets, of_part)
+        checks.append(_check(f"{name}{OVERALL}", unit, float(np.linalg.norm(offsets)), width, allowed))
+    return tuple(checks)
+
+
+def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> Check:
+    """Judge the time offset, in milliseconds, as `judge` judges the offsets of a transform.
+
+    Args:
+        offset_s: Time by which images are later than assumed, seconds.
+        half_width_s: Half width of its 95 % interval, seconds; None if it is not determined.
+        limit_s: Largest offset that is allowed, seconds.
+    """
+    half_width = None if half_width_s is None else 1e3 * half_width_s
+    return _check(CLOCK, "ms", 1e3 * offset_s, half_width, 1e3 * limit_s)
+
+
+def figures(check: Check) -> str:
+    """Put a check's offset, interval and limit into words."""
+    if not check.has_estimate:
+        return f"not determined, allowed {check.allowed:g} {UNITS[check.unit]}"
+    unit = UNITS[check.unit]
+    half = f"{unit}, interval unknown" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
+    offset, allowed = told_apart(check.offset, check.allowed, 3)
+    return f"{offset} {half}, allowed {allowed}"
+
+
+def overall_offsets(checks: Sequence[Check]) -> list[str]:
+    """Say how far the camera centre, rotation and clock are off, ordered by how much they decide the verdict."""
+    overall = [check for check in checks if check.name.endswith(OVERALL) or check.name == CLOCK]
+    overall.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
+    return [
+        f"{check.name.removesuffix(OVERALL)} {'off by ' * check.has_estimate}{figures(check)}"
+        for check in overall
+    ]
+
+
+def together(verdicts: Iterable[Verdict]) -> Verdict:
+    """Combine verdicts: one `fail` fails, and only all `pass` pass."""
+    return min(verdicts, key=VERDICTS.index, default="pass")
+
+
+def _check(name: str, unit: Unit, offset: float, half_width: float | None, allowed: float) -> Check:
+    verdict: Verdict = "inconclusive"
+    if half_width is not None and abs(offset) - half_width > allowed:
+        verdict = "fail"
+    if half_width is not None and abs(offset) + half_width <= allowed:
+        verdict = "pass"
+    return Check(name, unit, offset, half_width, allowed, verdict)

@@ -1,0 +1,346 @@
+"""Drawings of LiDAR points and labels on camera images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import core
+from semcal_cli.checks.pairing import frame_names
+from semcal_cli.drive.camera import Camera
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.errors import InputError, counted
+from semcal_cli.files.image_files import write_image
+from semcal_cli.files.output_files import make_folder
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.observations.cues.edges import EDGES, gradients
+from semcal_cli.observations.cues.intensity import grey_values, lens_mask
+from semcal_cli.observations.cues.segments import SegmentationConfig
+from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.observations.reading import read_frame_image
+from semcal_cli.report.colors import (
+    NO_PAIR,
+    Coloring,
+    Colors,
+    Legend,
+    class_colors,
+    depth_levels,
+    is_edge,
+    level_colors,
+    painted,
+    palette_of,
+    palettes,
+    segment_colors,
+)
+from semcal_cli.report.points import Seen, View, frame_points, goes_together, kinds_of, points_in_image
+
+Image: TypeAlias = npt.NDArray[np.uint8]
+"""(H, W, 3) blue, green, red."""
+WIDE = 2.0
+"""Ratio of width to height from which images are stacked vertically."""
+
+BACKGROUND_STRENGTH = 0.6
+BACKGROUND_GRAY = 0.6
+"""Fraction of the colour that is removed from an image, so that only the dots have strong colours."""
+LABEL_STRENGTH = 0.5
+LABEL_SHARE = 0.55
+"""Weight of the label colours in an image with labels."""
+COLUMNS_PER_DOT_RADIUS = 640
+TEXT_COLOR = (235, 235, 235)
+MARGIN_COLOR = (32, 32, 32)
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+FONT_HEIGHT = 22
+"""Height of the font's capitals at scale 1, pixels."""
+
+GREY_STRENGTH = 0.25
+"""Strength of the image below its edges, for orientation."""
+BLUR_PX = 1.0
+"""Blur of the image, pixels: the eye prefers sharper edges than sparse rays need."""
+EDGE_STRENGTH = 170.0
+"""Grey value that the strongest edges add: bright, but dots on them remain visible."""
+STRONGEST = 0.99
+"""Quantile of the gradients of an image from which an edge is drawn at full strength."""
+
+
+def overlay_paths(folder: Path, count: int) -> list[Path]:
+    """Name the files of the drawn frames in a folder."""
+    return [folder / f"{frame:06d}.png" for frame in range(count)]
+
+
+def image_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
+    """Read the image of a frame, and whether it is a photograph; without one, colour the label image instead.
+
+    Raises:
+        InputError: the frame has neither, or its image is wrong.
+    """
+    image = read_frame_image(drive, drive.frames[frame])
+    if image is not None:
+        return image, True
+    if not observations.image_class_names:
+        key = drive.frames[frame].key("image")
+        raise InputError(f"{drive.path}: {key}: found nothing, needed an image, or labels to show instead")
+    return painted(observations.images[frame].classes, palettes(observations)[1]), False
+
+
+def edge_image(drive: Drive, frame: Frame) -> Image:
+    """Draw the edges of a frame's image in white on the darkened grey image, (H, W, 3).
+
+    Raises:
+        InputError: the frame has no image, or it is wrong.
+    """
+    grey = grey_values(drive, frame)
+    strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), BLUR_PX, EDGES)
+    full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
+    drawn = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
+    return np.asarray(np.repeat(drawn.astype(np.uint8)[..., None], 3, axis=2))
+
+
+@dataclass(frozen=True)
+class Overlays:
+    """Drawings of the frames of a drive with their points at each captioned pose, with a legend.
+
+    A frame without an image shows its label image instead. Poses are placed side by side; with wide
+    images, they are stacked.
+    """
+
+    drive: Drive
+    """Drive whose images are drawn."""
+    observations: Observations
+    """Observations of the same drive; without labels if the colours show depth or segments."""
+    poses: Mapping[str, Pose]
+    """T_camera_lidar (4, 4) by caption; at least one."""
+    by: Coloring = "class"
+    """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's occur
+    together more often than by chance at the last pose; its segment of the sweep; or the step in range or intensity
+    next to it, on the edges of the image, which needs observations of the cue edges."""
+    others: Mapping[str, Observations] = field(default_factory=dict)
+    """The same frames for poses of another camera or clock, by caption: see `applied.seen_as`."""
+
+    @property
+    def views(self) -> dict[str, View]:
+        """Each pose with what it belongs to, by caption."""
+        return {name: View(self.others.get(name, self.observations), T) for name, T in self.poses.items()}
+
+    def write_all(self, folder: Path) -> Iterator[Path]:
+        """Write the PNG of every frame into a folder, which is created, and yield each path once it is written.
+
+        Raises:
+            InputError: the folder cannot be made, or a frame cannot be drawn (see `write`).
+        """
+        make_folder(folder)
+        for frame, path in enumerate(overlay_paths(folder, self.observations.num_frames)):
+            self.write(frame, path)
+            yield path
+
+    def write(self, frame: int, path: Path) -> None:
+        """Write the PNG of a frame, numbered from 0.
+
+        Raises:
+            InputError: there is no such frame, its image is wrong, or the file cannot be written.
+        """
+        camera = self.observations.camera
+        images, legend = self.draw(frame)
+        images = {self.strip(frame, caption): image for caption, image in images.items()}
+        image = before_after(images, stacked=camera.width >= WIDE * camera.height)
+        write_image(np.vstack([image, draw_legend(legend, image.shape[1])]), path)
+
+    @cached_property
+    def frame_names(self) -> list[str]:
+        """Names of all frames."""
+        return frame_names([frame.points for frame in self.drive.frames])
+
+    def strip(self, frame: int, caption: str) -> str:
+        """Caption a frame: its name, the share of its points that agree at a pose, and the name of the pose."""
+        words = [self.frame_names[frame]]
+        if self.observations.point_class_names and self.observations.image_class_names:
+            (points,) = frame_points([self.views[caption]], frame, self.together).poses
+            words += [] if points.agreement is None else [f"{100.0 * points.agreement:.1f} % agree"]
+        return "   ".join([*words, caption])
+
+    def draw(self, frame: int) -> tuple[dict[str, Image], Legend]:
+        """Draw the points of a frame, numbered from 0, at each pose: images by caption, and the legend of the colours.
+
+        Raises:
+            InputError: there is no such frame, or its image is wrong.
+        """
+        observations = self.observations
+        if not 0 <= frame < observations.num_frames:
+            raise InputError(
+                f"{self.drive.path}: found {counted(observations.num_frames, 'frame')}, needed one numbered {frame}"
+            )
+        background = self._background(frame)
+        images: dict[str, Image] = {}
+        legend: Legend = {}
+        for caption, view in self.views.items():
+            pixels, colors, named = self._colored(frame, view.seen_in_frame(frame))
+            images[caption] = _draw_dots(background, pixels, colors)
+            legend |= named
+        return images, legend
+
+    def _background(self, frame: int) -> Image:
+        """The image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
+        if self.by == "edge":
+            return edge_image(self.drive, self.drive.frames[frame])
+        image, is_photograph = image_of(self.drive, self.observations, frame)
+        if not is_photograph:
+            return (LABEL_STRENGTH * image).astype(np.uint8)
+        return _dimmed(image)
+
+    def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
+        """Pixels (M, 2) and colours (M, 3) of the dots in the order in which they are drawn, with their legend."""
+        shown = np.flatnonzero(~seen.is_hidden)
+        if self.by == "segment":
+            colors, legend = segment_colors(self._segmented[frame])
+            return seen.pixels[shown], colors[seen.indices[shown]], legend
+        palette = palette_of(self.observations, self.by)
+        if self.by == "depth":
+            return seen.pixels[shown], palette.colors[depth_levels(seen.ranges_m)[shown]], palette.legend()
+        if self.by == "agreement":
+            kinds = kinds_of(self.observations, frame, seen, self.together)
+            judged = kinds != NO_PAIR
+            return seen.pixels[judged], palette.colors[kinds[judged]], palette.legend()
+        classes = self.observations.clouds[frame].classes[seen.indices]
+        shown = shown[classes[shown] != NO_CLASS]
+        if self.by == "edge":
+            # Steps in intensity come first, then those in range; the strongest of each are drawn last.
+            shown = shown[is_edge(classes[shown])]
+            shown = shown[np.argsort(classes[shown], kind="stable")]
+        return seen.pixels[shown], palette.colors[classes[shown]], palette.legend(classes[shown])
+
+    @cached_property
+    def _segmented(self) -> list[core.SegmentedSweep]:
+        clouds = [cloud.points for cloud in self.observations.clouds]
+        return core.segment_sweeps(clouds, SegmentationConfig())
+
+    @cached_property
+    def together(self) -> npt.NDArray[np.bool_]:
+        """Classes of points and of pixels that go together at the last pose."""
+        return goes_together(list(self.views.values())[-1].agreement())
+
+
+def draw_depths(image: Image, points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Image:
+    """Draw points on an image, coloured by their distance from the camera; hidden ones are left out.
+
+    Args:
+        image: (H, W, 3) blue, green, red.
+        points: (N, 3) metres, LiDAR frame.
+        T_camera_lidar: (4, 4), metres.
+        camera: Camera of the image.
+    """
+    seen = points_in_image(points, T_camera_lidar, camera)
+    shown, colors = ~seen.is_hidden, level_colors(np.arange(256, dtype=np.uint8))
+    return _draw_dots(_dimmed(image), seen.pixels[shown], colors[depth_levels(seen.ranges_m[shown])])
+
+
+def _dimmed(image: Image) -> Image:
+    mixed = BACKGROUND_GRAY * image.mean(axis=2, keepdims=True) + (1.0 - BACKGROUND_GRAY) * image
+    dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
+    return dimmed
+
+
+def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) -> Image:
+    canvas = background.copy()
+    height, width = canvas.shape[:2]
+    radius = max(1, round(width / COLUMNS_PER_DOT_RADIUS))
+    span = np.arange(-radius, radius + 1)
+    du, dv = (grid.ravel() for grid in np.meshgrid(span, span))
+    is_disk = du**2 + dv**2 <= (radius + 0.5) ** 2
+    u, v = pixels[:, :1] + du[is_disk], pixels[:, 1:] + dv[is_disk]
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    # Dots are assigned in the order of the points: the last one on a pixel remains.
+    canvas[v[inside], u[inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[inside]
+    return canvas
+
+
+def draw_labels(
+    image: Image,
+    ids: npt.NDArray[np.uint16],
+    classes: Mapping[str, Sequence[int]],
+    ignored: Sequence[int],
+) -> Image:
+    """Draw an image next to a copy coloured by its labels, with a legend of the classes in it.
+
+    Args:
+        image: (H, W, 3) blue, green, red.
+        ids: (H, W) ids of the pixels.
+        classes: Ids of each name; empty without names.
+        ignored: Ids without information, which get no colour.
+
+    Returns:
+        (H', W', 3) blue, green, red.
+    """
+    found, counts = np.unique(ids, return_counts=True)
+    num_pixels = dict(zip(found.tolist(), counts.tolist(), strict=True))
+    names = {value: name for name, values in classes.items() for value in values}
+    shown = [value for value in num_pixels if value not in ignored and (value in names or not names)]
+    # All classes get colours, so that these do not depend on what an image shows.
+    every = list(classes) or [str(value) for value in shown]
+    colors = dict(zip(every, class_colors(every), strict=True))
+    drawn = image.copy()
+    for value in shown:
+        here = ids == value
+        mixed = (1.0 - LABEL_SHARE) * image[here] + LABEL_SHARE * colors[names.get(value, str(value))]
+        drawn[here] = mixed.round().astype(np.uint8)
+    named = [names.get(value, str(value)) for value in sorted(shown, key=lambda value: -num_pixels[value])]
+    is_wide = image.shape[1] > WIDE * image.shape[0]
+    both = before_after({"image": image, "labels": drawn}, stacked=is_wide)
+    legend = {name: tuple(colors[name].tolist()) for name in named}
+    return np.vstack([both, draw_legend(legend, both.shape[1])])
+
+
+def before_after(images: Mapping[str, Image], *, stacked: bool = False) -> Image:
+    """Put images of one size side by side, or stack them, in order, each with its caption."""
+    widths = [image.shape[1] for image in images.values()]
+    width = max(widths) if stacked else sum(widths)
+    captioned = [add_caption(image, caption, width) for caption, image in images.items()]
+    return np.vstack(captioned) if stacked else np.hstack(captioned)
+
+
+def add_caption(image: Image, caption: str, shown_width: int) -> Image:
+    """Put a line of text above an image, sized for the total width."""
+    scale, line = _text_size(shown_width)
+    strip = _filled(line, image.shape[1])
+    _write(strip, caption, (line // 2, 0), scale, line)
+    return np.vstack([strip, image])
+
+
+def draw_legend(legend: Legend, width: int) -> Image:
+    """Draw a strip, (h, width, 3), of swatches and names."""
+    scale, line = _text_size(width)
+    spots: list[tuple[int, int]] = []
+    x, y = line // 2, 0
+    for name in legend:
+        step = 2 * line + cv2.getTextSize(name, FONT, scale, 1)[0][0]
+        if x + step > width and x > line // 2:
+            x, y = line // 2, y + line
+        spots.append((x, y))
+        x += step
+    strip = _filled(y + line, width)
+    for (name, color), (x, y) in zip(legend.items(), spots, strict=True):
+        cv2.circle(strip, (x + line // 3, y + line // 2), line // 4, color, cv2.FILLED, cv2.LINE_AA)
+        _write(strip, name, (x + line, y), scale, line)
+    return strip
+
+
+def _text_size(width: int) -> tuple[float, int]:
+    """Scale of the font, and height of a line, for an image of a given width."""
+    line = max(16, width // 40)
+    return 0.45 * line / FONT_HEIGHT, line
+
+
+def _filled(height: int, width: int) -> Image:
+    return np.full((height, width, 3), MARGIN_COLOR, dtype=np.uint8)
+
+
+def _write(strip: Image, text: str, corner: tuple[int, int], scale: float, line: int) -> None:
+    """Write text into a line, given its upper left corner."""
+    x, y = corner
+    thickness = max(1, round(line / 24))
+    cv2.putText(strip, text, (x, y + round(0.7 * line)), FONT, scale, TEXT_COLOR, thickness, cv2.LINE_AA)
