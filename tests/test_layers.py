@@ -10,19 +10,20 @@ from importlinter.cli import lint_imports
 
 PACKAGE = ROOT / "semcal_cli"
 WITH_TORCH = {
-    f"refinement/{name}" for name in ("level_points", "mine", "network", "objective", "torch_geometry")
+    f"estimation/refine/{name}"
+    for name in ("level_points", "mine", "statistics_network", "objective", "torch_geometry")
 }
 WITH_OPENCV = {
-    "drive/cues/intensity",
-    "drive/cues/edges",
+    "observations/cues/intensity",
+    "observations/cues/edges",
     "labelling/views",
-    "datasets/bags/images",
-    "datasets/bags/video",
+    "importing/bags/image_messages",
+    "importing/bags/video",
     "labelling/sides",
-    "initialization/pnp",
-    "initialization/camera_motion",
-    "assessment/scale",
-    "assessment/uncertainty",
+    "estimation/search/pnp",
+    "estimation/search/visual_motion",
+    "checks/scale",
+    "estimation/uncertainty/covariance",
     "experiments/baselines/soic",
     "report",
 }

@@ -9,9 +9,8 @@ from semcal_cli.drive.camera import CAMERA_MODELS
 from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.files.input_files import read_text
 from semcal_cli.formats.camera_info import first_document, ros_intrinsics
-from semcal_cli.formats.format import Source
+from semcal_cli.formats.format import CameraBlock, Source
 from semcal_cli.formats.format_table import all_formats
-from semcal_cli.formats.lenses import Intrinsics
 from semcal_cli.formats.node import Node, camera_block
 from semcal_cli.formats.opencv import is_storage
 
@@ -46,7 +45,7 @@ def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
     return camera_block(source, *ros_intrinsics(Node(source, document)))
 
 
-def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+def _read(source: Source, camera: str | None, model: str | None) -> CameraBlock:
     for format in all_formats():
         if format.read_lens is not None and (found := format.read_lens(source, camera, model)) is not None:
             return found

@@ -10,10 +10,9 @@ from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.errors import InputError, describe
-from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.format import CameraBlock, Format, FormatOptions, Source
 from semcal_cli.formats.lenses import (
     NAMES,
-    Intrinsics,
     check_lens,
     coefficients_of,
     matrix_camera,
@@ -54,7 +53,7 @@ def first_document(text: str) -> str:
     return next((part for part, is_one in zip(documents, has_content, strict=True) if is_one), text)
 
 
-def ros_intrinsics(document: Node) -> Intrinsics:
+def ros_intrinsics(document: Node) -> CameraBlock:
     """Read a sensor_msgs/CameraInfo, as camera_calibration_parsers write it or as `ros2 topic echo` prints it.
 
     K and D are used; R and P belong to the rectified images. K is for the full image (CameraInfo.msg), so binned and
@@ -94,7 +93,7 @@ def _is_camera_info(source: Source) -> bool:
     return LENS in source.mapping and has_K and not is_storage(source.text)
 
 
-def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
+def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraBlock | None:
     if LENS not in source.mapping:
         return None
     refuse_camera(source.path, camera)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
@@ -18,9 +18,6 @@ from semcal_cli.files.input_files import read_bytes
 from semcal_cli.files.output_files import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.node import Node
 from semcal_cli.geometry.poses import Pose
-
-if TYPE_CHECKING:
-    from semcal_cli.formats.lenses import Intrinsics
 
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 """Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""
@@ -73,6 +70,15 @@ class FormatOptions:
         """Pass a line to `on_note`, if there is one."""
         if self.on_note is not None:
             self.on_note(line)
+
+
+class CameraBlock(NamedTuple):
+    """The camera block of a drive, as read from another tool's file."""
+
+    block: dict[str, Any]
+    """The `camera:` block of a drive, not yet checked."""
+    keys: Mapping[str, str]
+    """The file's own names for the keys of the block, for messages."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +206,7 @@ class Format:
     """Whether its files hold a transform; the others hold only intrinsics."""
     as_json: bool = False
     """Whether a document is written as JSON, whatever the suffix of its file."""
-    read_lens: Callable[[Source, str | None, str | None], Intrinsics | None] | None = None
+    read_lens: Callable[[Source, str | None, str | None], CameraBlock | None] | None = None
     """Reads the intrinsics of a camera, given its name and the camera model that the user chooses, if any. Returns None
     if the file is of another format."""
 

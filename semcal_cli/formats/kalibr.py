@@ -6,9 +6,8 @@ from typing import Any
 
 from semcal_cli.drive.camera import CAMERA_MODELS, Camera, CameraModel
 from semcal_cli.formats.document_formats import camera_format
-from semcal_cli.formats.format import Source
+from semcal_cli.formats.format import CameraBlock, Source
 from semcal_cli.formats.lenses import (
-    Intrinsics,
     UnnamedLensError,
     check_lens,
     coefficients_of,
@@ -34,7 +33,7 @@ MODELS: dict[CameraModel, tuple[str, str]] = {
 KEYS = {"K": "intrinsics", "distortion": "distortion_coeffs", "parameters": "intrinsics"}
 
 
-def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
+def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraBlock | None:
     entries = source.mapping.items()
     chain = {str(key): entry for key, entry in entries if isinstance(entry, dict) and "camera_model" in entry}
     if not chain:
@@ -54,7 +53,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
         block["distortion"] = entry.mapping.get("distortion_coeffs", [])
     if parameters:
         block["parameters"] = dict(zip(parameters, intrinsics, strict=False))
-    return Intrinsics(block, KEYS)
+    return CameraBlock(block, KEYS)
 
 
 def _known(name: Node, known: dict[str, Any]) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
 
 from semcal_cli.drive.camera import Camera, CameraModel
 from semcal_cli.errors import InputError, counted
+from semcal_cli.formats.format import CameraBlock
 from semcal_cli.formats.node import Node
 
 NAMES = {
@@ -25,16 +25,7 @@ LEAST_COUNTS: dict[CameraModel, int] = {
 """Number of zeros written for a lens without distortion, where a file must have coefficients."""
 
 
-class Intrinsics(NamedTuple):
-    """The camera block of a drive, as read from another tool's file."""
-
-    block: dict[str, Any]
-    """The `camera:` block of a drive, not yet checked."""
-    keys: Mapping[str, str]
-    """The file's own names for the keys of the block, for messages."""
-
-
-def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intrinsics:
+def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> CameraBlock:
     """Read K, the coefficients and the image size by the names that ROS and OpenCV give them.
 
     Args:
@@ -56,7 +47,7 @@ def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intri
         "distortion": coefficients,
     }
     keys = {key: next(name for name in names if name in document.mapping) for key, names in NAMES.items()}
-    return Intrinsics(block, keys)
+    return CameraBlock(block, keys)
 
 
 def intrinsic_matrix(fx: float, fy: float, cx: float, cy: float) -> list[list[float]]:

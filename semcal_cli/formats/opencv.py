@@ -19,11 +19,10 @@ import numpy as np
 
 from semcal_cli.errors import InputError, counted, describe
 from semcal_cli.files.documents import parse_document
-from semcal_cli.formats.format import FormatOptions, Source
+from semcal_cli.formats.format import CameraBlock, FormatOptions, Source
 from semcal_cli.formats.lenses import (
     LEAST_COUNTS,
     NAMES,
-    Intrinsics,
     check_lens,
     coefficients_of,
     intrinsic_matrix,
@@ -126,7 +125,7 @@ def _matrix(key: str, rows: int, values: list[float]) -> str:
     return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {numbers} ]"
 
 
-def _mei(storage: Node) -> Intrinsics:
+def _mei(storage: Node) -> CameraBlock:
     fx, fy, cx, cy = (storage.at(PROJECTION).at(key).number() for key in ("gamma1", "gamma2", "u0", "v0"))
     block = {
         "model": "omnidirectional",
@@ -136,10 +135,10 @@ def _mei(storage: Node) -> Intrinsics:
         "distortion": [storage.at(DISTORTION).at(key).number() for key in ("k1", "k2", "p1", "p2")],
         "parameters": {"xi": storage.at(MIRROR).at("xi").number()},
     }
-    return Intrinsics(block, {"K": PROJECTION, "distortion": DISTORTION, "parameters": MIRROR})
+    return CameraBlock(block, {"K": PROJECTION, "distortion": DISTORTION, "parameters": MIRROR})
 
 
-def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics | None:
+def _read_lens(source: Source, camera: str | None, model: str | None) -> CameraBlock | None:
     def model_of(distortion: Node, count: int) -> str:
         """Derive the camera model from the number of coefficients; cv2.fisheye also has four."""
         if model is not None:
@@ -164,7 +163,7 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
     block, keys = matrix_camera(storage, model_of)
     # A FileStorage writes whole numbers of a matrix of doubles without decimals.
     block |= {key: np.asarray(block[key], np.float64).tolist() for key in ("K", "distortion")}
-    return Intrinsics(block, keys)
+    return CameraBlock(block, keys)
 
 
 FORMAT = directed(

@@ -59,7 +59,7 @@ class LoadedDrive:
         return replace(self, drive=drive, observations=replace(self.observations, camera=camera))
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
-        """Move the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.observations.motion`."""
+        """Move the points as a rolling shutter sees them at a pose (4, 4): see `motion`."""
         observations = unrolled(self.observations, T_camera_lidar)
         return self if observations is self.observations else replace(self, observations=observations)
 

@@ -42,7 +42,7 @@ class LabelledCloud:
     """(N, C) features, whose codes are the classes; None without features."""
     exposed_s: npt.NDArray[np.float64] | None = None
     """(N,) time at which each point is seen, in seconds after the exposure of the image's middle line; None if all are
-    seen at that time. See `semcal_cli.observations.motion`."""
+    seen at that time. See `motion`."""
 
     @property
     def num_points(self) -> int:

@@ -8,6 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
+from semcal_cli.checks.camera_motion import check_camera_motion
 from semcal_cli.checks.consistency import check_consistency
 from semcal_cli.checks.disagreement import check_frames
 from semcal_cli.checks.label_alignment import check_label_alignment, check_leaks
@@ -18,6 +19,7 @@ from semcal_cli.config import PolishConfig, RefinementConfig
 from semcal_cli.drive.camera import OF_K, sigma_of
 from semcal_cli.errors import counted
 from semcal_cli.estimation.adjust.clock import KNOW_MOTION, UnknownClock, notes_on_clock
+from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
 from semcal_cli.estimation.uncertainty.covariance import (
     estimate_uncertainty,
     label_bleed,
@@ -282,3 +284,33 @@ def _rivals(
     if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
         return ()
     return check_rivals(observations, T_camera_lidar, found)
+
+
+def compare_motion(data: LoadedDrive, stages: Stages, on_event: Listener = ignore) -> Stages:
+    """Compare the rotation of an assessed pose with the one that the motion of camera and LiDAR gives.
+
+    Without a motion or consecutive images, the stages are returned unchanged.
+
+    Raises:
+        InputError: an image or the file of the poses is missing or wrong.
+    """
+    assessment = stages.assessment
+    if assessment is None:
+        return stages
+    on_event(Progress("comparing the motion of camera and LiDAR"))
+    start = perf_counter()
+    by_motion = (stages.searched and stages.searched.by_motion) or hand_eye(data.recorded or data.drive)
+    if isinstance(by_motion, NotDetermined) and by_motion.is_unsuited:
+        return stages
+    measured = list[Measured]()
+    if isinstance(by_motion, NotDetermined):
+        note = f"the rotation was not checked against the motion of camera and LiDAR: {by_motion.why}"
+    else:
+        covariance = None if stages.uncertainty is None else np.array(stages.uncertainty.covariance)
+        measured.append(check_camera_motion(by_motion, stages.T_camera_lidar, covariance))
+        note = (
+            f"{by_motion.sentence}, which {'contradicts' if measured[0].findings else 'agrees with'} the pose"
+        )
+    on_event(StageDone("motion", perf_counter() - start, note))
+    notes = (*assessment.notes, note)
+    return replace(stages, assessment=replace(assessment, notes=notes).with_measured(*measured))

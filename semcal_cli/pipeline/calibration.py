@@ -17,7 +17,6 @@ from time import perf_counter
 from pydantic_core import to_jsonable_python
 
 from semcal_cli import core
-from semcal_cli.checks.camera_motion import compare_motion
 from semcal_cli.checks.pose_checks import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
@@ -50,6 +49,7 @@ from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import can_be_unrolled, twists_per_s
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline.assess import assess as assess
+from semcal_cli.pipeline.assess import compare_motion
 from semcal_cli.pipeline.mountings import decide_in_full
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import Calibration
@@ -289,7 +289,7 @@ def polish(
 def estimate_jointly(
     data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Joint:
-    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.estimation.adjust.joint`."""
+    """Estimate intrinsics and the offset of the clock together with the pose; see `adjust.joint`."""
     doing = "estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"
     settings = config.jointly, config.polish, data.drive.time_offset_s
     stage = partial(fit_jointly, data.observations, T_polished, *settings)

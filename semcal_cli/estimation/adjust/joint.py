@@ -1,6 +1,6 @@
 """Joint estimation of intrinsics, the time offset and the pose.
 
-The estimate (`semcal_cli.estimation.adjust.joint_fit`) is kept if it differs from the drive's values by more than chance and
+The estimate (`adjust.joint_fit`) is kept if it differs from the drive's values by more than chance and
 held-out data agree better with it.
 """
 

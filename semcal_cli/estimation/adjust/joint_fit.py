@@ -4,7 +4,7 @@ All are brought to the top of the exact mutual information together (`rust/align
 says. Prior standard deviations hold a variable that the labels do not constrain; it is then left out, and reported as
 not determined.
 
-The covariance is that of the labels' measurement (`semcal_cli.estimation.uncertainty.sensitivity`) over all variables together;
+The covariance is that of the labels' measurement (`uncertainty.sensitivity`) over all variables together;
 priors are further independent measurements, and all frames share errors of label borders. Undetermined intrinsics stay
 in it with their prior errors, which add to those of the pose.
 """

@@ -1,6 +1,6 @@
 """Priors, which are measurements of the pose that are known beforehand, and their fusion with the labels.
 
-The labels give a measurement of the pose, whose covariance is the sandwich of `semcal_cli.estimation.uncertainty.covariance`. The
+The labels give a measurement of the pose, whose covariance is the sandwich of `uncertainty.covariance`. The
 priors give others, and all are weighted by their information (Gauss-Newton). Axes that are known exactly are
 constraints. Directions in which the mutual information does not curve carry no information of the labels, so the priors
 alone decide there. Stated errors of the intrinsics add to the covariance of the labels' measurement.

@@ -1,7 +1,7 @@
 """MINE: a network's lower bound on mutual information, maximised over the network and the pose together (Alg. 1).
 
-The code names the steps of Alg. 1 where it takes them. The bound is in `semcal_cli.estimation.refine.statistics_network` (eq. 5), the
-matrix exponential in `semcal_cli.estimation.refine.torch_geometry` (eq. 3).
+The code names the steps of Alg. 1 where it takes them. The bound is in `refine.statistics_network` (eq. 5), the
+matrix exponential in `refine.torch_geometry` (eq. 3).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The label pyramid: a pose is optimised level by level, coarse to fine, each from the previous level's pose (Alg. 1).
 
 The estimator defines the objective of a level: the exact mutual information of labels, in Rust, or the Donsker-Varadhan
-bound of a statistics network (`semcal_cli.estimation.refine.mine`). `refine_exactly` is the entry for assessments: other focal
+bound of a statistics network (`refine.mine`). `refine_exactly` is the entry for assessments: other focal
 lengths and time offsets, parts of a drive, single frames.
 
 Every level has the same number of steps, whose lengths decrease to a twentieth, because on mini-batches noise would

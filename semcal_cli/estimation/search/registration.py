@@ -57,11 +57,10 @@ def register(
         observations = observations.with_clouds(
             cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
         )
-    core = observations.core
-    images = core.SphericalImages(core, grid)
-    placements = core.register(core, images, config, around)
+    images = core.SphericalImages(observations.core, grid)
+    placements = core.register(observations.core, images, config, around)
     samples = core.sample_correspondences(
-        core, images, config.zoom, placements, config.num_correspondences, seed
+        observations.core, images, config.zoom, placements, config.num_correspondences, seed
     )
 
     def solve(placement: core.Hypothesis, pairs: core.Correspondences) -> Candidate | CalibrationError:

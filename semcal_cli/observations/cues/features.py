@@ -1,7 +1,7 @@
 """The features cue: feature vectors of points and pixels, as computed by networks, instead of labels.
 
 The meaning of the vectors is unknown, and the two sides need not have anything in common. Vectors have no histogram, so
-MINE bounds their mutual information (`semcal_cli.estimation.refine.mine`). The initial calibration replaces each vector by the
+MINE bounds their mutual information (`refine.mine`). The initial calibration replaces each vector by the
 nearest of several centres (k-means) and uses the histogram of these codes.
 """
 

@@ -1,0 +1,128 @@
+"""The rules of the house, which ARCHITECTURE.md describes: each function lists the violations in a package."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from documentation import ROOT
+
+PACKAGE = ROOT / "semcal_cli"
+FRONT = {"__init__", "__main__"}
+FLOORS = ("estimation", "many")
+"""Folders whose rooms are the folders in them."""
+ARRAYS = "geometry/arrays.py"
+"""The module of the names of array types."""
+MAX_PUBLIC_NAMES = 25
+BROAD_ROOMS = {"cli", "config", "formats"}
+"""Rooms that may have more public names: commands, settings and formats are many by their nature."""
+
+
+def modules(package: Path) -> dict[str, ast.Module]:
+    """Parse all modules of a package, by their paths in it."""
+    return {
+        path.relative_to(package).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+        for path in sorted(package.rglob("*.py"))
+    }
+
+
+def room_of(path: str) -> str:
+    """Name the room in which a module stands."""
+    parts = path.removesuffix(".py").split("/")
+    return "/".join(parts[: 2 if parts[0] in FLOORS else 1])
+
+
+def repeated(places: dict[str, list[str]]) -> list[str]:
+    return [f"{name}: {', '.join(paths)}" for name, paths in sorted(places.items()) if len(paths) > 1]
+
+
+def file_names_in_two_rooms(package: Path) -> list[str]:
+    places = defaultdict(list)
+    for path in modules(package):
+        if Path(path).stem not in FRONT:
+            places[Path(path).stem].append(path)
+    return repeated(places)
+
+
+def is_alias(statement: ast.stmt) -> bool:
+    return (
+        isinstance(statement, ast.AnnAssign)
+        and isinstance(statement.annotation, ast.Name)
+        and statement.annotation.id == "TypeAlias"
+    )
+
+
+def types_in(module: ast.Module) -> Iterator[str]:
+    """Name the public classes and aliases that a module defines."""
+    for statement in module.body:
+        if isinstance(statement, ast.ClassDef):
+            name = statement.name
+        elif isinstance(statement, ast.AnnAssign) and is_alias(statement):
+            name = ast.unparse(statement.target)
+        else:
+            continue
+        if not name.startswith("_"):
+            yield name
+
+
+def types_in_two_modules(package: Path) -> list[str]:
+    places = defaultdict(list)
+    for path, module in modules(package).items():
+        for name in types_in(module):
+            places[name].append(path)
+    return repeated(places)
+
+
+def core_imports(package: Path) -> list[str]:
+    """List the imports of the compiled core outside `core.py`, which says what to do where it is not built."""
+    return [
+        f"{path}: {ast.unparse(node)}"
+        for path, module in modules(package).items()
+        if path != "core.py"
+        for node in ast.walk(module)
+        if isinstance(node, ast.ImportFrom)
+        and ("_core" in (node.module or "").split(".") or any(alias.name == "_core" for alias in node.names))
+    ]
+
+
+def array_aliases(package: Path) -> list[str]:
+    """List the names of array types outside the module that has them all."""
+    return [
+        f"{path}: {ast.unparse(statement)}"
+        for path, module in modules(package).items()
+        if path != ARRAYS
+        for statement in module.body
+        if isinstance(statement, ast.Assign | ast.AnnAssign)
+        and statement.value is not None
+        and re.match(r"(npt?\.|numpy\.typing\.)?(NDArray|ArrayLike)\b", ast.unparse(statement.value))
+    ]
+
+
+def imported_names(package: Path) -> dict[str, set[str]]:
+    """Collect the public names of each room: those that other rooms import."""
+    trees, names = modules(package), defaultdict(set)
+    for path, module in trees.items():
+        for node in ast.walk(module):
+            if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith(package.name):
+                continue
+            *_, source = ["", *(node.module or "").split(".", 1)]
+            for alias in node.names:
+                target = f"{source}/{alias.name}".replace(".", "/").removeprefix(f"{package.name}/")
+                room = room_of(target)
+                if room != room_of(path) and path not in ("__init__.py", "__main__.py"):
+                    names[room].add(f"{target.rpartition('/')[0]}: {alias.name}")
+    return names
+
+
+def crowded_rooms(package: Path) -> list[str]:
+    return [
+        f"{room}: {len(names)} public names, needed at most {MAX_PUBLIC_NAMES}"
+        for room, names in sorted(imported_names(package).items())
+        if room not in BROAD_ROOMS and len(names) > MAX_PUBLIC_NAMES
+    ]
+
+
+Rule = Callable[[Path], list[str]]

@@ -1,0 +1,35 @@
+"""The rules of the house hold, and each of them would notice a violation."""
+
+from pathlib import Path
+
+import house
+import pytest
+
+PLANTED: dict[house.Rule, dict[str, str]] = {
+    house.file_names_in_two_rooms: {"drive/motion.py": "", "observations/motion.py": ""},
+    house.types_in_two_modules: {
+        "fleet/a.py": "class Pair: pass",
+        "many/rig/b.py": "from typing import TypeAlias\nPair: TypeAlias = tuple[int, int]",
+    },
+    house.core_imports: {"checks/a.py": "from planted import _core"},
+    house.array_aliases: {"checks/a.py": "import numpy.typing as npt\nMatrix = npt.NDArray[float]"},
+    house.crowded_rooms: {
+        "files/a.py": "",
+        "checks/a.py": f"from planted.files.a import {', '.join(f'name_{n}' for n in range(26))}",
+    },
+}
+"""A violation of each rule: files of a package, by their paths in it."""
+
+
+@pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)
+def test_the_house_keeps_its_rules(rule: house.Rule) -> None:
+    assert rule(house.PACKAGE) == []
+
+
+@pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)
+def test_a_rule_notices_a_violation(rule: house.Rule, tmp_path: Path) -> None:
+    for name, text in PLANTED[rule].items():
+        path = tmp_path / "planted" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    assert len(rule(tmp_path / "planted")) == 1
