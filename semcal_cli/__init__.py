@@ -12,30 +12,36 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from semcal_cli.api.calibration import Calibration as Calibration
-    from semcal_cli.api.calibration import read_calibration as read_calibration
-    from semcal_cli.api.calls import assess as assess
-    from semcal_cli.api.calls import calibrate as calibrate
-    from semcal_cli.api.calls import refine as refine
-    from semcal_cli.api.calls import verify as verify
+    from semcal_cli.api.calibration import Calibration as Calibration, read_calibration as read_calibration
+    from semcal_cli.api.calls import (
+        assess as assess,
+        calibrate as calibrate,
+        refine as refine,
+        verify as verify,
+    )
     from semcal_cli.api.many import batch as batch
-    from semcal_cli.config import CalibrationConfig as CalibrationConfig
-    from semcal_cli.config import InitializationConfig as InitializationConfig
-    from semcal_cli.config import JointlyConfig as JointlyConfig
-    from semcal_cli.config import Limits as Limits
-    from semcal_cli.config import RefinementConfig as RefinementConfig
+    from semcal_cli.config import (
+        CalibrationConfig as CalibrationConfig,
+        InitializationConfig as InitializationConfig,
+        JointlyConfig as JointlyConfig,
+        Limits as Limits,
+        RefinementConfig as RefinementConfig,
+    )
     from semcal_cli.drive.camera import Camera as Camera
-    from semcal_cli.drive.document import Drive as Drive
-    from semcal_cli.drive.document import read_drive as read_drive
+    from semcal_cli.drive.document import Drive as Drive, read_drive as read_drive
     from semcal_cli.drive.held_arrays import ArrayInput as ArrayInput
-    from semcal_cli.errors import CalibrationError as CalibrationError
-    from semcal_cli.errors import InputError as InputError
-    from semcal_cli.errors import SemcalError as SemcalError
+    from semcal_cli.errors import (
+        CalibrationError as CalibrationError,
+        InputError as InputError,
+        SemcalError as SemcalError,
+    )
     from semcal_cli.estimation.adjust.priors import Prior as Prior
     from semcal_cli.estimation.search.initial_pose import InitialPose as InitialPose
-    from semcal_cli.formats import convert as convert
-    from semcal_cli.formats import read_transform as read_transform
-    from semcal_cli.formats import write_transform as write_transform
+    from semcal_cli.formats import (
+        convert as convert,
+        read_transform as read_transform,
+        write_transform as write_transform,
+    )
     from semcal_cli.formats.format import FormatOptions as FormatOptions
     from semcal_cli.geometry.poses import compare_poses as compare_poses
     from semcal_cli.observations.loading import load as load

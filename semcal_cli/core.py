@@ -1,6 +1,6 @@
 """The numeric core, which is compiled from `rust/`. This is the only module that imports it."""
 
-from importlib.util import find_spec
+from pathlib import Path
 
 NO_CORE = (
     "found the sources without their compiled core: leave this folder, so that Python finds the installed package, or "
@@ -8,7 +8,84 @@ NO_CORE = (
 )
 """Error of a package that has not been built, such as that of a clone."""
 
-if find_spec("semcal_cli._core") is None:
-    raise ImportError(f"{__file__.removesuffix('core.py')}: {NO_CORE}", name="semcal_cli")
-
-from semcal_cli._core import *  # noqa: E402, F403
+try:
+    from semcal_cli._core import (
+        GROUND as GROUND,
+        NO_ID as NO_ID,
+        NO_PIXEL as NO_PIXEL,
+        NO_SEGMENT as NO_SEGMENT,
+        NO_VIEW as NO_VIEW,
+        OBJECT as OBJECT,
+        Agreement as Agreement,
+        Aligned as Aligned,
+        AnchoredPoints as AnchoredPoints,
+        Ascended as Ascended,
+        Camera as Camera,
+        ClassShares as ClassShares,
+        Correspondences as Correspondences,
+        DistanceMinimum as DistanceMinimum,
+        Grid as Grid,
+        HeldOutGain as HeldOutGain,
+        Hypothesis as Hypothesis,
+        JointMaximum as JointMaximum,
+        LabelledCloud as LabelledCloud,
+        LabelledImage as LabelledImage,
+        MiniBatch as MiniBatch,
+        Observations as Observations,
+        Partitions as Partitions,
+        PointCloud as PointCloud,
+        Polished as Polished,
+        Projected as Projected,
+        RangeProjection as RangeProjection,
+        RangeView as RangeView,
+        RenderedFrame as RenderedFrame,
+        Renderer as Renderer,
+        SegmentedSweep as SegmentedSweep,
+        SemanticDistance as SemanticDistance,
+        Sensitivity as Sensitivity,
+        SphericalImages as SphericalImages,
+        Steps as Steps,
+        Trajectory as Trajectory,
+        Up as Up,
+        agreement as agreement,
+        align as align,
+        ascend as ascend,
+        classes_of_scores as classes_of_scores,
+        config_attributes as config_attributes,
+        despeckle as despeckle,
+        edge_steps as edge_steps,
+        estimate_grid as estimate_grid,
+        estimate_up as estimate_up,
+        fisher_limit as fisher_limit,
+        held_out_gain as held_out_gain,
+        information as information,
+        information_along as information_along,
+        information_gains as information_gains,
+        look_up_classes as look_up_classes,
+        maximise as maximise,
+        parse_point_cloud as parse_point_cloud,
+        polish as polish,
+        project_points as project_points,
+        quaternion as quaternion,
+        read_class_shares as read_class_shares,
+        read_label_images as read_label_images,
+        read_label_thumbnails as read_label_thumbnails,
+        read_point_clouds as read_point_clouds,
+        register as register,
+        sample_correspondences as sample_correspondences,
+        scan_grid as scan_grid,
+        seen_ids as seen_ids,
+        segment_sweep as segment_sweep,
+        segment_sweeps as segment_sweeps,
+        sensitivity as sensitivity,
+        set_num_threads as set_num_threads,
+        shares_of_scores as shares_of_scores,
+        steps_at_label_borders as steps_at_label_borders,
+        steps_at_label_changes as steps_at_label_changes,
+        student_quantile as student_quantile,
+        synthetic_classes as synthetic_classes,
+        turned_partitions as turned_partitions,
+        unroll as unroll,
+    )
+except ModuleNotFoundError:
+    raise ImportError(f"{Path(__file__).parent}: {NO_CORE}", name="semcal_cli") from None

@@ -9,18 +9,17 @@ from typing import Any
 
 import cv2
 import numpy as np
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
+from mcap.writer import CompressionType, Writer as McapWriter
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
+from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.image_files import read_image
-from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import quaternion_xyzw
 from semcal_cli.observations.reading import read_clouds
 
 NS = 1_000_000_000

@@ -17,8 +17,7 @@ import pytest
 import yaml
 from click.testing import Result
 from commands import invoke
-from hypothesis import settings
-from hypothesis import strategies as st
+from hypothesis import settings, strategies as st
 from laboratory import spoiling
 from laboratory.raw_drive import RawDrive, read_raw_drive, write_raw_drive
 from refined import spoiled, with_camera
@@ -32,7 +31,7 @@ from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from camera_infos import KITTI_360_FISHEYE, ROS
 
 from semcal_cli.files.image_files import write_image
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 """T_camera_lidar of a camera at the LiDAR's origin: x right = -y, y down = -z, z forward = x."""

@@ -7,7 +7,7 @@ import numpy as np
 from conftest import make_pose
 
 from semcal_cli.fleet.fleet_drives import Member
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import pose_at
 
 TRUTH = make_pose((1.2, -0.3, 0.8), (0.4, -0.2, 0.7))

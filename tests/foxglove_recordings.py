@@ -19,7 +19,7 @@ from google.protobuf.json_format import ParseDict
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.writer import Writer as ProtobufWriter
 
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 TYPES = {"u1": 1, "i1": 2, "u2": 3, "i2": 4, "u4": 5, "i4": 6, "f4": 7, "f8": 8}
 """Datatypes of a PackedElementField."""

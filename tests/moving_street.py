@@ -19,7 +19,8 @@ from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import write_image
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.bags.point_messages import PointTimes, Sweep
 from semcal_cli.importing.sweep_odometry import NS, tum_text
 from semcal_cli.synthetic.street_motion import VehicleMotion

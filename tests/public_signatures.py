@@ -115,7 +115,10 @@ def aliases(each: griffe.Object, package: griffe.Module) -> set[str]:
 
 
 def is_alias_of_type(name: str, package: griffe.Module) -> bool:
-    found = package[name.removeprefix("semcal_cli.")]
+    try:
+        found = package[name.removeprefix("semcal_cli.")]
+    except KeyError:  # a type of the core, in a class whose own `core` griffe takes for the module
+        return False
     found = found.final_target if found.is_alias else found
     return found.is_attribute and str(found.annotation) == "TypeAlias"
 

@@ -31,7 +31,8 @@ from bags import KINDS, NS, START_NS, BagWriter, Messages
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.files.image_files import read_image
-from semcal_cli.geometry.poses import Pose, pose_from_mounting
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.importing.bags.bag_import import import_bag
 from semcal_cli.importing.bags.messages import Message, Topic
 from semcal_cli.importing.bags.recorded_motion import MotionSource, Trajectory

@@ -18,8 +18,7 @@ import numpy as np
 import pytest
 from batches import NUM_DRIVES, QUICK, SEMCAL, command, make_drives, run, summary
 from click.testing import Result
-from hostile_drives import HOSTILE as HOSTILE_DRIVES
-from hostile_drives import break_drive
+from hostile_drives import HOSTILE as HOSTILE_DRIVES, break_drive
 from refined import with_camera
 
 import semcal_cli as semcal

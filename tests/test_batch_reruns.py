@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 from batches import SEMCAL, command, make_drives, run, summary
 
-from semcal_cli.cli import Ending, worker
-from semcal_cli.cli import run as run_command
+from semcal_cli.cli import Ending, run as run_command, worker
 from semcal_cli.cli.worker import run_task
 from semcal_cli.formats import read_transform
 from semcal_cli.many.batch.records import Inputs, read_inputs, read_outcome, read_state, write_record

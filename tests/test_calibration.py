@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import yaml
 from conftest import make_pose, poses
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.result.calibration_document import (
     Calibration,
     calibration_text,

@@ -20,6 +20,7 @@ from hostile_drives import HOSTILE, Edit, break_drive
 from test_calibration import POSE, make_calibration
 
 import semcal_cli
+from semcal_cli import core
 from semcal_cli.cli import EXIT_FAILURE, SECTIONS, semcal
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
@@ -289,7 +290,7 @@ def test_a_clone_whose_core_is_not_built_says_so(tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert done.stderr.strip() == (
-        f"semcal: error: semcal_cli: cannot be imported: {sources}: {semcal_cli.NO_CORE}"
+        f"semcal: error: semcal_cli: cannot be imported: {sources}: {core.NO_CORE}"
     )
 
 

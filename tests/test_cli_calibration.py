@@ -17,7 +17,8 @@ from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
 from semcal_cli.drive.document import read_drive
 from semcal_cli.files.documents import read_document
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, compare_poses, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import OPTICAL_AXES, camera_center, compare_poses, inverse
 from semcal_cli.observations.cues.cue_table import choose_frames
 from semcal_cli.result.calibration_document import Calibration, read_calibration
 

@@ -19,7 +19,8 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, camera_center, cross_matrix
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center, cross_matrix
 from semcal_cli.geometry.twists import local_coordinates
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import delayed

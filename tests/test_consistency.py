@@ -13,7 +13,7 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import refine_exactly
 from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, wrong_intrinsics
 from semcal_cli.findings.check import findings_among
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
 

@@ -18,7 +18,7 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import InputError
 from semcal_cli.experiments.soic_config import SoicConfig
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.labelling.card import NeighborsConfig
 from semcal_cli.observations.cues.segments import SegmentationConfig
 from semcal_cli.observations.observations import Observations

@@ -24,7 +24,8 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.observations.reading import load_observations
 
 PRINTED = 1e-9  # decimals of the reference in the drive.yaml of the real frame

@@ -19,7 +19,8 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.covariance import estimate_uncertainty
 from semcal_cli.findings.check import findings_among
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.reading import load_observations

@@ -28,8 +28,7 @@ from semcal_cli.config import MAX_PIXELS, MAX_POINTS
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import experiment
-from semcal_cli.files import input_files as reading
-from semcal_cli.files import point_clouds, rows, yaml_values
+from semcal_cli.files import input_files as reading, point_clouds, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.findings.check import CHECKS, Check
 from semcal_cli.formats import format

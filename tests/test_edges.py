@@ -21,7 +21,8 @@ from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting_search import led_by
 from semcal_cli.files.point_clouds import Sweeps
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import chosen
 from semcal_cli.observations.cues.edges import EDGES, NO_EDGE, STARTS, edges_of_sweeps, observe_edges
 from semcal_cli.observations.loading import load

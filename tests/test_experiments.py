@@ -24,11 +24,9 @@ from accuracy import Result
 from benchmark import SEMCAL, run_process, script
 from conftest import FINE_STREET, make_pose
 from laboratory import spoiled
-from laboratory.outcomes import AS_IT_IS, MOVED, TURNED, Outcome, run_case
-from laboratory.outcomes import Case as TrustCase
+from laboratory.outcomes import AS_IT_IS, MOVED, TURNED, Case as TrustCase, Outcome, run_case
 from laboratory.rates import Rate
-from laboratory.rigs import RIGS, row_cases
-from laboratory.rigs import Case as RowCase
+from laboratory.rigs import RIGS, Case as RowCase, row_cases
 
 from semcal_cli.cli.experiment import Progress
 from semcal_cli.cli.terminal import make_console
@@ -39,7 +37,8 @@ from semcal_cli.experiments import drives, rivals
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report, in_words
 from semcal_cli.files.output_files import locked
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.observations.reading import load_observations

@@ -16,7 +16,8 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.estimation.refine.torch_geometry import exp_se3
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.cues.features import observe_features
 from semcal_cli.observations.loading import LoadedDrive

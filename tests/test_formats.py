@@ -24,8 +24,7 @@ from format_files import (
     T_LIDAR_CAMERA,
     words,
 )
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.drive.document import read_drive

@@ -25,7 +25,8 @@ from semcal_cli.estimation.search.hand_eye import (
 )
 from semcal_cli.estimation.search.visual_motion import across, refined
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, compare_poses, inverse, pose_from_mounting, rotation_error_deg
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, inverse, pose_from_mounting, rotation_error_deg
 from semcal_cli.synthetic.street_motion import VehicleMotion
 
 TRUTH = pose_from_mounting((2.0, -5.0, 70.0), (0.4, 0.3, -0.2))

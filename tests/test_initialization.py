@@ -8,7 +8,8 @@ from semcal_cli import core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
-from semcal_cli.geometry.poses import Pose, camera_center, compare_poses, inverse, rotation_error_deg
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center, compare_poses, inverse, rotation_error_deg
 from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.result.sections import Hypothesis
 

@@ -17,7 +17,8 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import choose_frames, load_cues, summed
 from semcal_cli.observations.cues.intensity import INTENSITY, lens_mask, observe_intensity
 from semcal_cli.observations.observations import Observations

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from camera_infos import KALIBR, LENS, OPENCV, OPENCV_XML, ROS, ROS_ECHO, ROS_MESSAGE, K
 from dataset_trees import KITTI_360_FISHEYE, write
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.camera_block import read_intrinsics

@@ -18,7 +18,7 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
     wrong_intrinsics,
 )
 from semcal_cli.findings.check import findings_among
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.observations import Observations
 

@@ -17,7 +17,8 @@ from semcal_cli.estimation.adjust.joint import Joint, fit_jointly
 from semcal_cli.estimation.adjust.joint_fit import LEAST_EVIDENCE, Problem, Variables
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.covariance import with_others
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import delayed

@@ -14,7 +14,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.files.image_files import read_image, write_image
 from semcal_cli.findings.check import findings_among
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations

@@ -10,7 +10,7 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.estimation.refine.level_points import FeaturePoints, block_means, feature_vectors
 from semcal_cli.estimation.refine.statistics_network import SeparableNetwork
 from semcal_cli.estimation.refine.torch_geometry import exp_se3
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 
 WIDTH, HEIGHT, CHANNELS, NUM_FRAMES, NUM_POINTS = 64, 48, 5, 3, 2000

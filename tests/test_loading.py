@@ -7,7 +7,7 @@ import pytest
 
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import files_of
 from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import make_calibration, start_at

@@ -4,8 +4,8 @@ from conftest import make_pose, poses
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
-    Pose,
     camera_center,
     compare_poses,
     inverse,

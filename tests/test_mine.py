@@ -13,7 +13,7 @@ from conftest import make_pose
 from semcal_cli import core
 from semcal_cli.estimation.refine.level_points import sample
 from semcal_cli.estimation.refine.statistics_network import Adam, DonskerVaradhan, StatisticsNetwork
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 
 ERROR = 0.1

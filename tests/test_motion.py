@@ -15,7 +15,8 @@ from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
-from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import quaternion_xyzw
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_clouds, read_observations

@@ -11,7 +11,8 @@ from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.search.mounting_search import Initialization, led_by
 from semcal_cli.events import ignore
 from semcal_cli.findings.check import OTHER_MOUNTING
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import initialize, refine
 from semcal_cli.pipeline.mountings import decide_in_full

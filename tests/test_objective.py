@@ -10,7 +10,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.objective import MutualInformation
 from semcal_cli.estimation.refine.torch_geometry import exp_se3
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations
 

@@ -14,7 +14,7 @@ from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import select_frames
 from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.observations.reading import load_observations

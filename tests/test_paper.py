@@ -13,7 +13,8 @@ from semcal_cli.config.paper_config import PaperConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.registration import Candidate
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.reading import read_observations

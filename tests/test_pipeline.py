@@ -25,7 +25,7 @@ from semcal_cli.estimation.adjust.priors import Prior
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.events import Event, Progress, StageDone
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import calibrate

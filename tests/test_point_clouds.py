@@ -8,8 +8,7 @@ import laspy
 import numpy as np
 import pytest
 from conftest import DRIVE, real
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from plyfile import PlyData, PlyElement
 
 from semcal_cli import core

@@ -12,7 +12,8 @@ from semcal_cli.config import PolishConfig, PyramidConfig, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.refine.polish import polish_pose, split
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.segments import STARTS
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import NO_CLASS, Observations

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import core
 from semcal_cli.checks.pose_checks import check_motion, check_pose, compare_seeds
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
 

@@ -12,7 +12,8 @@ from test_calibration import make_calibration
 
 from semcal_cli.fleet.fleet_drives import _Line
 from semcal_cli.formats import read_extrinsic, read_transform, write_transform
-from semcal_cli.geometry.poses import Pose, as_transform, check_rigid, inverse, orthonormal, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import as_transform, check_rigid, inverse, orthonormal, quaternion_xyzw
 from semcal_cli.result.calibration_document import (
     Calibration,
     calibration_text,

@@ -12,7 +12,8 @@ from semcal_cli.estimation.adjust.priors import UNSETTLED, Prior, _solve, clamp,
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.covariance import estimate_uncertainty
 from semcal_cli.estimation.uncertainty.sensitivity import Measurement, Scatter, measure, sensitivity
-from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center, rotation_difference
 from semcal_cli.observations.observations import NO_CLASS, LabelledImage, Observations
 from semcal_cli.result.uncertainty import Uncertainty
 

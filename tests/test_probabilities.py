@@ -15,7 +15,8 @@ from semcal_cli.estimation.refine.mine import MineEstimator
 from semcal_cli.estimation.refine.polish import polish_pose
 from semcal_cli.estimation.refine.pyramid import ExactEstimator, LevelOptimizer, refine_pose
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import LabelledImage, Observations

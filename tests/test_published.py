@@ -12,7 +12,8 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments.published import PUBLISHED, PublishedRow, published_rows
 from semcal_cli.experiments.table import Comparison, describe, markdown
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, rotation_error_deg, rotation_vector_deg
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import rotation_error_deg, rotation_vector_deg
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.reading import load_observations
 

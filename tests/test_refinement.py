@@ -11,7 +11,8 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.mine import MineEstimator
 from semcal_cli.estimation.refine.pyramid import ExactEstimator, LevelOptimizer, pyramid_factors, refine_pose
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.observations import Observations
 
 # Three times what four frames of 640 x 360 were measured to end at.

@@ -18,7 +18,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.reading import load_observations
 from semcal_cli.report import read_report_input, write_report

@@ -19,7 +19,7 @@ import semcal_cli
 from semcal_cli.cli.tables import summary_lines
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Motion, read_drive
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import load
 from semcal_cli.report import read_report_input
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences

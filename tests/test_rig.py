@@ -17,7 +17,8 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files import point_clouds
 from semcal_cli.files.documents import read_document
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_calibration import Reference, make_pair
 from semcal_cli.many.rig.rig_document import find_rig, read_rig

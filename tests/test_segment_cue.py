@@ -22,7 +22,8 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.information import information_by_squares
 from semcal_cli.findings.check import findings_among
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.cues.segments import KINDS, SEGMENTS, STARTS, observe_segments
 from semcal_cli.observations.loading import LoadedDrive, load

@@ -15,7 +15,8 @@ from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Motion
 from semcal_cli.estimation.search.initial_pose import InitialPose
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import delayed, exposed_as, points_at, unrolled

@@ -10,7 +10,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.soic import Soic
 from semcal_cli.experiments.soic_config import SoicConfig
-from semcal_cli.geometry.poses import Pose, compare_poses, pose_from_mounting
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, pose_from_mounting
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.synthetic.label_noise import with_wrong_labels

@@ -14,7 +14,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, camera_center, check_rigid
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center, check_rigid
 from semcal_cli.observations.reading import load_observations
 from semcal_cli.synthetic.frame_files import UNLABELED
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, make_renderer, mounting, synthesize

@@ -18,7 +18,7 @@ from semcal_cli.estimation.uncertainty.information import InformationBySquares
 from semcal_cli.estimation.uncertainty.quantiles import hotelling_quantile
 from semcal_cli.findings.check import findings_among
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import NO_CLASS, Observations

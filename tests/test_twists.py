@@ -7,8 +7,8 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.errors import InputError
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
-    Pose,
     baseline_m,
     camera_center,
     check_baseline,

@@ -6,8 +6,9 @@ from semcal_cli import core
 from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.covariance import bled, estimate_uncertainty, label_bleed, undetermined
-from semcal_cli.estimation.uncertainty.sensitivity import LEAST_CLASSES, Matrix, Sensitivity, sensitivity
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.estimation.uncertainty.sensitivity import LEAST_CLASSES, Sensitivity, sensitivity
+from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.result.uncertainty import Uncertainty, figure
 

@@ -20,9 +20,9 @@ from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document
 from semcal_cli.files.output_files import write_text
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
-    Pose,
     compare_poses,
     inverse,
     pose_from_quaternion,

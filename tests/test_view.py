@@ -22,7 +22,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.reading import read_clouds
 from semcal_cli.report.view.server import HOST, ViewServer
 from semcal_cli.report.view.session import Placed, Session

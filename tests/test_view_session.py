@@ -10,7 +10,8 @@ import pytest
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.poses import Pose, camera_center, compare_poses, mounting_rpy_deg, pose_from_mounting
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center, compare_poses, mounting_rpy_deg, pose_from_mounting
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.reading import load_points, read_clouds
 from semcal_cli.report.view.session import Placed, Session

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from semcal_cli.estimation.search.hand_eye import HandEye
-from semcal_cli.estimation.uncertainty.sensitivity import Matrix
 from semcal_cli.findings.check import CAMERA_MOTION, Measured
-from semcal_cli.geometry.poses import Pose, rotation_difference, rotation_error_deg
+from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.poses import rotation_difference, rotation_error_deg
 
 SYSTEMATIC_SIGMA = math.radians(0.1)
 """Error of a rotation by motion that all pairs share: that of a principal point one pixel off, at a focal length of 600

@@ -30,7 +30,7 @@ from semcal_cli.findings.check import (
     WRONG_PAIRING,
     Measured,
 )
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.observations.motion import delayed, differs, twists_per_s
 from semcal_cli.observations.observations import NO_CLASS, Observations

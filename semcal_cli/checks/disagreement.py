@@ -33,13 +33,10 @@ from semcal_cli.estimation.uncertainty.information import (
 from semcal_cli.estimation.uncertainty.quantiles import hotelling_quantile
 from semcal_cli.estimation.uncertainty.sensitivity import squares_of, summed
 from semcal_cli.findings.check import FRAMES_DISAGREE, MOVED_CAMERA, Measured
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrices, Pose, Vectors
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.sections import DrivePart, Movement
-
-Vectors = npt.NDArray[np.float64]
-Matrices = npt.NDArray[np.float64]
 
 FINE_DEG, FINE_PX = 0.3, (2, 4)
 """Fine blocks for comparing frames, which sense small offsets: their angle, limited to these sides in pixels."""

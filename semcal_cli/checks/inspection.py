@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.checks.label_alignment import check_label_alignment
@@ -23,14 +22,13 @@ from semcal_cli.estimation.search.mounting_search import search_mountings
 from semcal_cli.estimation.uncertainty.intrinsics import implausible_intrinsics
 from semcal_cli.files.image_files import read_image, read_size
 from semcal_cli.findings.check import findings_among
+from semcal_cli.geometry.arrays import Points
 from semcal_cli.observations.cues.segments import KINDS, kinds_of_segments
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
 from semcal_cli.observations.motion import motion_error_px, shutter_error_px
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.observations.scenes import alike_frames, nearest_ranges
-
-Points = npt.NDArray[np.float32]
 
 MAX_GAP_S = 0.05
 """Largest time between sweep and image without a finding; at 10 m/s it is half a metre."""

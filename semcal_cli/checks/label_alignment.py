@@ -32,14 +32,11 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, counted, told_apart
 from semcal_cli.estimation.uncertainty.information import entropy
 from semcal_cli.findings.check import LEAKED_LABELS, SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS, Measured
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Image, Numbers, Pose
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.threads import thread_pool
-
-Image = npt.NDArray[np.uint8]
-Numbers = npt.NDArray[np.float64]
 
 MAX_ENTRIES = 32
 """Largest displacement of point labels that is tried, in entries."""

@@ -13,7 +13,6 @@ from itertools import chain, groupby
 from pathlib import PurePosixPath
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
@@ -25,10 +24,8 @@ from semcal_cli.estimation.uncertainty.information import (
 )
 from semcal_cli.files.input_files import hash_file
 from semcal_cli.findings.check import ODD_FRAMES, Measured
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.observations.observations import Observations
-
-Information = npt.NDArray[np.float64]
 
 MAX_NAMED = 6
 """Largest number of frames, or runs of frames, that a list names."""
@@ -104,7 +101,7 @@ def check_pairs(
         own, num_pairs = information_by_frame(joints, table), joints.sum(axis=(1, 2))
         most_exchanged = ODD_FRAMES.limit("another image") * own
 
-    def measure(others: Observations) -> Information:
+    def measure(others: Observations) -> Numbers:
         """Compute the information (F,) with the pixels of other observations."""
         if others.starts is not None:
             return information_by_squares(others, T_camera_lidar).by_frame
@@ -133,7 +130,7 @@ def check_pairs(
     return (ODD_FRAMES.measured(share, sentence, "information"),)
 
 
-def _exchanged(observations: Observations, measure: Callable[[Observations], Information]) -> Information:
+def _exchanged(observations: Observations, measure: Callable[[Observations], Numbers]) -> Numbers:
     """Compute the largest information of each frame's points with the pixels of some other frames, (F,)."""
     images, count = observations.images, observations.num_frames
     shifts = np.unique(np.linspace(1, count - 1, NUM_EXCHANGES).round().astype(int))

@@ -10,10 +10,10 @@ import numpy as np
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import told_apart
-from semcal_cli.estimation.uncertainty.sensitivity import Matrix
 from semcal_cli.findings.check import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SEEDS, SHUTTER
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose, baseline_m, compare_poses
+from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.poses import baseline_m, compare_poses
 from semcal_cli.observations.motion import can_be_unrolled, shutter_error_px
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.sections import Repeatability

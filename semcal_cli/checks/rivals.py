@@ -18,7 +18,8 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import exact_config, pyramid_factors
 from semcal_cli.estimation.uncertainty.covariance import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
 from semcal_cli.findings.check import CUES_DISAGREE, OTHER_POSE, Measured, fit_of_rival
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations

@@ -11,13 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from semcal_cli.geometry.arrays import Numbers, Vectors
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.observations.observations import LabelledCloud, Observations
-
-Points = npt.NDArray[np.float64]
-Numbers = npt.NDArray[np.float64]
 
 NUM_FRAMES = 4
 """Number of frames that are measured."""
@@ -65,7 +62,7 @@ def check_scale(observations: Observations) -> list[str]:
     """Compare ranges, the sensor's height and sizes with what is usual.
 
     Args:
-        observations: Points with classes; the names of the classes tell what is ground, a car or a person.
+        observations: Vectors with classes; the names of the classes tell what is ground, a car or a person.
 
     Returns:
         A sentence if the clouds may not be in metres.
@@ -158,7 +155,7 @@ def _measure(
     points = cloud.points[is_near] @ np.vstack([across, up]).T
     points[:, 2] += sensor_m
 
-    def near(kind: str) -> Points:
+    def near(kind: str) -> Vectors:
         return np.asarray(points[np.isin(cloud.classes[is_near], classes[kind])])
 
     ground = near("ground")
@@ -166,7 +163,7 @@ def _measure(
     return sensor_m, {kind: list(_heights(near(kind), ground, sensor_m)) for kind in HEIGHTS_M}
 
 
-def _heights(points: Points, ground: Points, sensor_m: float) -> Iterator[float]:
+def _heights(points: Vectors, ground: Vectors, sensor_m: float) -> Iterator[float]:
     """Measure the things of one kind in one cloud: clusters of neighbouring cells with points of the kind."""
     if len(points) < MIN_POINTS:
         return
@@ -182,7 +179,7 @@ def _heights(points: Points, ground: Points, sensor_m: float) -> Iterator[float]
             yield height
 
 
-def _height(thing: Points, ground: Points, sensor_m: float) -> float | None:
+def _height(thing: Vectors, ground: Vectors, sensor_m: float) -> float | None:
     """Measure the height of a thing above the ground around it; None where no beam hits its foot or the ground."""
     middle = np.median(thing[:, :2], axis=0)
     around = ground[np.abs(ground[:, :2] - middle).max(axis=1) < 2.0 * sensor_m]

@@ -42,8 +42,7 @@ def compare(settings: CompareSettings) -> None:
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.cli.terminal import COLORS, make_console
     from semcal_cli.formats import read_extrinsic
-    from semcal_cli.pipeline.comparison import compare as difference
-    from semcal_cli.pipeline.comparison import describe_cameras
+    from semcal_cli.pipeline.comparison import compare as difference, describe_cameras
     from semcal_cli.pipeline.verdict import together
 
     known_a, known_b = read_extrinsic(settings.a), read_extrinsic(settings.b)

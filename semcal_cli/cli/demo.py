@@ -15,7 +15,7 @@ from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, is_installed
 
 if TYPE_CHECKING:
-    from semcal_cli.geometry.poses import Pose
+    from semcal_cli.geometry.arrays import Pose
     from semcal_cli.importing.recording import Request
     from semcal_cli.observations.loading import LoadedDrive
     from semcal_cli.result.calibration_document import Calibration

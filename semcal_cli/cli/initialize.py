@@ -24,8 +24,7 @@ def initialize(settings: InitializeSettings) -> None:
     """
     from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.cli.tables import hypothesis_lines
-    from semcal_cli.pipeline import initialize as search
-    from semcal_cli.pipeline import make_calibration
+    from semcal_cli.pipeline import initialize as search, make_calibration
     from semcal_cli.pipeline.stages import Stages
 
     start, outputs = settings.initial_pose, Outputs.of_result(settings)

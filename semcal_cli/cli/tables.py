@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from semcal_cli.errors import counted, printable
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.result.refined_camera import clock_sentence, intrinsic_texts, kept_sentence
 from semcal_cli.result.uncertainty import stated_error
 

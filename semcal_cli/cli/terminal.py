@@ -9,8 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.live import Live
-from rich.progress import Progress as ProgressBar
-from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBar, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from semcal_cli.cli.tables import labelled, wrapped

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
     from semcal_cli.files.point_clouds import Sweeps
-    from semcal_cli.geometry.poses import Pose
+    from semcal_cli.geometry.arrays import Pose
     from semcal_cli.report.view.session import Session
 
 MAX_PORT = 65_535

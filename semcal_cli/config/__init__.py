@@ -9,12 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, TypeAlias
 
-from semcal_cli.config.cues import AUTO as AUTO
-from semcal_cli.config.cues import LABELS as LABELS
-from semcal_cli.config.cues import CueName as CueName
-from semcal_cli.config.cues import check_cues
-from semcal_cli.config.setting import MAX_SEED as MAX_SEED
-from semcal_cli.config.setting import check_settings, setting
+from semcal_cli.config.cues import AUTO as AUTO, LABELS as LABELS, CueName as CueName, check_cues
+from semcal_cli.config.setting import MAX_SEED as MAX_SEED, check_settings, setting
 from semcal_cli.errors import InputError, check_torch
 
 Estimator: TypeAlias = Literal["exact", "mine"]

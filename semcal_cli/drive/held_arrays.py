@@ -10,7 +10,8 @@ import numpy as np
 
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, counted, describe, one_of
-from semcal_cli.files.array_forms import COLORS, POINTS, Array, Form, check_array
+from semcal_cli.files.array_forms import COLORS, POINTS, Form, check_array
+from semcal_cli.geometry.arrays import Array
 
 POSES = "poses"
 """Name of the array with the LiDAR's poses, in place of their file."""

@@ -10,7 +10,8 @@ from typing import TypeVar
 from semcal_cli import core
 from semcal_cli.events import Listener, Progress, StageDone
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 
 
 @dataclass(frozen=True, kw_only=True)

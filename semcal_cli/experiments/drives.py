@@ -13,7 +13,7 @@ from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline import assess, make_calibration, refine_and_polish
 from semcal_cli.pipeline.stages import Stages

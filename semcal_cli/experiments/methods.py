@@ -17,7 +17,7 @@ from semcal_cli.estimation.stage import StageResult
 from semcal_cli.experiments.plots import ACCENT, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
 from semcal_cli.experiments.soic import Soic
 from semcal_cli.experiments.soic_config import SoicConfig
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import load_cues
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations

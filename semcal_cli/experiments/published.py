@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import apply_motion, rotation_matrix
 
 PAPER = "arXiv 2104.12023"

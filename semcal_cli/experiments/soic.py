@@ -17,7 +17,7 @@ from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.soic_config import SoicConfig
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 
 

@@ -28,7 +28,8 @@ from semcal_cli.experiments.soic import Soic
 from semcal_cli.experiments.soic_config import SoicConfig
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.files.image_files import write_image
-from semcal_cli.geometry.poses import Pose, compare_poses, mounting_rpy_deg, rotation_vector_deg
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, mounting_rpy_deg, rotation_vector_deg
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_frame_image

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.errors import InputError
+from semcal_cli.geometry.arrays import Array
 
-Array: TypeAlias = npt.NDArray[Any]
 Labels: TypeAlias = npt.NDArray[np.uint16] | core.ClassShares
 """Raw ids of pixels or points, or their probabilities."""
 MAX_ID = 65_535

@@ -17,12 +17,12 @@ from semcal_cli import core
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
-from semcal_cli.fleet.consensus import Matrices, Scatter, Vectors, extra_scatter, robust_mean
+from semcal_cli.fleet.consensus import Scatter, extra_scatter, robust_mean
 from semcal_cli.fleet.fleet_drives import Member
 from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet, Offset, Order, Part
 from semcal_cli.fleet.fleet_verdict import MIN_DRIVES, conclude, judge_fleet, notes
 from semcal_cli.fleet.history import RigHistory, find_history
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrices, Pose, Vectors
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.pipeline.verdict import together
 from semcal_cli.result.uncertainty import NORMAL_95

@@ -15,16 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
-from scipy.stats import t as student_t
+from scipy.stats import chi2, t as student_t
 
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrices, Pose, Vectors
 from semcal_cli.geometry.twists import local_coordinates, pose_at
-
-Vectors = npt.NDArray[np.float64]
-"""(N, 6) local coordinates."""
-Matrices = npt.NDArray[np.float64]
-"""(N, 6, 6) covariances of local coordinates."""
 
 STUDENT_DOF = 4.0
 WIDENING = 1.23

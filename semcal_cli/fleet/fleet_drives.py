@@ -18,7 +18,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.validation import validate
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.many.batch.records import JSONL, RecordedOutcome
 from semcal_cli.result.calibration_document import read_calibration
 from semcal_cli.result.provenance import camera_hash

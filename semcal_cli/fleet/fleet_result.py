@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.fleet_drives import Member
-from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse, quaternion_xyzw
 from semcal_cli.pipeline.verdict import Check, Verdict, judge
 from semcal_cli.result.provenance import versions
 

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
-from semcal_cli.fleet.consensus import STUDENT_DOF, Matrices, Vectors, robust_mean
+from semcal_cli.fleet.consensus import STUDENT_DOF, robust_mean
+from semcal_cli.geometry.arrays import Matrices, Vectors
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 ALPHA = 0.01

@@ -15,13 +15,16 @@ from semcal_cli.files.input_files import is_same_file
 from semcal_cli.files.output_files import write_bytes
 from semcal_cli.formats import bases, semcal
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.formats.format_table import FORMATS as FORMATS
-from semcal_cli.formats.format_table import all_formats as all_formats
-from semcal_cli.formats.format_table import find_format as find_format
-from semcal_cli.formats.format_table import plugin_formats as plugin_formats
+from semcal_cli.formats.format_table import (
+    FORMATS as FORMATS,
+    all_formats as all_formats,
+    find_format as find_format,
+    plugin_formats as plugin_formats,
+)
 from semcal_cli.formats.lenses import UnnamedLensError
 from semcal_cli.formats.semcal import Extrinsic as Extrinsic
-from semcal_cli.geometry.poses import Pose, as_transform
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import as_transform
 
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 

@@ -21,7 +21,7 @@ from semcal_cli.formats.lenses import (
 )
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.opencv import is_storage
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 NAME, LENS = "camera-info", "distortion_model"
 CAMERA = "camera"

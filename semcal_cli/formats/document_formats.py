@@ -14,7 +14,8 @@ from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import PLACE, WXYZ, XYZW, Matrix, Notation, Numbers, checked, transform
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 
 Find: TypeAlias = Callable[[Node, FormatOptions], Node]
 """Finds the entry of a document that holds the pose, and adds it to a new document."""

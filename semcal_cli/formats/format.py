@@ -17,7 +17,7 @@ from semcal_cli.files.documents import document_text, parse_any
 from semcal_cli.files.input_files import read_bytes
 from semcal_cli.files.output_files import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.node import Node
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 """Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""

@@ -11,9 +11,18 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 
 from semcal_cli.errors import InputError, describe, one_of
-from semcal_cli.formats import bases, camera_info, kalibr, matrix, opencv, ros, semcal, urdf
-from semcal_cli.formats import document_formats as documents
-from semcal_cli.formats import kitti_files as kitti
+from semcal_cli.formats import (
+    bases,
+    camera_info,
+    document_formats as documents,
+    kalibr,
+    kitti_files as kitti,
+    matrix,
+    opencv,
+    ros,
+    semcal,
+    urdf,
+)
 from semcal_cli.formats.format import Format
 from semcal_cli.plugins import Plugins
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import OPTICAL_AXES, inverse
 
 LIDAR, CAMERA, CAMERA_BODY = "lidar", "camera_optical_frame", "camera_link"
 """Default names of the frames."""

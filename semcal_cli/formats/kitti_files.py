@@ -19,7 +19,8 @@ from semcal_cli.files.output_files import descriptor
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.node import Node, parse_numbers, rigid
 from semcal_cli.formats.pose import from_line, from_rows, rotation, transform
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 
 CAMERAS = ("P0", "P1", "P2", "P3")
 ODOMETRY_KEY, OBJECT_KEY, RECTIFICATION = "Tr", "Tr_velo_to_cam", "R0_rect"

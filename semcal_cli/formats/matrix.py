@@ -17,7 +17,7 @@ from semcal_cli.formats.frame_names import turned
 from semcal_cli.formats.kitti_files import KITTI_360_FILE
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import PLACE, XYZW, from_rows, numbers_of, pose_of
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 SHAPES = ((3, 4), (4, 4))
 NPY = b"\x93NUMPY"

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, counted, describe, listed, one_of
 from semcal_cli.files.validation import key_part, validate
-from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
+from semcal_cli.geometry.arrays import Pose, Vector
+from semcal_cli.geometry.poses import check_rigid, nearest_rigid
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """A number in a text."""

@@ -33,7 +33,7 @@ from semcal_cli.formats.lenses import (
 from semcal_cli.formats.matrix import directed
 from semcal_cli.formats.node import NUMBER, Node
 from semcal_cli.formats.pose import from_rows
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 KEY = "CameraExtrinsicMat"
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.node import MAX_MOUNT_M, Node, rigid
-from semcal_cli.geometry.poses import Pose, nearest_rigid, pose_from_quaternion, quaternion_xyzw, rpy
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import nearest_rigid, pose_from_quaternion, quaternion_xyzw, rpy
 
 PLACE, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 XYZW, WXYZ = ("qx", "qy", "qz", "qw"), ("qw", "qx", "qy", "qz")

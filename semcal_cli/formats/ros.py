@@ -20,7 +20,7 @@ from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA_WORDS, between, has_word, named
 from semcal_cli.formats.node import NUMBER, Node, parse_number
 from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, Numbers, numbers_of, pose_of
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 PUBLISHER = "static_transform_publisher"
 USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}

@@ -26,7 +26,8 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.geometry.poses import Pose, orthonormal
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import orthonormal
 from semcal_cli.result.calibration_document import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
 

@@ -13,7 +13,8 @@ from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import camera_and_lidar, named, optical_axes
 from semcal_cli.formats.node import parse_numbers
 from semcal_cli.formats.pose import ANGLES, PLACE, numbers_of, pose_of
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 
 
 def _links(joint: ET.Element) -> tuple[str, str]:

@@ -6,18 +6,13 @@ The core computes what every calibration needs, because loading SciPy takes long
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semcal_cli import core
 from semcal_cli.errors import InputError
-
-Pose: TypeAlias = NDArray[np.float64]
-"""(4, 4) rigid transform."""
-Vector: TypeAlias = NDArray[np.float64]
-"""(3,) coordinates."""
+from semcal_cli.geometry.arrays import Pose, Vector
 
 RIGID_TOLERANCE = 1e-3
 """Maximum error of a rotation written by hand: three or four decimals pass, a wrong matrix does not."""

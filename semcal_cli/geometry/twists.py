@@ -11,10 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semcal_cli.geometry.poses import Pose, Vector, camera_center, cross_matrix, rotation_difference
-
-Twist = NDArray[np.float64]
-"""(6,) translation, then rotation vector, metres and radians."""
+from semcal_cli.geometry.arrays import Pose, Twist, Vector
+from semcal_cli.geometry.poses import camera_center, cross_matrix, rotation_difference
 
 SMALL_ANGLE = 1e-4
 """Angle in radians below which the second-order term of the inverse Jacobian is smaller than the rounding."""

@@ -21,7 +21,8 @@ from semcal_cli.formats.frame_names import T_BODY_OPTICAL
 from semcal_cli.formats.lenses import intrinsic_matrix
 from semcal_cli.formats.node import MAX_MOUNT_M, Node, pick
 from semcal_cli.formats.pose import ANGLES, PLACE
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.dataset_tree import inside, need_file, numbered_files
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Cloud, Conversion, Recording, Request, SourceFrame, joined

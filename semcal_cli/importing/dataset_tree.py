@@ -13,7 +13,7 @@ from semcal_cli.errors import InputError, describe, os_reason
 from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, is_folder, read_start, read_text
 from semcal_cli.formats.node import MAX_WORLD_M, image_side, number, parse_numbers
-from semcal_cli.geometry.poses import Vector
+from semcal_cli.geometry.arrays import Vector
 
 KITTI_PERIOD_S = 0.1
 """Time between two sweeps of the LiDARs of KITTI, KITTI-360 and RELLIS-3D."""

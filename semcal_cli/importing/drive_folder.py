@@ -18,7 +18,8 @@ from semcal_cli.files.image_files import holds_colors
 from semcal_cli.files.output_files import removed_if_refused
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
 from semcal_cli.formats.node import rigid
-from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center, nearest_rigid, rotation_error_deg
 from semcal_cli.importing.choice import Options, labelled, most_varied, narrowed, relabelled
 from semcal_cli.importing.dataset_tree import need_file, writable_name
 from semcal_cli.importing.ontologies import Ontology

@@ -16,7 +16,7 @@ from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.node import rigid
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing.dataset_tree import (
     CLOUD_SUFFIXES,
     IMAGE_LABEL_SUFFIXES,

@@ -24,7 +24,7 @@ from semcal_cli.formats.kitti_files import (
     read_keyed,
 )
 from semcal_cli.formats.node import Node, camera_block, image_side, parse_numbers, pick, stamp_s
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing.dataset_tree import (
     files_by_stem,
     folders,

@@ -19,7 +19,8 @@ from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.kitti_files import read_keyed, unrectified_camera0_pose
 from semcal_cli.formats.node import MAX_WORLD_M, pick
 from semcal_cli.formats.pose import from_line, from_rows, rotation
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing import kitti
 from semcal_cli.importing.dataset_tree import (
     KITTI_PERIOD_S,

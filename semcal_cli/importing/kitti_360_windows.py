@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from semcal_cli.errors import InputError, counted, listed
 from semcal_cli.files.input_files import read_bytes, read_start
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing.recording import Cloud, Conversion
 
 RADIUS_M = 60.0

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing.sweep_odometry import NS, SIGMA, covered, twist_from
 from semcal_cli.observations.motion import displacement, read_poses
 

@@ -19,7 +19,8 @@ from semcal_cli.errors import InputError, describe
 from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats.node import MAX_STAMP_S, MAX_WORLD_M, Node, camera_block, number, pick, rigid
-from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse, pose_from_quaternion
 from semcal_cli.importing.dataset_tree import folders, inside, need_file, speeds_mps
 from semcal_cli.importing.ontologies import read_ontology
 from semcal_cli.importing.recording import Recording, Request, SourceFrame

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from semcal_cli.config.setting import settings_of
 from semcal_cli.errors import InputError, describe
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing.dataset_tree import need_folder
 from semcal_cli.importing.ontologies import Ontology
 

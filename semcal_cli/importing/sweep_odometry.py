@@ -20,7 +20,8 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError, counted
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.geometry.poses import Pose, orthonormal, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import orthonormal, quaternion_xyzw
 from semcal_cli.observations.motion import MAX_SWEEP_S, displacement
 
 NS = 1_000_000_000

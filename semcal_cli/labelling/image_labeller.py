@@ -12,10 +12,11 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError, about
+from semcal_cli.geometry.arrays import Image
 from semcal_cli.labelling.card import CloudCard, CompleteImageCard, PointCard
 from semcal_cli.labelling.model import MASKS, Model, card_of, cloud_model, image_model, point_model, wrong_key
 from semcal_cli.labelling.onnx_network import Network
-from semcal_cli.labelling.views import Fitting, Image, make_views
+from semcal_cli.labelling.views import Fitting, make_views
 
 SHOWN = (640, 480)
 """Columns and rows of the test image for a network that takes any size."""

@@ -18,13 +18,10 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import InputError
+from semcal_cli.geometry.arrays import Image, Vectors
 from semcal_cli.labelling.card import Fit, Resample
 
-Image: TypeAlias = npt.NDArray[np.uint8]
-"""(H, W, 3) blue, green, red."""
 Draw: TypeAlias = Callable[[Image], Image]
-Places: TypeAlias = npt.NDArray[np.float64]
-"""(N, 2) column and row of each camera pixel in another image; integers are pixel centres."""
 
 MAX_VIEWS = 250
 """Largest number of views of an image."""
@@ -50,7 +47,7 @@ class Shown(NamedTuple):
     size: tuple[int, int]
     """Columns and rows."""
     draw: Draw
-    places: Places
+    places: Vectors
     """Positions of the camera's pixels; NaN where this image does not show them."""
     merit: npt.NDArray[np.float64]
     """(N,) how well this image shows each camera pixel; minus infinity where it does not."""
@@ -187,13 +184,13 @@ def _nowhere(num_pixels: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.flo
     return np.full(num_pixels, core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
 
 
-def _reaches(tile: Shown, places: Places) -> bool:
+def _reaches(tile: Shown, places: Vectors) -> bool:
     """Return whether a tile has cells that are interpolated at positions (N, 2) in the image that it is cut from."""
     start = np.array(tile.start)
     return bool(((places > start - 1) & (places < start + tile.size)).all(axis=1).any())
 
 
-def _pixels(camera: Camera) -> Places:
+def _pixels(camera: Camera) -> Vectors:
     columns, rows = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     return np.stack([columns.ravel(), rows.ravel()], axis=1)
 

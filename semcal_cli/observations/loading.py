@@ -13,7 +13,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.point_clouds import Sweeps
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import choose_frames, chosen, files_of, load_cues, maximised
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.observations import Observations

@@ -18,9 +18,10 @@ from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.errors import InputError, counted
-from semcal_cli.files.array_forms import Array, Cloud
+from semcal_cli.files.array_forms import Cloud
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_text
-from semcal_cli.geometry.poses import Pose, orthonormal, pose_from_quaternion
+from semcal_cli.geometry.arrays import Array, Pose
+from semcal_cli.geometry.poses import orthonormal, pose_from_quaternion
 from semcal_cli.observations.observations import LabelledCloud, Observations
 
 MAX_SWEEP_S = 1.0

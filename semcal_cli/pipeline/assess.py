@@ -35,10 +35,10 @@ from semcal_cli.estimation.uncertainty.intrinsics import (
     wrong_intrinsics,
 )
 from semcal_cli.estimation.uncertainty.motion_error import KNOW_POSES, covariance_of_motion
-from semcal_cli.estimation.uncertainty.sensitivity import Matrix, Sensitivity, sum_of
+from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.findings.check import FEW_SCENES, NOT_DETERMINED, NOT_DETERMINED_TOGETHER, Measured
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.pipeline.stages import Assessment, Stages
 from semcal_cli.result.uncertainty import Uncertainty

@@ -43,13 +43,13 @@ from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore, movement
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.cues.cue_table import files_of, find_cue
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import can_be_unrolled, twists_per_s
 from semcal_cli.observations.observations import Observations
-from semcal_cli.pipeline.assess import assess as assess
-from semcal_cli.pipeline.assess import compare_motion
+from semcal_cli.pipeline.assess import assess as assess, compare_motion
 from semcal_cli.pipeline.mountings import decide_in_full
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import Calibration

@@ -15,7 +15,7 @@ from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.estimation.search.mounting_search import Initialization, is_rival, led_by
 from semcal_cli.events import Listener, Progress
 from semcal_cli.findings.check import FEW_SCENES, OTHER_POSE
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 
 

@@ -31,7 +31,7 @@ from semcal_cli.estimation.search.registration import Candidate, register
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.events import Listener, ignore
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import make_calibration, start_at

@@ -16,7 +16,7 @@ from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import Measured, findings_among
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.sections import DrivePart, Quality, Repeatability, Stage

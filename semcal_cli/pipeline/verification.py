@@ -26,9 +26,9 @@ from semcal_cli.estimation.stage import StageResult
 from semcal_cli.events import Listener, ignore
 from semcal_cli.findings.check import OWN_DRIVE
 from semcal_cli.findings.finding import Finding
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
-    Pose,
     compare_poses,
     inverse,
     pose_from_quaternion,

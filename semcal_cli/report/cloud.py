@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.geometry.poses import Pose, camera_center, inverse
+from semcal_cli.geometry.arrays import Colors, Pose
+from semcal_cli.geometry.poses import camera_center, inverse
 from semcal_cli.observations.observations import NO_CLASS
 from semcal_cli.observations.reading import read_frame_image
-from semcal_cli.report.colors import Colors, hex_color, painted, palettes
+from semcal_cli.report.colors import hex_color, painted, palettes
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.points import at_pixels, packed, points_in_image, thinned
 

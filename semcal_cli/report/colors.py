@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
+from semcal_cli.geometry.arrays import Colors
 from semcal_cli.observations.cues.edges import NO_EDGE
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
-Colors: TypeAlias = npt.NDArray[np.uint8]
-"""(C, 3) blue, green, red of each class, or of each point."""
 Legend: TypeAlias = dict[str, tuple[int, ...]]
 """Blue, green and red of each named entry."""
 Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from semcal_cli import core
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
 from semcal_cli.estimation.adjust.priors import EXACT
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 from semcal_cli.report.drawing import (
     ACCENT,

@@ -13,7 +13,7 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.cue_table import choose_frames, chosen, load_cues, maximised
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
 from semcal_cli.observations.motion import unrolled

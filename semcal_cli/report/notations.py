@@ -11,9 +11,8 @@ from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
 from semcal_cli.formats.format import FormatOptions
+from semcal_cli.geometry.arrays import Pose, Vector
 from semcal_cli.geometry.poses import (
-    Pose,
-    Vector,
     camera_center,
     inverse,
     mounting_rpy_deg,

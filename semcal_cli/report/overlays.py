@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -19,7 +18,7 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import write_image
 from semcal_cli.files.output_files import make_folder
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Colors, Image, Pose
 from semcal_cli.observations.cues.edges import EDGES, gradients
 from semcal_cli.observations.cues.intensity import grey_values, lens_mask
 from semcal_cli.observations.cues.segments import SegmentationConfig
@@ -28,7 +27,6 @@ from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.report.colors import (
     NO_PAIR,
     Coloring,
-    Colors,
     Legend,
     class_colors,
     depth_levels,
@@ -41,8 +39,6 @@ from semcal_cli.report.colors import (
 )
 from semcal_cli.report.points import Seen, View, frame_points, goes_together, kinds_of, points_in_image
 
-Image: TypeAlias = npt.NDArray[np.uint8]
-"""(H, W, 3) blue, green, red."""
 WIDE = 2.0
 """Ratio of width to height from which images are stacked vertically."""
 

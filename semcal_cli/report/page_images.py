@@ -15,8 +15,9 @@ import numpy as np
 import PIL.Image
 import PIL.WebPImagePlugin
 
+from semcal_cli.geometry.arrays import Image
 from semcal_cli.report.colors import DISAGREES, Coloring, PageColors, coloring_of, first_coloring, page_colors
-from semcal_cli.report.overlays import Image, Overlays, edge_image, image_of
+from semcal_cli.report.overlays import Overlays, edge_image, image_of
 from semcal_cli.report.points import FramePoints, frame_points
 from semcal_cli.threads import thread_pool
 

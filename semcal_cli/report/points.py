@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.observations.motion import points_at, unrolled
 from semcal_cli.observations.observations import NO_CLASS, Observations

@@ -20,7 +20,7 @@ from semcal_cli.files.image_files import read_size
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_bytes
 from semcal_cli.files.output_files import write_bytes
 from semcal_cli.formats import Extrinsic
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.observations import NO_CLASS
 from semcal_cli.observations.reading import load_points, read_frame_image, read_observations

@@ -22,7 +22,8 @@ from semcal_cli.files.validation import (
     length,
     validate,
 )
-from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
 from semcal_cli.result.refined_camera import Clock, RefinedCamera
 from semcal_cli.result.sections import (
     DrivePart,

@@ -25,7 +25,7 @@ from semcal_cli.files.validation import (
     Widths,
     length,
 )
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 

@@ -12,7 +12,8 @@ from semcal_cli import core
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import mismatch
 from semcal_cli.files.validation import StrictModel, Width, Widths, length
-from semcal_cli.geometry.poses import Pose, cross_matrix
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import cross_matrix
 
 WEAK_M = 0.03
 """Half width of a 95 % interval of the camera's position, in metres, beyond which a direction is weak."""

@@ -14,6 +14,7 @@ from semcal_cli import core
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError, os_reason
 from semcal_cli.files.image_files import write_image
+from semcal_cli.geometry.arrays import Classes
 from semcal_cli.synthetic.label_noise import mislabel
 from semcal_cli.synthetic.street_motion import (
     IMAGE_LABELS,
@@ -23,8 +24,6 @@ from semcal_cli.synthetic.street_motion import (
     lidar_twist,
     stamps,
 )
-
-Labels = npt.NDArray[np.uint8]
 
 UNLABELED = 0
 """Id of pixels that the lens does not reach; no point has it."""
@@ -74,7 +73,7 @@ def write_frame(
     return Written(len(labels), frozenset(classes.tolist()))
 
 
-def image_ids(config: SynthConfig) -> Labels:
+def image_ids(config: SynthConfig) -> Classes:
     """Make the table (256,) that maps ids of the synthetic classes to those of the label images."""
     table = np.arange(256, dtype=np.uint8)
     if config.ontology == "disjoint":
@@ -84,7 +83,7 @@ def image_ids(config: SynthConfig) -> Labels:
     return table
 
 
-def class_ids() -> Labels:
+def class_ids() -> Classes:
     """List the ids of the synthetic classes."""
     return np.array([id_ for id_, _ in core.synthetic_classes()], dtype=np.uint8)
 

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.geometry.arrays import Classes
 from semcal_cli.observations.observations import NO_CLASS, Observations
-
-Labels = npt.NDArray[np.uint8]
 
 BORDER_RMS_PX = 2.0
 """Distance of a network's borders from the true ones, in pixels, root mean square along each axis."""
@@ -43,8 +42,8 @@ MERGED_IMAGE_CLASSES = {
 
 
 def mislabel(
-    ids: Labels, share: float, classes: Labels, rng: np.random.Generator, unlabelled: int = NO_CLASS
-) -> Labels:
+    ids: Classes, share: float, classes: Classes, rng: np.random.Generator, unlabelled: int = NO_CLASS
+) -> Classes:
     """Give each labelled entry, with probability `share`, the id of another class, drawn uniformly.
 
     Args:
@@ -86,7 +85,7 @@ def _with_wrong_points(observations: Observations, share: float, rng: np.random.
     )
 
 
-def pixels_by_a_network(image: Labels, classes: Labels, rng: np.random.Generator) -> Labels:
+def pixels_by_a_network(image: Classes, classes: Classes, rng: np.random.Generator) -> Classes:
     """Move the borders of a label image (H, W) by a smooth random field, and add blobs of wrong classes.
 
     Args:
@@ -135,7 +134,7 @@ def with_disjoint_ontologies(observations: Observations, rng: np.random.Generato
 
 def _without_names(
     names: Sequence[str], merged: Mapping[str, str], rng: np.random.Generator
-) -> tuple[Labels, int]:
+) -> tuple[Classes, int]:
     """Make a table (256,) of shuffled ids, and count them."""
     kept = sorted({merged.get(name, name) for name in names})
     ids = dict(zip(kept, rng.permutation(len(kept)), strict=True))
@@ -144,7 +143,7 @@ def _without_names(
     return table, len(kept)
 
 
-def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
+def _with_grown(image: Classes, things: Sequence[int], grow_px: int) -> Classes:
     from scipy.ndimage import grey_dilation
 
     grows = np.isin(image, things) == (grow_px > 0)
@@ -153,11 +152,11 @@ def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
     above: npt.NDArray[np.int16] = grey_dilation(
         np.where(grows, image.astype(np.int16) + 1, 0), (reach, reach)
     )
-    grown: Labels = np.where(~grows & (above > 0), above - 1, image).astype(np.uint8)
+    grown: Classes = np.where(~grows & (above > 0), above - 1, image).astype(np.uint8)
     return grown
 
 
-def _with_moved_classes(image: Labels, changes: npt.NDArray[np.float32]) -> Labels:
+def _with_moved_classes(image: Classes, changes: npt.NDArray[np.float32]) -> Classes:
     """Give each pixel the class in whose changed region it is deepest; (C, 3) right, down and outwards, pixels."""
     import cv2
 
@@ -170,11 +169,11 @@ def _with_moved_classes(image: Labels, changes: npt.NDArray[np.float32]) -> Labe
         shift = np.array([[1.0, 0.0, right], [0.0, 1.0, down]], np.float32)
         moved = cv2.warpAffine(depth, shift, image.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
         depths[index] = moved + outwards
-    classes: Labels = np.where(image == NO_CLASS, NO_CLASS, depths.argmax(axis=0)).astype(np.uint8)
+    classes: Classes = np.where(image == NO_CLASS, NO_CLASS, depths.argmax(axis=0)).astype(np.uint8)
     return classes
 
 
-def _with_moved_borders(image: Labels, rng: np.random.Generator) -> Labels:
+def _with_moved_borders(image: Classes, rng: np.random.Generator) -> Classes:
     from scipy.ndimage import gaussian_filter
 
     fields = [gaussian_filter(rng.standard_normal(image.shape), BORDER_SCALE_PX) for _ in range(2)]
@@ -183,11 +182,11 @@ def _with_moved_borders(image: Labels, rng: np.random.Generator) -> Labels:
     height, width = image.shape
     rows = np.clip(np.rint(v + down), 0, height - 1).astype(int)
     columns = np.clip(np.rint(u + right), 0, width - 1).astype(int)
-    moved: Labels = image[rows, columns]
+    moved: Classes = image[rows, columns]
     return moved
 
 
-def _with_blobs(image: Labels, classes: Labels, rng: np.random.Generator) -> Labels:
+def _with_blobs(image: Classes, classes: Classes, rng: np.random.Generator) -> Classes:
     blotted = image.copy()
     height, width = image.shape
     covered = 0.0
@@ -204,5 +203,5 @@ def _with_blobs(image: Labels, classes: Labels, rng: np.random.Generator) -> Lab
     return blotted
 
 
-def _all_classes(names: Sequence[str]) -> Labels:
+def _all_classes(names: Sequence[str]) -> Classes:
     return np.arange(len(names), dtype=np.uint8)

@@ -14,7 +14,8 @@ import numpy as np
 from semcal_cli.config.setting import check_settings
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.errors import InputError
-from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import quaternion_xyzw
 
 MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS, MOTION = range(5)
 """Independent streams of random numbers of a drive."""

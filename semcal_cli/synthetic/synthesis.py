@@ -19,7 +19,8 @@ from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text
 from semcal_cli.files.output_files import write_text
-from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
+from semcal_cli.geometry.arrays import Pose, Vector
+from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.synthetic.frame_files import (
     IMAGE_FOLDERS,
     SWEEP_FOLDERS,

@@ -28,7 +28,7 @@ from semcal_cli.experiments.experiment import Experiment, read_measured
 from semcal_cli.experiments.measured import measured_here
 from semcal_cli.experiments.summary import Column, markdown_table, summarise, summary_table, table_row
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.synthetic.synthesis import synthesize
 
 OUTPUT = Path("semcal_experiments")

@@ -19,7 +19,8 @@ from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.sensitivity import sensitivity
 from semcal_cli.experiments.drives import NUM_FRAMES, Pool
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import load_observations
 

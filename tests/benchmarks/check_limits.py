@@ -22,8 +22,7 @@ from laboratory import spoiling
 from laboratory.outcomes import OTHER_DRIVE, distance_in_limits, errors_of
 from laboratory.raw_drive import Labels, RawDrive, read_raw_drive, write_raw_drive
 from laboratory.rigs import RIGS, rig_of
-from laboratory.spoiled import KINDS as SPOILED
-from laboratory.spoiled import Spoil
+from laboratory.spoiled import KINDS as SPOILED, Spoil
 
 from semcal_cli.config import CalibrationConfig, CueName
 from semcal_cli.drive.document import Drive
@@ -33,7 +32,7 @@ from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.findings.check import CHECKS, LIMITS, Evidence, Limit
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import assess, initialize, refine_and_polish

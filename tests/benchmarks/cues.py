@@ -29,7 +29,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.summary import NUMBER, common, count, error_columns, median_and_worst
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.cues.cue_table import summed
 from semcal_cli.observations.loading import LoadedDrive, load

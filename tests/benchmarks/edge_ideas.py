@@ -29,7 +29,8 @@ from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import ExactEstimator, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.cues.edges import EDGES, STARTS, observe_edges
 from semcal_cli.observations.cues.intensity import grey_values

@@ -22,7 +22,7 @@ from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import calibrate
 

@@ -28,7 +28,8 @@ from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.rivals import START_DEG, START_M
 from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, median, of
-from semcal_cli.geometry.poses import Pose, compare_poses, cross_matrix
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, cross_matrix
 from semcal_cli.geometry.twists import apply_twist, displaced
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import load_observations

@@ -38,7 +38,8 @@ from semcal_cli.estimation.search.hand_eye import NotDetermined, choose_pairs, h
 from semcal_cli.estimation.search.visual_motion import camera_motions
 from semcal_cli.findings.check import CAMERA_MOTION
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, compare_poses, inverse, rotation_error_deg
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, inverse, rotation_error_deg
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.importing.sweep_odometry import NS, tum_text
 from semcal_cli.pipeline import calibrate

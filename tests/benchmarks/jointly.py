@@ -38,7 +38,8 @@ from semcal_cli.experiments.summary import (
     median_and_worst,
     of,
 )
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import mend, read_observations

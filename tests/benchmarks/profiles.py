@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import apply_twist
 
 AXES = ("right, cm", "down, cm", "forward, cm", "pitch, deg", "yaw, deg", "roll, deg")

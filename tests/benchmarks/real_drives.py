@@ -39,7 +39,8 @@ from semcal_cli.experiments.summary import (
     of,
 )
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.pipeline import calibrate

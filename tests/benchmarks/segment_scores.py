@@ -24,7 +24,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.uncertainty.information import information_by_squares
 from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.cues.segments import SEGMENTS
 from semcal_cli.observations.frame_selection import with_frames
 from semcal_cli.observations.loading import load

@@ -20,7 +20,7 @@ from semcal_cli import core
 from semcal_cli.config.synthetic import Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import (
     NO_CLASS,
     FrameObservation,

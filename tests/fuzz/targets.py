@@ -29,7 +29,7 @@ from semcal_cli.fleet.fleet_drives import read_members
 from semcal_cli.formats import FORMATS, read_extrinsic, read_transform, write_transform
 from semcal_cli.formats.camera_block import read_intrinsics
 from semcal_cli.formats.format import Format, FormatOptions
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.importing import read_dataset
 from semcal_cli.importing.kitti_360_windows import read_vertices
 from semcal_cli.importing.ontologies import read_ontology

@@ -15,8 +15,7 @@ import numpy as np
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S
 from semcal_cli.estimation.adjust.joint_fit import Problem, Variables
-from semcal_cli.estimation.uncertainty.sensitivity import Matrix
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.loading import LoadedDrive

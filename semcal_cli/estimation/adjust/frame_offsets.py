@@ -17,14 +17,12 @@ from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, Sensitiv
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import pyramid_factors, refine_exactly
 from semcal_cli.estimation.uncertainty.sensitivity import determined_sensitivity, sensitivity
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose, Vectors
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.sections import DrivePart
 from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.threads import thread_pool
-
-Vectors = npt.NDArray[np.float64]
 
 FAR_PYRAMID = PyramidConfig(coarsest_block_deg=4.0)
 """Refinement pyramid for frames whose pose may be several degrees off."""

@@ -20,8 +20,8 @@ from semcal_cli.estimation.refine.polish import newton, split
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.information import information_by_squares, paired_gain
 from semcal_cli.estimation.uncertainty.intrinsics import AROUND_INTRINSICS, shift_by
-from semcal_cli.estimation.uncertainty.sensitivity import Matrix, sensitivity
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.estimation.uncertainty.sensitivity import sensitivity
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.observations.motion import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.refined_camera import Clock, Intrinsic, RefinedCamera, offset_words

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import (
@@ -32,16 +31,13 @@ from semcal_cli.drive.camera import Camera, intrinsic_value, variable, with_intr
 from semcal_cli.estimation.uncertainty.sensitivity import (
     BLOCKS_PX,
     MANY,
-    Matrix,
     determined_sensitivity,
     measure,
     sensitivity,
 )
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrix, Numbers, Pose
 from semcal_cli.observations.motion import delayed, twists_per_s
 from semcal_cli.observations.observations import Observations
-
-Values = npt.NDArray[np.float64]
 
 BLOCKS_ACROSS = 80
 """Least number of the coarsest blocks across an image, where intrinsics are estimated."""
@@ -93,7 +89,7 @@ class Variables(NamedTuple):
         """List the twist of each frame if the time offset is a variable."""
         return twists_per_s(observations) if self.with_delay else None
 
-    def sigmas(self, camera: Camera, config: JointlyConfig) -> Values:
+    def sigmas(self, camera: Camera, config: JointlyConfig) -> Numbers:
         """Prior standard deviations of the variables, for the drive's camera."""
 
         def sigma(name: str) -> float:
@@ -116,7 +112,7 @@ class Fit(NamedTuple):
 
     variables: Variables
     T_camera_lidar: Pose
-    changes: Values
+    changes: Numbers
     """(m,) difference of the variables from the drive's values."""
     observations: Observations
     """Observations as the estimate sees them."""
@@ -124,7 +120,7 @@ class Fit(NamedTuple):
     """Variables of the covariance, including those that are not determined."""
     covariance: Matrix | None
     """(6 + n, 6 + n) covariance of the pose's twist and of these; None where a direction is open."""
-    degrees_of_freedom: Values
+    degrees_of_freedom: Numbers
     moved_px: float
 
     @property
@@ -133,14 +129,14 @@ class Fit(NamedTuple):
         return [6 + self.uncertain.names.index(name) for name in self.variables.names]
 
     @property
-    def sigmas(self) -> Values:
+    def sigmas(self) -> Numbers:
         """(m,) standard errors of the variables; infinite if unknown."""
         if self.covariance is None:
             return np.full(len(self.changes), math.inf)
         return np.asarray(np.sqrt(np.diag(self.covariance)[self.places]))
 
     @property
-    def half_widths(self) -> Values:
+    def half_widths(self) -> Numbers:
         """(m,) half widths of 95 % intervals."""
         freedoms = self.degrees_of_freedom[self.places]
         return np.asarray(self.sigmas * [core.student_quantile(0.975, freedom) for freedom in freedoms])
@@ -192,7 +188,7 @@ class Problem:
             # An undetermined clock weakens the others, which the data may determine without it.
             variables = variables.without([DELAY] if DELAY in left_open else left_open)
 
-    def finish(self, T: Pose, variables: Variables, changes: Values) -> Fit:
+    def finish(self, T: Pose, variables: Variables, changes: Numbers) -> Fit:
         """Climb the last levels from near the top, and compute the covariance there.
 
         Args:
@@ -254,11 +250,11 @@ class Problem:
             if not sigma <= (MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * before)
         ]
 
-    def _known(self, variables: Variables) -> Values:
+    def _known(self, variables: Variables) -> Numbers:
         return variables.sigmas(self.observations.camera, self.config)
 
     def _climb(
-        self, T: Pose, variables: Variables, changes: Values, levels: range, evidence: float
+        self, T: Pose, variables: Variables, changes: Numbers, levels: range, evidence: float
     ) -> core.JointMaximum:
         """Climb some levels of the pyramid, whose blocks have sides of two to the power of their number."""
         settings = JointConfig(
@@ -288,7 +284,7 @@ class Problem:
 
     def _covariance(
         self, seen: Observations, T: Pose, variables: Variables, factor: int = 1
-    ) -> tuple[Matrix | None, Values]:
+    ) -> tuple[Matrix | None, Numbers]:
         """Compute the covariance of all variables, by the labels and by what was known before, on blocks of pixels."""
         known = self._known(variables)
         nothing = None, np.ones(6 + len(known))
@@ -317,11 +313,11 @@ def _information(observations: Observations, T: Pose) -> float:
     return agreement.mutual_information - agreement.bias
 
 
-def _changes(found: core.JointMaximum, variables: Variables) -> Values:
+def _changes(found: core.JointMaximum, variables: Variables) -> Numbers:
     return np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
 
 
-def seen_by(observations: Observations, variables: Variables, changes: Values) -> Observations:
+def seen_by(observations: Observations, variables: Variables, changes: Numbers) -> Observations:
     """Give the observations as an estimate sees them: with its camera, and shifted by its time offset."""
     camera = observations.camera
     values = {

@@ -23,7 +23,6 @@ from semcal_cli.errors import counted, told_apart
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, covariance_of_intrinsics, shift_by
 from semcal_cli.estimation.uncertainty.sensitivity import (
-    Matrix,
     Measurement,
     Sensitivity,
     measure,
@@ -32,12 +31,11 @@ from semcal_cli.estimation.uncertainty.sensitivity import (
 )
 from semcal_cli.findings.check import FUSION_NOT_SETTLED, PRIOR
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
+from semcal_cli.geometry.arrays import Matrix, Numbers, Pose
+from semcal_cli.geometry.poses import camera_center, rotation_difference
 from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
-
-Values = npt.NDArray[np.float64]
 
 CLAMP_SIGMAS = 3.0
 """Standard deviations to which the refinement clamps a pose at the start of each level. A normal error exceeds them
@@ -247,7 +245,7 @@ def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix |
     return covariance_of_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
 
 
-def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Values, Values]:
+def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Numbers, Numbers]:
     """List the known axes of all priors, a row each: `jacobian @ twist` should be minus the residual.
 
     Returns:
@@ -261,8 +259,8 @@ def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> tuple[Matrix, Value
 
 
 def _solve(
-    labels: Measurement, jacobian: Matrix, residual: Values, sigmas: Values, motions: Matrix
-) -> tuple[Values, Matrix, bool]:
+    labels: Measurement, jacobian: Matrix, residual: Numbers, sigmas: Numbers, motions: Matrix
+) -> tuple[Numbers, Matrix, bool]:
     """Compute the twist to the best pose, its covariance, and whether every direction is determined.
 
     The pose does not move along directions that are not determined.

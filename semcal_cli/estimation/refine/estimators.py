@@ -11,7 +11,7 @@ from semcal_cli.errors import InputError, check_torch, torch_import
 from semcal_cli.estimation.refine.pyramid import ExactEstimator, LevelOptimizer
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
 from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import Observations
 
 

@@ -5,10 +5,9 @@ Sampling is differentiable in the pose: the Rust core samples labels, torch samp
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -18,11 +17,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.statistics_network import SeparableNetwork, StatisticsNetwork
 from semcal_cli.estimation.refine.torch_geometry import Projection
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Features, Pose
 from semcal_cli.observations.observations import Observations
-
-Vectors: TypeAlias = npt.NDArray[np.float16]
-"""Features, with the channels last."""
 
 
 class _Shares(torch.autograd.Function):
@@ -193,13 +189,13 @@ class FeaturePoints:
         )
 
 
-def feature_vectors(observations: Observations) -> list[tuple[Vectors, Vectors]]:
+def feature_vectors(observations: Observations) -> list[tuple[Features, Features]]:
     """List the features of points (N, C_x) and of blocks of pixels (H / s, W / s, C_y) of each frame that has them."""
     pairs = ((each.cloud.vectors, each.image.vectors) for each in observations.frame_observations)
     return [(points, pixels) for points, pixels in pairs if points is not None and pixels is not None]
 
 
-def block_means(vectors: Vectors, factor: int) -> Vectors:
+def block_means(vectors: Features, factor: int) -> Features:
     """Average vectors (H, W, C) over whole blocks of `factor` x `factor`; a map smaller than a block is unchanged.
 
     Returns:
@@ -208,5 +204,5 @@ def block_means(vectors: Vectors, factor: int) -> Vectors:
     if factor == 1 or factor > min(vectors.shape[:2]):
         return vectors
     averaged = functional.avg_pool2d(torch.from_numpy(vectors).permute(2, 0, 1), factor)
-    means: Vectors = averaged.permute(1, 2, 0).numpy()
+    means: Features = averaged.permute(1, 2, 0).numpy()
     return means

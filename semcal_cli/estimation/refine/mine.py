@@ -25,7 +25,8 @@ from semcal_cli.estimation.refine.statistics_network import (
     StatisticsNetwork,
 )
 from semcal_cli.estimation.refine.torch_geometry import exp_se3
-from semcal_cli.geometry.poses import Pose, nearest_rigid, within_baseline
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import nearest_rigid, within_baseline
 from semcal_cli.observations.observations import Observations
 
 TORCH_THREADS = 1

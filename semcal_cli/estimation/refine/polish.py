@@ -18,7 +18,7 @@ from semcal_cli.errors import told_apart
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import NO_DIRECTION, POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.result.sections import HeldOut
 

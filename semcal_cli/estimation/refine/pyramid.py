@@ -26,7 +26,7 @@ from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import CalibrationError, SemcalError, told_apart
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import REFINEMENT_NOT_SETTLED
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.observations import NO_CLASS, Observations
 
 SEGMENT_SHARE = 2

@@ -11,7 +11,8 @@ from semcal_cli import core
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Level, exact_config, pyramid_factors
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations

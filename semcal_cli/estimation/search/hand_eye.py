@@ -16,18 +16,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.geometry.poses import Pose, Vector, cross_matrix, rotation_difference
+from semcal_cli.geometry.arrays import Matrix, Pose, Vector
+from semcal_cli.geometry.poses import cross_matrix, rotation_difference
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.observations.motion import displacements
-
-Matrix: TypeAlias = npt.NDArray[np.float64]
 
 MAX_GAP_S = 0.75
 """Longest time between two images of a pair. After more, a car has passed what its camera saw."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.geometry.poses import Pose, check_baseline
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import check_baseline
 from semcal_cli.result.calibration_document import Calibration
 
 

@@ -17,7 +17,8 @@ from semcal_cli.estimation.search.registration import Candidate, register
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import NOTHING_TO_COMPARE, OTHER_MOUNTING, fit_of_rival
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose, compare_poses, rotation_error_deg
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses, rotation_error_deg
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.result.sections import Hypothesis

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from semcal_cli.config import PnpConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.errors import CalibrationError, counted
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose, Rays
 from semcal_cli.geometry.twists import apply_motion
 
 MIN_DEPTH = 0.2
@@ -36,9 +35,6 @@ LEAST_RANGE = 1e-6
 
 SETTLED = 1e-10
 """Maximum component of the last step, metres and radians."""
-
-Rays: TypeAlias = npt.NDArray[np.float64]
-"""Unit vectors (N, 3) in the camera frame."""
 
 
 def solve_pnp(

@@ -10,7 +10,8 @@ from semcal_cli import core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError, InputError, told_apart
 from semcal_cli.estimation.search.pnp import solve_pnp
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.observations.observations import Observations
 from semcal_cli.threads import thread_pool
 

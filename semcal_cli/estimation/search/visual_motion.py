@@ -7,7 +7,7 @@ then refined over all inliers by Sampson's error of their rays, which also gives
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,14 +15,10 @@ import numpy.typing as npt
 
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.geometry.poses import Vector
+from semcal_cli.geometry.arrays import Matrix, Rays, Vector
 from semcal_cli.geometry.twists import rotation_matrix
 from semcal_cli.observations.reading import read_needed_image
 from semcal_cli.threads import thread_pool
-
-Rays: TypeAlias = npt.NDArray[np.float64]
-"""Unit vectors (N, 3) in the camera frame."""
-Matrix: TypeAlias = npt.NDArray[np.float64]
 
 MAX_WIDTH = 640
 """Wider images are scaled down to this, which takes 4 s of CPU time for a drive instead of 14 s. SIFT doubles each

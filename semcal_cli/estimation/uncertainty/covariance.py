@@ -22,10 +22,11 @@ import numpy.typing as npt
 
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.estimation.refine.polish import newton
-from semcal_cli.estimation.uncertainty.sensitivity import MANY, Matrix, determined_sensitivity, sensitivity
+from semcal_cli.estimation.uncertainty.sensitivity import MANY, determined_sensitivity, sensitivity
 from semcal_cli.findings.check import WIDE_INTERVAL
 from semcal_cli.findings.finding import Finding
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Matrix, Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions

@@ -15,10 +15,8 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import EDGE_BAND_PX
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.observations.observations import Observations
-
-Numbers = npt.NDArray[np.float64]
 
 
 def compared_by(observations: Observations) -> str:

@@ -12,9 +12,9 @@ import numpy as np
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import DEFAULT_FOCAL_SIGMA, Camera, IntrinsicsSigma, default_sigma, sigma_of
 from semcal_cli.errors import told_apart
-from semcal_cli.estimation.uncertainty.sensitivity import Matrix, Sensitivity, bending, sensitivity
+from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, bending, sensitivity
 from semcal_cli.findings.check import WRONG_INTRINSICS, Measured
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 

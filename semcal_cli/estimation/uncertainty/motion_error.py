@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from semcal_cli.estimation.uncertainty.sensitivity import Matrix
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.observations.loading import LoadedDrive
 

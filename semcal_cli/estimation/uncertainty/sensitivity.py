@@ -11,10 +11,8 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import SensitivityConfig
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Matrix, Pose
 from semcal_cli.observations.observations import Observations
-
-Matrix = npt.NDArray[np.float64]
 
 MOST_LEVERAGE = 0.75
 """Largest fraction of the curvature along a direction that counts as one class's, so that the pull of a class counts at

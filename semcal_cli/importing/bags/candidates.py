@@ -12,6 +12,7 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.geometry.arrays import Values
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.image_messages import thumbnail
 from semcal_cli.importing.bags.messages import NS, Message, MessageError
@@ -27,7 +28,6 @@ LEAST_TRAVELLED_M = 5.0
 """Shortest path of the rig along which frames are spread; on shorter ones, frames whose images differ are chosen."""
 MAX_SPREAD = 500
 """Largest number of frames that are chosen by how much they differ; more would take long and are spaced evenly."""
-Looks = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Candidate:
     """The pair, without the bytes of its messages."""
     places: tuple[slice, slice]
     """Where the bytes of its sweep and its image are."""
-    look: Looks
+    look: Values
     """Thumbnail of the image."""
 
 
@@ -182,7 +182,7 @@ def longest_ascending(values: Sequence[int]) -> list[int]:
     return found[::-1]
 
 
-def _most_different(looks: Sequence[Looks], count: int, way: npt.NDArray[np.float64] | None) -> list[int]:
+def _most_different(looks: Sequence[Values], count: int, way: npt.NDArray[np.float64] | None) -> list[int]:
     """Choose `count` pairs that are far apart along the path or whose images differ, in ascending order.
 
     Args:

@@ -14,9 +14,8 @@ import numpy.typing as npt
 from semcal_cli.config import MAX_PIXELS
 from semcal_cli.errors import InputError, counted
 from semcal_cli.files.image_files import Size, stated_size
+from semcal_cli.geometry.arrays import RawPixels
 from semcal_cli.importing.bags.messages import COMPRESSED, Message, MessageError
-
-Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
 class Encoding(NamedTuple):
@@ -131,7 +130,7 @@ def _compressed(message: Message) -> ImageFile:
     return ImageFile(content, suffix, size)
 
 
-def _pixels(message: Message) -> Pixels:
+def _pixels(message: Message) -> RawPixels:
     """Extract the pixels of an Image: (H, W) grey, or (H, W, 3) blue, green, red."""
     image = message.content
     width, height, step = int(image.width), int(image.height), int(image.step)
@@ -158,7 +157,7 @@ def _pixels(message: Message) -> Pixels:
     conversion = encoding.conversion
     if conversion is None:
         return pixels
-    converted: Pixels = _decoded(lambda: cv2.cvtColor(pixels, conversion))
+    converted: RawPixels = _decoded(lambda: cv2.cvtColor(pixels, conversion))
     return converted
 
 

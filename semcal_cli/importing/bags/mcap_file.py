@@ -14,8 +14,7 @@ from typing import IO
 
 from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, MessageIndex, Schema
-from mcap.records import Message as McapMessage
+from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message as McapMessage, MessageIndex, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.errors import InputError, listed
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.importing.bags.bag import Bag
 from semcal_cli.importing.bags.messages import (
     NS,

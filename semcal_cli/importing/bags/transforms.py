@@ -10,7 +10,8 @@ import numpy as np
 
 from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.node import MAX_WORLD_M, rigid
-from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse, pose_from_quaternion
 from semcal_cli.importing.bags.messages import plain_frame
 
 TF_STATIC = "/tf_static"

@@ -22,7 +22,8 @@ import numpy as np
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.estimation.uncertainty.quantiles import joint_quantile
-from semcal_cli.geometry.poses import Pose, PoseError, compare_poses, inverse, quaternion_xyzw
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import PoseError, compare_poses, inverse, quaternion_xyzw
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_document import Rig
 from semcal_cli.result.calibration_document import Calibration, Status

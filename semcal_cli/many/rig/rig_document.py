@@ -19,7 +19,8 @@ from semcal_cli.errors import InputError, describe, mismatch, one_of
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.input_files import is_folder, open_file, read_bytes, size_of
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
-from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse, nearest_rigid
 
 RESULT = "rig_calibration"
 """Name of the result of the whole rig, next to the results of its cameras."""

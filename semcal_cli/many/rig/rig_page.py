@@ -10,7 +10,7 @@ import numpy as np
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import listed
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.arrays import Pose
 from semcal_cli.many.rig.rig_calibration import WORST_FIRST, Pair, RigCalibration
 from semcal_cli.many.rig.rig_document import cloud_path
 from semcal_cli.observations.motion import unrolled

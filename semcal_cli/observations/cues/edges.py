@@ -24,16 +24,13 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, about
 from semcal_cli.files.array_forms import Cloud
 from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.geometry.arrays import Classes, Mask, Values
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.intensity import grey_values, lens_mask, surroundings
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.observations.reading import make_observations, read_clouds
 from semcal_cli.threads import thread_pool
-
-Classes = npt.NDArray[np.uint8]
-Values = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 NO_EDGE = 0
 """Class of a point next to which nothing changes."""

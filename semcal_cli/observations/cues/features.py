@@ -1,8 +1,8 @@
 """The features cue: feature vectors of points and pixels, as computed by networks, instead of labels.
 
 The meaning of the vectors is unknown, and the two sides need not have anything in common. Vectors have no histogram, so
-MINE bounds their mutual information (`refine.mine`). The initial calibration replaces each vector by the
-nearest of several centres (k-means) and uses the histogram of these codes.
+MINE bounds their mutual information (`refine.mine`). The initial calibration replaces each vector by the nearest of
+several centres (k-means) and uses the histogram of these codes.
 """
 
 from __future__ import annotations
@@ -20,13 +20,12 @@ from semcal_cli.errors import CalibrationError, InputError, counted
 from semcal_cli.files.array_forms import Cloud
 from semcal_cli.files.input_files import map_array
 from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
+from semcal_cli.geometry.arrays import Features
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.observations.reading import make_observations, read_clouds
 from semcal_cli.threads import thread_pool
-
-Vectors = npt.NDArray[np.float16]
 
 SAMPLES = 20_000
 """Number of vectors from which the centres are computed."""
@@ -80,7 +79,7 @@ def observe_features(
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
-def _of_points(drive: Drive, frame: Frame, cloud: Cloud) -> Vectors:
+def _of_points(drive: Drive, frame: Frame, cloud: Cloud) -> Features:
     """Read the features (N, C) of a cloud's returns; the file has a row for every entry of the cloud."""
     path, vectors = _read(drive, frame, "point_features")
     count = len(cloud.is_return)
@@ -91,7 +90,7 @@ def _of_points(drive: Drive, frame: Frame, cloud: Cloud) -> Vectors:
     return vectors[cloud.is_return]
 
 
-def _of_image(drive: Drive, frame: Frame) -> Vectors:
+def _of_image(drive: Drive, frame: Frame) -> Features:
     """Read the features (H / s, W / s, C) of an image, at 1 / s of its size."""
     path, vectors = _read(drive, frame, "image_features")
     height, width = drive.camera.height, drive.camera.width
@@ -102,7 +101,7 @@ def _of_image(drive: Drive, frame: Frame) -> Vectors:
     return vectors
 
 
-def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
+def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Features]:
     path = drive.file_of(frame, key, "a .npy file of features")
     if drive.arrays is None:
         vectors = map_array(path, max_bytes(drive.max_points), A_POINT)
@@ -116,8 +115,8 @@ def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
 
 
 def _coded(
-    side: str, vectors: Sequence[Vectors], config: FeaturesConfig
-) -> list[tuple[Vectors, npt.NDArray[np.uint8]]]:
+    side: str, vectors: Sequence[Features], config: FeaturesConfig
+) -> list[tuple[Features, npt.NDArray[np.uint8]]]:
     """Scale each channel to unit variance over all frames, and code each vector by its nearest centre."""
     from scipy.cluster.vq import kmeans2, vq
 
@@ -138,7 +137,7 @@ def _coded(
             some, some[rng.permutation(len(some))[: config.num_codes]], config.iterations, minit="matrix"
         )
 
-    def of_frame(each: Vectors) -> tuple[Vectors, npt.NDArray[np.uint8]]:
+    def of_frame(each: Features) -> tuple[Features, npt.NDArray[np.uint8]]:
         scaled = ((each - mean) / spread).astype(np.float16)
         if not np.isfinite(scaled).all():
             raise InputError(f"features of {side}: found values that are not finite, needed numbers")

@@ -22,14 +22,13 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.array_forms import Cloud
 from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.geometry.arrays import Numbers
 from semcal_cli.observations.cues.cue import Cue
 from semcal_cli.observations.cues.segments import STARTS
 from semcal_cli.observations.motion import compensated
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
 from semcal_cli.observations.reading import make_observations, read_clouds, read_needed_image
 from semcal_cli.threads import thread_pool
-
-Values = npt.NDArray[np.float64]
 
 CELL_DEG = 0.5
 """Size of the cells of directions in which the surroundings of points are summed."""
@@ -76,11 +75,11 @@ def observe_intensity(
     moved = compensated(drive, clouds)
     seen = lens_mask(drive.camera)
 
-    def pixels_of(frame: Frame) -> Values:
+    def pixels_of(frame: Frame) -> Numbers:
         grey = grey_values(drive, frame)
         return grey if is_raw else _contrast_of_pixels(drive.camera, grey, seen, config)
 
-    def points_of(frame: Frame, cloud: Cloud, points: npt.NDArray[np.float32]) -> Values:
+    def points_of(frame: Frame, cloud: Cloud, points: npt.NDArray[np.float32]) -> Numbers:
         intensities = _intensity(drive, frame, cloud)
         return intensities if is_raw else _contrast_of_points(points, intensities, config)
 
@@ -114,7 +113,7 @@ def observe_intensity(
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
-def _standardized(values: Sequence[Values]) -> list[npt.NDArray[np.float16]]:
+def _standardized(values: Sequence[Numbers]) -> list[npt.NDArray[np.float16]]:
     """Scale the values of all frames to zero mean and unit variance, each as a vector of one channel."""
     joined = np.concatenate([each.ravel() for each in values])
     mean, spread = joined.mean(), joined.std()
@@ -130,7 +129,7 @@ def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
     return np.asarray(whole[: camera.height, : camera.width])
 
 
-def _intensity(drive: Drive, frame: Frame, cloud: Cloud) -> Values:
+def _intensity(drive: Drive, frame: Frame, cloud: Cloud) -> Numbers:
     if cloud.intensity is None:
         raise InputError(
             f"{drive.resolve(frame.points)}: found no intensity, needed one for each point for this cue"
@@ -141,7 +140,7 @@ def _intensity(drive: Drive, frame: Frame, cloud: Cloud) -> Values:
     return values
 
 
-def grey_values(drive: Drive, frame: Frame) -> Values:
+def grey_values(drive: Drive, frame: Frame) -> Numbers:
     """Read the grey values (H, W) of a frame's image, 0 to 255."""
     return cv2.cvtColor(read_needed_image(drive, frame), cv2.COLOR_BGR2GRAY).astype(np.float64)
 
@@ -162,8 +161,8 @@ def surroundings(camera: Camera, sigma_deg: float) -> Callable[[npt.NDArray[Any]
 
 
 def _contrast_of_pixels(
-    camera: Camera, grey: Values, seen: npt.NDArray[np.bool_], config: IntensityConfig
-) -> Values:
+    camera: Camera, grey: Numbers, seen: npt.NDArray[np.bool_], config: IntensityConfig
+) -> Numbers:
     """Compute the contrast of grey values (H, W) relative to their surroundings."""
     blur = surroundings(camera, config.surroundings_deg)
     weights = blur(seen).astype(np.float64)
@@ -172,7 +171,7 @@ def _contrast_of_pixels(
     return _contrast(grey, weights, sums, squares, float(grey[seen].std()))
 
 
-def _contrast_of_points(points: npt.NDArray[np.float32], values: Values, config: IntensityConfig) -> Values:
+def _contrast_of_points(points: npt.NDArray[np.float32], values: Numbers, config: IntensityConfig) -> Numbers:
     """Compute the contrast of the intensities (N,) of points (N, 3) relative to those in nearby directions."""
     from scipy.ndimage import gaussian_filter
 
@@ -182,7 +181,7 @@ def _contrast_of_points(points: npt.NDArray[np.float32], values: Values, config:
     column = ((azimuth + 180.0) / CELL_DEG).astype(int) % columns
     row = np.clip((elevation + 90.0) / CELL_DEG, 0, rows - 1).astype(int)
 
-    def around(summands: Values) -> Values:
+    def around(summands: Numbers) -> Numbers:
         sums = np.bincount(row * columns + column, summands, rows * columns).reshape(rows, columns)
         # The columns of the grid cover a full turn.
         smooth = gaussian_filter(sums, config.surroundings_deg / CELL_DEG, mode=("nearest", "wrap"))
@@ -193,7 +192,7 @@ def _contrast_of_points(points: npt.NDArray[np.float32], values: Values, config:
     )
 
 
-def _contrast(values: Values, weights: Values, sums: Values, squares: Values, spread: float) -> Values:
+def _contrast(values: Numbers, weights: Numbers, sums: Numbers, squares: Numbers, spread: float) -> Numbers:
     """Compute the deviation from the mean of the surroundings, in standard deviations of the surroundings."""
     weights = np.maximum(weights, np.finfo(np.float64).tiny)
     mean = sums / weights
@@ -201,7 +200,7 @@ def _contrast(values: Values, weights: Values, sums: Values, squares: Values, sp
     return np.asarray((values - mean) / np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny)))
 
 
-def _limits(drive: Drive, side: str, values: Values, config: IntensityConfig) -> Sequence[float]:
+def _limits(drive: Drive, side: str, values: Numbers, config: IntensityConfig) -> Sequence[float]:
     """Find the limits between equally frequent levels."""
     some = values[:: max(1, len(values) // SAMPLES)]
     limits: list[float] = np.quantile(some, np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1]).tolist()

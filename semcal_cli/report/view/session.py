@@ -22,7 +22,8 @@ from semcal_cli.files.array_forms import Cloud
 from semcal_cli.files.documents import document_text, output_format
 from semcal_cli.files.output_files import write_text
 from semcal_cli.formats.node import rigid
-from semcal_cli.geometry.poses import Pose, pose_from_mounting
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations

@@ -15,7 +15,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.experiments.drives import Pool, calibrate_from
-from semcal_cli.geometry.poses import Pose, compare_poses
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import LabelledCloud, Observations
 from semcal_cli.observations.reading import mend, read_observations

@@ -14,7 +14,8 @@ from semcal_cli.files.documents import document_text
 from semcal_cli.files.image_files import write_image
 from semcal_cli.files.input_files import MAX_TABLE_BYTES, read_bytes
 from semcal_cli.files.output_files import write_bytes, write_text
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.arrays import Pose
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.observations.reading import read_clouds, read_label_images
 
 Labels = npt.NDArray[np.uint8]

@@ -15,7 +15,7 @@ from semcal_cli import core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Classes
 from semcal_cli.files.image_files import read_image
-from semcal_cli.geometry.poses import Pose, Vector
+from semcal_cli.geometry.arrays import Pose, Vector
 from semcal_cli.geometry.twists import displaced, pose_at
 from semcal_cli.synthetic.label_noise import POINT_SHARE, mislabel, pixels_by_a_network
 
