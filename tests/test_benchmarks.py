@@ -173,7 +173,7 @@ def documented_scripts() -> list[tuple[str, list[str]]]:
 
 def test_the_documentation_names_scripts() -> None:
     scripts = {script for script, _ in documented_scripts()}
-    assert {"plain_torch.py", "initialization.py", "bootstrap.py"} <= scripts
+    assert {"accuracy.py", "initialization.py", "bootstrap.py"} <= scripts
     assert {script for script in scripts if not (BENCHMARKS / script).is_file()} == set()
 
 

@@ -64,7 +64,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "fleet": "Combine the results of many drives of one rig.",
     },
     "Research": {
-        "experiment": "Measure the figures in the documentation.",
+        "experiment": "Compare semcal with other methods.",
     },
 }
 """One-line help of each command, by section. Each command has a module of the same name."""

@@ -1,1 +1,1 @@
-"""Experiments on synthetic drives, one command each: a table, CSV, JSON and, to compare methods, a plot."""
+"""Experiments that compare semcal with other methods: a table, CSV, JSON and a plot."""
