@@ -49,7 +49,7 @@ from semcal_cli.observations.cues.cue_table import files_of, find_cue
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import can_be_unrolled, twists_per_s
 from semcal_cli.observations.observations import Observations
-from semcal_cli.pipeline.assess import assess as assess, compare_motion
+from semcal_cli.pipeline.assessment import assess as assess, compare_motion
 from semcal_cli.pipeline.mountings import decide_in_full
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import Calibration

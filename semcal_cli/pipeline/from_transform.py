@@ -16,7 +16,7 @@ from semcal_cli.events import Listener, ignore
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import as_transform
 from semcal_cli.observations.loading import LoadedDrive
-from semcal_cli.pipeline.assess import assess
+from semcal_cli.pipeline.assessment import assess
 from semcal_cli.pipeline.calibration import make_calibration, polish, refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.result.calibration_document import Calibration
