@@ -17,8 +17,11 @@ FLOORS = ("estimation", "many")
 ARRAYS = "geometry/arrays.py"
 """The module of the names of array types."""
 MAX_PUBLIC_NAMES = 25
+FACES = {"__init__.py", "__main__.py", "core.py"}
+"""Modules that pass on what others define."""
 BROAD_ROOMS = {"cli", "config", "formats"}
-"""Rooms that may have more public names: commands, settings and formats are many by their nature."""
+"""Rooms that may have more public names: commands, settings and formats are many by their nature. The names of array
+types are words of the whole package, and count for no room."""
 
 
 def modules(package: Path) -> dict[str, ast.Module]:
@@ -97,7 +100,9 @@ def array_aliases(package: Path) -> list[str]:
         for statement in module.body
         if isinstance(statement, ast.Assign | ast.AnnAssign)
         and statement.value is not None
-        and re.match(r"(npt?\.|numpy\.typing\.)?(NDArray|ArrayLike)\b", ast.unparse(statement.value))
+        and re.fullmatch(
+            r"(npt?\.)?NDArray\[[\w.]+\]( \| (npt?\.)?NDArray\[[\w.]+\])*", ast.unparse(statement.value)
+        )
     ]
 
 
@@ -112,7 +117,8 @@ def imported_names(package: Path) -> dict[str, set[str]]:
             for alias in node.names:
                 target = f"{source}/{alias.name}".replace(".", "/").removeprefix(f"{package.name}/")
                 room = room_of(target)
-                if room != room_of(path) and path not in ("__init__.py", "__main__.py"):
+                is_counted = f"{target.rpartition('/')[0]}.py" != ARRAYS and path not in FACES
+                if is_counted and room != room_of(path):
                     names[room].add(f"{target.rpartition('/')[0]}: {alias.name}")
     return names
 
