@@ -115,9 +115,8 @@ def test_ascents_that_end_apart_have_the_surroundings_searched(
 
 
 def test_the_camera_stays_within_the_baseline(street_observations: Observations) -> None:
-    config = InitializationConfig()
-    near = dataclasses.replace(config, alignment=dataclasses.replace(config.alignment, max_baseline_m=0.05))
-    for hypothesis in search_mountings(street_observations, near, seed=0).hypotheses:
+    near = dataclasses.replace(street_observations, max_baseline_m=0.05)
+    for hypothesis in search_mountings(near, InitializationConfig(), seed=0).hypotheses:
         assert np.linalg.norm(camera_center(hypothesis.pose)) < 0.051
 
 

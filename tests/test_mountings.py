@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, InitializationConfig, RefinementConfig
+from semcal_cli.config import CalibrationConfig, InitializationConfig, RefinementConfig
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.search.mounting_search import Initialization, led_by
 from semcal_cli.events import ignore
@@ -45,7 +45,7 @@ def test_the_right_mounting_is_taken_though_another_led(
     again = partial(refine, data, config=RefinementConfig())
     start = again(other.pose)
     assert compare_poses(start.T_camera_lidar, street_truth).rotation_deg > 10.0
-    initial, refined = decide_in_full(data, wrong, start, again, MAX_BASELINE_M, 0, ignore)
+    initial, refined = decide_in_full(data, wrong, start, again, 0, ignore)
     assert compare_poses(refined.T_camera_lidar, street_truth).rotation_deg < 0.15
     assert compare_poses(initial.T_camera_lidar, street_truth).rotation_deg < 3.0
     assert initial.findings == ()
@@ -64,7 +64,7 @@ def test_a_mounting_that_another_explains_as_well_stays_doubted(
         return refined
 
     twin = replace(found, hypotheses=twins, findings=OPEN)
-    initial, same = decide_in_full(data, twin, refined, again, MAX_BASELINE_M, 0, ignore)
+    initial, same = decide_in_full(data, twin, refined, again, 0, ignore)
     assert same is refined
     assert initial.findings == OPEN
     assert len(asked) == 1, "the first that stays unclear decides"

@@ -124,8 +124,8 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
         The scores; None if labels do not determine a pose on these blocks, or determine one that is far away.
     """
     factor = min(block_px, observations.camera.width, observations.camera.height)
-    config = SensitivityConfig(factor=factor, edge_band_px=0, max_points=MAX_POINTS)
-    around = core.sensitivity(observations.core, T_camera_lidar, config)
+    config = SensitivityConfig(factor=factor, max_points=MAX_POINTS)
+    around = core.sensitivity(observations.without_edge_band.core, T_camera_lidar, config)
     if around is None or np.linalg.eigvalsh(around.curvature)[0] <= 0.0:
         return None
     squares, places = squares_of(around)

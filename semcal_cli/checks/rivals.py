@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.config import EDGE_BAND_PX, ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.errors import told_apart
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import exact_config, pyramid_factors
@@ -120,5 +120,5 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose],
 
 def sigmas_behind(observations: Observations, T_camera_lidar: Pose, rivals: Sequence[Pose]) -> list[float]:
     """Standard errors by which each rival (4, 4) is behind a pose (4, 4); 0 if too few squares are seen to tell."""
-    gains = core.information_gains(observations.core, T_camera_lidar, rivals, EDGE_BAND_PX)
+    gains = core.information_gains(observations.core, T_camera_lidar, rivals)
     return [-gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0 for gain in gains]

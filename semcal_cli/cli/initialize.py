@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from semcal_cli.cli.options import ResultSettings
 from semcal_cli.cli.settings import command
 from semcal_cli.cli.stage_options import SearchSettings
-from semcal_cli.config import CalibrationConfig
+from semcal_cli.config import CalibrationConfig, RefinementConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,13 @@ def initialize(settings: InitializeSettings) -> None:
     from semcal_cli.pipeline.stages import Stages
 
     start, outputs = settings.initial_pose, Outputs.of_result(settings)
-    config = CalibrationConfig(settings.seed, settings.cues, settings.max_frames, settings.initialization)
+    config = CalibrationConfig(
+        settings.seed,
+        settings.cues,
+        settings.max_frames,
+        settings.initialization,
+        RefinementConfig(max_baseline_m=settings.max_baseline_m),
+    )
     with loaded_drive(settings, config, outputs, start) as (data, terminal):
         found = search(data, config.initialization, config.seed, start, on_event=terminal.on_event)
         terminal.print(*hypothesis_lines(found.hypotheses, verbose=settings.verbose))

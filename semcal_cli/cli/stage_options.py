@@ -16,7 +16,6 @@ from semcal_cli.cli.settings import KNOWN_TRANSFORMS, FiniteNumber, FiniteRange,
 from semcal_cli.config import (
     AUTO,
     LABELS,
-    AlignmentConfig,
     CueName,
     Device,
     Estimator,
@@ -149,7 +148,6 @@ class SearchSettings(StartSettings):
             zoom=self.zoom,
             max_roll_deg=self.max_roll_deg,
             search_deg=self.search_deg,
-            alignment=AlignmentConfig(max_baseline_m=self.max_baseline_m),
         )
 
     def _read_start(self) -> InitialPose | None:

@@ -105,7 +105,7 @@ class Method:
 PAPER = PaperConfig()
 PMI_AS_PUBLISHED = replace(
     PAPER,
-    mine=replace(MINE_WITH_VECTORS, edge_band_px=0),
+    mine=MINE_WITH_VECTORS,
     pyramid=replace(PAPER.pyramid, coarsest_block_deg=1.0),
 )
 """Intensity guides the pose only locally: on both drives that were tried, coarser blocks led raw values farther

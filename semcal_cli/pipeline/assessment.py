@@ -210,7 +210,7 @@ def _uncertainty(answer: _Answer, *, with_label_bleed: bool) -> Uncertainty | No
     elif fused is not None:
         found = fused.uncertainty
     else:
-        found = estimate_uncertainty(observations, T, edge_band_px=config.edge_band_px, of_others=of_others)
+        found = estimate_uncertainty(observations, T, of_others=of_others)
     if found is None:
         return None
     of_K = answer.of_intrinsics

@@ -182,16 +182,14 @@ def refine_and_polish(
     T_initial = initial.T_camera_lidar
     refined = again(data, T_initial, on_event=on_event, from_afar=from_afar, others=others)
     if data.observations.starts is not None and isinstance(initial, Initialization) and initial.findings:
-        initial, refined = decide_in_full(
-            data, initial, refined, partial(again, data), config.max_baseline_m, seed, on_event
-        )
+        initial, refined = decide_in_full(data, initial, refined, partial(again, data), seed, on_event)
     seen = data
     if can_be_unrolled(data.observations):
         lines = data.unrolled(refined.T_camera_lidar)
         refined = again(lines, refined.T_camera_lidar, on_event=on_event)
         seen = data.unrolled(refined.T_camera_lidar)
     found = Stages.from_refined(
-        data, initial, refined, is_compensated=True, max_baseline_m=config.max_baseline_m
+        data, initial, refined, is_compensated=True, max_baseline_m=data.observations.max_baseline_m
     )
     if seen is not data:
         found = replace(found, unrolled=seen.observations)
@@ -311,7 +309,6 @@ def fuse(
         data.observations,
         T_polished,
         priors,
-        edge_band_px=config.edge_band_px,
         of_motion=sum_of(of_clock, covariance_of_motion(data, T_polished)),
     )
     return announced("fused", "combining with priors", stage, on_event, T_polished)

@@ -24,7 +24,6 @@ def decide_in_full(
     initial: Initialization,
     refined: Refinement,
     refine: Callable[[Pose], Refinement],
-    max_baseline_m: float,
     seed: int,
     on_event: Listener,
 ) -> tuple[Initialization, Refinement]:
@@ -38,7 +37,6 @@ def decide_in_full(
         initial: The hypotheses of the search.
         refined: The best of them, refined.
         refine: Refines another one from its pose (4, 4).
-        max_baseline_m: Largest distance between camera and LiDAR.
         seed: Seed of the starts.
         on_event: Called with what is compared.
 
@@ -54,13 +52,13 @@ def decide_in_full(
     rivals = [
         other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
-    is_clear, least, polish = bool(rivals), OTHER_POSE.limit(), PolishConfig(max_baseline_m=max_baseline_m)
+    is_clear, least = bool(rivals), OTHER_POSE.limit()
     for rival in rivals:
         on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
         # A mounting in which sweeps and images do not overlap is none.
         with suppress(CalibrationError):
-            several = SeveralStarts(observations, ExactConfig(max_baseline_m=max_baseline_m), seed, starts)
-            T_coarse = newton(observations, several.coarse_top(rival.pose), polish).T_camera_lidar
+            several = SeveralStarts(observations, ExactConfig(), seed, starts)
+            T_coarse = newton(observations, several.coarse_top(rival.pose), PolishConfig()).T_camera_lidar
             if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
                 continue
             found = refine(rival.pose)

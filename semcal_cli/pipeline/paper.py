@@ -24,6 +24,7 @@ from semcal_cli.estimation.search.mounting_search import (
     Initialization,
     check_runner_up,
     describe,
+    recorded,
     runner_up,
     seen_from,
 )
@@ -67,7 +68,8 @@ def calibrate_as_published(
     def ascend() -> Refinement:
         found = refine(observations, T_init, paper, config.seed, device)
         details = f"mine, {found.details}, bound {found.bound_nats:.4f} nats"
-        settings = {**found.settings, "paper": {"mine": asdict(paper.mine), "device": device}}
+        mine = asdict(paper.mine) | observations.without_edge_band.shared_settings
+        settings = {**found.settings, "paper": {"mine": mine, "device": device}}
         return replace(found, details=details, settings=settings)
 
     refined = announced("refined", "ascending the bound", ascend, on_event, T_init)
@@ -79,7 +81,7 @@ def calibrate_as_published(
         initial,
         refined,
         is_compensated=False,
-        max_baseline_m=config.refinement.max_baseline_m,
+        max_baseline_m=observations.max_baseline_m,
         of_comparison=of_comparison,
     )
     return make_calibration(
@@ -110,7 +112,7 @@ def refine(
     with torch_import():
         from semcal_cli.estimation.refine.mine import MineEstimator
 
-    estimator = MineEstimator(observations, paper.mine, seed, device)
+    estimator = MineEstimator(observations.without_edge_band, paper.mine, seed, device)
     return refine_pose(observations, T_init, estimator, paper.pyramid)
 
 
@@ -126,7 +128,7 @@ def _placements(observations: Observations, paper: PaperConfig, seed: int) -> In
     return Initialization(
         T_camera_lidar=T_first,
         agreement=agreements[0],
-        settings={"initialization": asdict(paper.initialization)},
+        settings=recorded(paper.initialization, observations),
         note=f"the best of {len(hypotheses)} placements",
         details=f"{hypotheses[0].num_inliers} inliers of PnP",
         hypotheses=hypotheses,

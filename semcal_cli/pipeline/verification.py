@@ -9,14 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.config import (
-    AlignmentConfig,
-    CalibrationConfig,
-    InitializationConfig,
-    JointlyConfig,
-    Limits,
-    RefinementConfig,
-)
+from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, Limits, RefinementConfig
 from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, InputError
@@ -126,8 +119,9 @@ def verify(
         transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; a calibration; or a file of any
             known format.
         limits: Largest allowed errors; None takes the defaults.
-        config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults. The cues `auto`
-            are those that the calibration of the transform compared, as far as the drive allows them.
+        config: Seed, cues, number of frames, `refinement.max_baseline_m` and `refinement.edge_band_px`; None takes the
+            defaults. The cues `auto` are those that the calibration of the transform compared, as far as the drive
+            allows them.
         on_event: Called with each event of the run.
 
     Raises:
@@ -151,7 +145,7 @@ def verify(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
         )
     jointly = JointlyConfig(with_delay=limits.delay_s is not None)
-    refinement = RefinementConfig(max_baseline_m=config.refinement.max_baseline_m, jointly=jointly)
+    refinement = RefinementConfig(jointly=jointly)
     stages = _estimate(data, stated, refinement, config.seed, on_event)
     return _judged(data, stated, stages, limits)
 
@@ -189,8 +183,7 @@ def _estimate(
         is_near = _is_near(nearby.T_camera_lidar, stated.T_camera_lidar, NEAR_DEG, NEAR_M)
         if is_near and nearby.uncertainty is not None and not nearby.findings:
             return nearby
-    search = InitializationConfig(alignment=AlignmentConfig(max_baseline_m=config.max_baseline_m))
-    return assessed(initialize(data, search, seed, on_event=on_event))
+    return assessed(initialize(data, InitializationConfig(), seed, on_event=on_event))
 
 
 def _judged(data: LoadedDrive, stated: InitialPose, stages: Stages, limits: Limits) -> Verification:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import AUTO, MAX_FRAMES
+from semcal_cli.config import AUTO, MAX_FRAMES, RefinementConfig
+from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.errors import listed
+from semcal_cli.errors import InputError, listed
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.arrays import Pose
@@ -147,10 +149,22 @@ def make_report_input(
         before=before,
         drive=used,
         changes=changes,
-        observations=unrolled(load_cues(used, cues, sweeps), T_camera_lidar),
+        observations=unrolled(_with_settings(load_cues(used, cues, sweeps), record), T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),
     )
+
+
+def _with_settings(observations: Observations, record: Calibration | None) -> Observations:
+    """Use the maximum baseline and the edge band that a calibration records, unless it has none or they are wrong."""
+    polish = None if record is None else record.settings.options.get("polish")
+    known: dict[str, Any] = {}
+    if isinstance(polish, dict):
+        known = {name: polish[name] for name in observations.shared_settings if name in polish}
+    with suppress(InputError):
+        check_settings(RefinementConfig(**known))
+        return replace(observations, **known)
+    return observations
 
 
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:

@@ -134,9 +134,11 @@ def run(pool: Pool, estimators: Sequence[Estimator], edge_band_px: int, case: Ca
         if estimator != "exact" and row.cue != "labels":
             continue
         result = Result(case.row, case.seed, estimator)
+        config = RefinementConfig(estimator, edge_band_px=edge_band_px)
+        data = data.with_settings(config)
         try:
             initial = initial or initialize(data, InitializationConfig(), initial_pose=initial_pose)
-            start, config = perf_counter(), RefinementConfig(estimator, edge_band_px=edge_band_px)
+            start = perf_counter()
             stages, calibration = calibrate_from(initial, data, config)
         except SemcalError as failure:
             results.append(replace(result, status=f"failed: {failure}"))

@@ -58,7 +58,7 @@ class Objective:
             seed: Seed of the choice of points.
         """
         self.points = core.AnchoredPoints(
-            observations.core, T_start, factor=factor, edge_band_px=0, visible_only=False
+            observations.without_edge_band.core, T_start, factor=factor, visible_only=False
         )
         count = len(self.points.classes)
         chosen = np.random.default_rng(seed).permutation(count)[:MAX_POINTS]

@@ -165,10 +165,8 @@ def _left_open(
     """
     if not asked.names:
         return None
-    camera = observations.camera
-    around = sensitivity(
-        observations, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(observations)
-    )
+    camera, seen = observations.camera, observations.without_edge_band
+    around = sensitivity(seen, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(seen))
     shift = shift_by(around)
     if shift is None:
         return None
@@ -180,7 +178,7 @@ def _left_open(
     return np.asarray(shift @ about @ shift.T)
 
 
-def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.HeldOutGain:
+def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.InformationGain:
     """Compute the gain of held-out data from estimates on the other data, with the variables against without them."""
     kept, held_out = split(problem.observations, problem.polish)
     before, part = newton(kept, T, problem.polish).T_camera_lidar, None
@@ -201,7 +199,7 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.HeldOutGain:
 
 
 def _camera_of(
-    fit: Fit, asked: Variables, camera: Camera, gain: core.HeldOutGain, is_kept: bool
+    fit: Fit, asked: Variables, camera: Camera, gain: core.InformationGain, is_kept: bool
 ) -> RefinedCamera:
     intrinsics = {}
     for name in asked.intrinsics:
@@ -246,7 +244,7 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
     )
 
 
-def _notes(fit: Fit, asked: Variables, gain: core.HeldOutGain, is_kept: bool) -> tuple[str, ...]:
+def _notes(fit: Fit, asked: Variables, gain: core.InformationGain, is_kept: bool) -> tuple[str, ...]:
     """Say what is not determined, and why an estimate is not kept."""
     notes = []
     if missing := [name for name in asked.intrinsics if name not in fit.variables.intrinsics]:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
+from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
 from semcal_cli.errors import counted, told_apart
 from semcal_cli.estimation.stage import StageResult
@@ -144,7 +144,6 @@ def fuse_with_priors(
     T_camera_lidar: Pose,
     priors: Sequence[Prior],
     *,
-    edge_band_px: int = EDGE_BAND_PX,
     of_motion: Matrix | None = None,
 ) -> Fused:
     """Find the pose that labels and priors determine together.
@@ -153,12 +152,10 @@ def fuse_with_priors(
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4) pose polished without priors, metres.
         priors: The priors, which leave at least one direction free.
-        edge_band_px: Width of the edge band in the settings of the polish.
         of_motion: (6, 6) covariance of the labels' optimum by the clock and the motion that the drive states; None if
             there is none.
     """
-    settings = SensitivityConfig(edge_band_px=edge_band_px)
-    around = sensitivity(observations, T_camera_lidar, settings)
+    around = sensitivity(observations, T_camera_lidar, SensitivityConfig())
     is_alone = around is not None and around.is_determined
     T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     of_intrinsics = _of_intrinsics(observations, T)
@@ -167,7 +164,7 @@ def fuse_with_priors(
     if around is not None and is_alone:
         labels = measure(around, systematic)
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
-    T, fit = _iterate(observations, T, priors, around, systematic, settings, is_alone)
+    T, fit = _iterate(observations, T, priors, around, systematic, is_alone)
     far, uncertainty, label_gain = list[Finding](), None, np.eye(6)
     if fit is not None:
         # Steps are of first order, so exact axes are restored to the last digit.
@@ -211,7 +208,6 @@ def _iterate(
     priors: Sequence[Prior],
     around: Sensitivity | None,
     systematic: Matrix | None,
-    settings: SensitivityConfig,
     is_alone: bool,
 ) -> tuple[Pose, _Fit | None]:
     """Weigh labels and priors until a round moves the points little; no fit if labels carry no information at all.
@@ -221,7 +217,7 @@ def _iterate(
     fit: _Fit | None = None
     for _ in range(MAX_ROUNDS):
         if fit is not None and not is_alone:
-            around = sensitivity(observations, T, settings)
+            around = sensitivity(observations, T, SensitivityConfig())
         if around is None:
             return T, None
         labels = fit.labels if fit is not None and is_alone else measure(around, systematic)

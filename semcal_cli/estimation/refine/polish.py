@@ -54,7 +54,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     """
     kept, held_out = split(observations, config)
     polished = newton(kept, T_camera_lidar, config)
-    found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
+    found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar)
     gain, sigma = found.gain, found.sigma
     max_loss = config.max_loss if observations.starts is None else config.max_loss_of_tops
     # Without a standard error, there is no evidence for the polish.
@@ -76,7 +76,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
         T_camera_lidar=T_polished,
         agreement=core.agreement(observations.core, T_polished),
         findings=_findings(check, max_loss, polished.moved_px, config),
-        settings={"polish": asdict(config)},
+        settings={"polish": asdict(config) | observations.shared_settings},
         note=note,
         details=f"held out {gain:+.4f} +- {sigma:.4f} {observations.unit}",
         held_out=check,
@@ -86,15 +86,15 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
 
 
 def _held_out_gain(
-    kept: Observations, held_out: Observations, T_before: Pose, T_after: Pose, config: PolishConfig
-) -> core.HeldOutGain:
+    kept: Observations, held_out: Observations, T_before: Pose, T_after: Pose
+) -> core.InformationGain:
     """Compute how much held-out data gain from a polish on the other data.
 
     Classes are compared by the table of the other data. Segments, which differ from frame to frame, have their own
     table at each pose, so that only the pose is held out.
     """
     if held_out.has_segments:
-        (gain,) = core.information_gains(held_out.core, T_before, [T_after], config.edge_band_px)
+        (gain,) = core.information_gains(held_out.core, T_before, [T_after])
         return gain
     return core.held_out_gain(kept.core, held_out.core, T_before, T_after)
 

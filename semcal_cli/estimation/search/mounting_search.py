@@ -100,7 +100,7 @@ def search_mountings(
         T_camera_lidar=T_best,
         agreement=agreement_of_best,
         findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
-        settings={"initialization": asdict(config)},
+        settings=recorded(config, observations),
         note=_note(len(hypotheses), margin) if is_searched else GIVEN,
         details="" if margin is None else f"runner-up {margin:.1f} standard errors behind",
         hypotheses=hypotheses,
@@ -140,7 +140,7 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
     return Initialization(
         T_camera_lidar=T_given,
         agreement=agreement,
-        settings={"initialization": asdict(config)},
+        settings=recorded(config, observations),
         note=GIVEN,
         hypotheses=(describe(Candidate(T_given), agreement, T_given),),
         runner_up_margin=None,
@@ -219,6 +219,13 @@ def describe(candidate: Candidate, agreement: core.Agreement, T_best: Pose) -> H
     )
 
 
+def recorded(config: InitializationConfig, observations: Observations) -> dict[str, object]:
+    """Return what a result records of the settings of the search."""
+    settings = asdict(config)
+    settings["alignment"]["max_baseline_m"] = observations.max_baseline_m
+    return {"initialization": settings}
+
+
 def _align_given(
     observations: Observations, given: Candidate, config: InitializationConfig, seed: int
 ) -> list[Candidate]:
@@ -251,10 +258,12 @@ def _align(
     band. The coarse level after it moves poses out of local maxima.
     """
     levels = config.alignment
+    # Blocks this coarse have no edge band, whatever its width at pixels.
+    seen = observations.without_edge_band.core
     width, height = observations.camera.width, observations.camera.height
     for blocks_across, num_kept in zip(levels.blocks_across, levels.num_kept, strict=True):
         aligned = core.align(
-            observations.core,
+            seen,
             [candidate.T_camera_lidar for candidate in candidates],
             levels,
             factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
+from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.uncertainty.sensitivity import MANY, determined_sensitivity, sensitivity
 from semcal_cli.findings.check import WIDE_INTERVAL
@@ -59,7 +59,6 @@ def estimate_uncertainty(
     observations: Observations,
     T_camera_lidar: Pose,
     *,
-    edge_band_px: int = EDGE_BAND_PX,
     of_others: Matrix | None = None,
 ) -> Uncertainty | None:
     """Estimate the uncertainty of a polished pose.
@@ -67,7 +66,6 @@ def estimate_uncertainty(
     Args:
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4), metres.
-        edge_band_px: Width of the edge band in the settings of the polish.
         of_others: (6, 6) covariance of the pose from what keeps the drive's values: stated errors of the intrinsics,
             and errors of intrinsics or the clock that the estimate leaves open.
 
@@ -76,7 +74,7 @@ def estimate_uncertainty(
     """
     # Cues with many tops are rough at full resolution, where tops are as wide as a pixel.
     measure = sensitivity if observations.starts is None else determined_sensitivity
-    around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
+    around = measure(observations, T_camera_lidar, SensitivityConfig())
     if around is None or not around.is_determined:
         return None
     scatter = around.scatter(around.influence)

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.geometry.arrays import Numbers, Pose
 from semcal_cli.observations.observations import Observations
 
@@ -74,7 +73,7 @@ class InformationBySquares:
 
 def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> InformationBySquares:
     """Measure the information of points about pixels at a pose (4, 4), in full resolution."""
-    parts = core.information(observations.core, T_camera_lidar, EDGE_BAND_PX)
+    parts = core.information(observations.core, T_camera_lidar)
     squares, sums, weights = zip(*parts, strict=True) if parts else ((), (), ())
     places = np.array(squares, np.intp).reshape(-1, 3)
     places[:, 0] = observations.frame_indices[places[:, 0]]
@@ -83,11 +82,11 @@ def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> 
     )
 
 
-def paired_gain(before: InformationBySquares, after: InformationBySquares) -> core.HeldOutGain:
+def paired_gain(before: InformationBySquares, after: InformationBySquares) -> core.InformationGain:
     """Compute the gain of the mean from one model to another of the same frames, whose squares are paired."""
     _, places = np.unique(np.vstack([before.squares, after.squares]), axis=0, return_inverse=True)
     influences = np.bincount(places.ravel(), np.concatenate([-before.influence, after.influence]))
-    return core.HeldOutGain.of_parts(
+    return core.InformationGain.of_parts(
         (influences + (after.mean - before.mean) / max(len(influences), 1)).tolist()
     )
 

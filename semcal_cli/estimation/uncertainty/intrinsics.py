@@ -21,11 +21,12 @@ from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
 VARIABLES = ("fx", "fy", "cx", "cy", "radial")
 """The same for the core; k1 is that of a small radial distortion on top of the lens."""
-AROUND_INTRINSICS = SensitivityConfig(factor=4, edge_band_px=0, max_points=150_000)
-"""Settings of the sensitivity to the intrinsics, in blocks of pixels because errors of intrinsics exceed one pixel. On
-two development drives, poses polished with K off by 4 pixels or 0.5 % moved by what the blocks predict within 2 to 14 %
-of the displacement of the points, as in full resolution; the small effect of fy with 4 frames was 29 % off."""
-AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2, edge_band_px=0)
+AROUND_INTRINSICS = SensitivityConfig(factor=4, max_points=150_000)
+"""Settings of the sensitivity to the intrinsics, in blocks of pixels because errors of intrinsics exceed one pixel, and
+to be used without an edge band. On two development drives, poses polished with K off by 4 pixels or 0.5 % moved by what
+the blocks predict within 2 to 14 % of the displacement of the points, as in full resolution; the small effect of fy
+with 4 frames was 29 % off."""
+AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2)
 """The same for edges and intensity, whose levels blocks of four pixels wash out. With these, one good calibration of
 five on a real jam was reported to have wrong intrinsics; with blocks of two pixels, none of nine on three drives."""
 LEAST_FALL = 0.2
@@ -55,7 +56,7 @@ were resized without keeping their shape, as 1920 x 1200 to 1280 x 720, differ b
 def around_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Sensitivity | None:
     """Compute the curvature and scores of the mutual information over pose, fx, fy, cx, cy and k1."""
     config = AROUND_INTRINSICS_OF_EDGES if observations.is_local else AROUND_INTRINSICS
-    return sensitivity(observations, T_camera_lidar, config, VARIABLES)
+    return sensitivity(observations.without_edge_band, T_camera_lidar, config, VARIABLES)
 
 
 def shift_by(around: Sensitivity | None) -> Matrix | None:
