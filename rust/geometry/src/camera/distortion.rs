@@ -37,7 +37,6 @@ impl Distortion {
         (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     }
 
-    #[inline]
     pub fn jacobian(&self, xy: Vector2<f64>) -> Matrix2<f64> {
         let [k1, k2, p1, p2, k3, k4, k5, k6] = self.0;
         let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());

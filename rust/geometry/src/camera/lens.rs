@@ -100,7 +100,6 @@ impl Model for Lens {
         with_model!(self, model => model.project(point))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         with_model!(self, model => model.jacobian(point))
     }

@@ -100,6 +100,7 @@ impl Camera {
     }
 
     /// The Jacobian of the pixel of a point that projects, pixels per metre.
+    #[inline]
     pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         Matrix2::from_diagonal(&self.focal) * self.lens.jacobian(point)
     }
@@ -121,6 +122,7 @@ impl Camera {
     }
 
     /// Whether a pixel is inside the image, whose pixels extend half a pixel beyond their centres.
+    #[inline]
     pub fn contains(&self, pixel: &Point2<f64>) -> bool {
         pixel.x >= -0.5
             && pixel.y >= -0.5

@@ -30,7 +30,6 @@ impl Model for Polynomial {
         Some(self.distortion.at(normalised))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         self.distortion.jacobian(point.xy() / point.z) * normalised_jacobian(point)
     }
@@ -55,7 +54,6 @@ pub(super) fn normalised(point: &Vector3<f64>, max_radius: f64) -> Option<Vector
     (normalised.norm_squared() <= max_radius * max_radius).then_some(normalised)
 }
 
-#[inline]
 pub(super) fn normalised_jacobian(point: &Vector3<f64>) -> Matrix2x3<f64> {
     let (x, y, inverse) = (point.x / point.z, point.y / point.z, 1.0 / point.z);
     Matrix2x3::new(inverse, 0.0, -x * inverse, 0.0, inverse, -y * inverse)
@@ -91,20 +89,17 @@ impl ThinPrism {
         Ok(model)
     }
 
-    #[inline]
     fn at(&self, xy: Vector2<f64>) -> Vector2<f64> {
         let tilted = self.tilt * self.before_tilt(xy).push(1.0);
         tilted.xy() / tilted.z
     }
 
-    #[inline]
     fn before_tilt(&self, xy: Vector2<f64>) -> Vector2<f64> {
         let ([s1, s2, s3, s4], r2) = (self.prism, xy.norm_squared());
         self.distortion.at(xy) + Vector2::new(s1 + s2 * r2, s3 + s4 * r2) * r2
     }
 
     /// The Jacobian of [`ThinPrism::at`]; zero, as where it folds, for points that the tilted sensor cannot see.
-    #[inline]
     fn plane_jacobian(&self, xy: Vector2<f64>) -> Matrix2<f64> {
         let tilted = self.tilt * self.before_tilt(xy).push(1.0);
         if tilted.z <= 0.0 {
@@ -119,13 +114,11 @@ impl ThinPrism {
 }
 
 impl Model for ThinPrism {
-    #[inline]
     fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         let normalised = normalised(point, self.max_radius)?;
         Some(self.at(normalised))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         self.plane_jacobian(point.xy() / point.z) * normalised_jacobian(point)
     }

@@ -32,7 +32,6 @@ pub(super) fn off_axis(point: &Vector3<f64>) -> Option<f64> {
 
 /// The Jacobian, with respect to a point, of its direction from the axis times the distorted radius `distorted`,
 /// which changes by `(dr, dz)` with the distance `radius` from the axis and with the depth.
-#[inline]
 pub(super) fn jacobian(
     point: &Vector3<f64>,
     radius: f64,
@@ -47,7 +46,6 @@ pub(super) fn jacobian(
 }
 
 /// The Jacobian on the optical axis, where the lens is a pinhole with a magnification.
-#[inline]
 pub(super) fn jacobian_on_axis(point: &Vector3<f64>, magnification: f64) -> Matrix2x3<f64> {
     let scale = magnification / point.z;
     Matrix2x3::new(scale, 0.0, 0.0, 0.0, scale, 0.0)
@@ -82,7 +80,6 @@ impl Model for Fisheye {
         (angle <= self.max_angle).then(|| point.xy() * (radius(&self.k, angle) / from_axis))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         let Some(from_axis) = off_axis(point) else { return jacobian_on_axis(point, 1.0) };
         let (k, angle) = (&self.k, from_axis.atan2(point.z));
@@ -138,7 +135,6 @@ impl Model for Fov {
         (from_axis.atan2(point.z) <= MAX_ANGLE).then(|| point.xy() * (radius / from_axis))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         let Some(from_axis) = off_axis(point) else {
             return jacobian_on_axis(point, self.tangent / self.w);

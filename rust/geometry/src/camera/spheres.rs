@@ -48,7 +48,6 @@ impl Model for Equirectangular {
         seen.then(|| Vector2::new(azimuth(), point.y.atan2(level)))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         let (x, y, z) = (point.x, point.y, point.z);
         let (level, level2, range2) = (x.hypot(z), x * x + z * z, point.norm_squared());
@@ -101,14 +100,12 @@ impl Omnidirectional {
 }
 
 impl Model for Omnidirectional {
-    #[inline]
     fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         let range = point.norm();
         let seen = point.z > self.cos_limit * range;
         seen.then(|| self.distortion.at(point.xy() / (point.z + self.xi * range)))
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         let range = point.norm();
         let depth = point.z + self.xi * range;
@@ -137,7 +134,6 @@ fn lift(xi: f64, r2: f64) -> f64 {
 }
 
 /// The Jacobian of `xy = (x, y) / depth` with respect to the point, whose depth has this gradient.
-#[inline]
 pub(super) fn quotient_jacobian(xy: Vector2<f64>, depth: f64, depth_slope: &Vector3<f64>) -> Matrix2x3<f64> {
     (Matrix2x3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0) - xy * depth_slope.transpose()) / depth
 }
@@ -195,7 +191,6 @@ impl Model for DoubleSphere {
         seen.then(|| point.xy() / self.depths(point, range).2)
     }
 
-    #[inline]
     fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         let range = point.norm();
         let (shifted, second, depth) = self.depths(point, range);
