@@ -17,6 +17,13 @@ FLOORS = ("estimation", "many")
 ARRAYS = "geometry/arrays.py"
 """The module of the names of array types."""
 MAX_PUBLIC_NAMES = 25
+OF_PROBLEM = {"max_baseline_m", "edge_band_px"}
+FALLBACKS = {"MAX_BASELINE_M", "EDGE_BAND_PX"}
+"""What describes the problem stands on its observations: settings of a solver that repeat it can be forgotten."""
+PRINTING_ROOMS = {"cli", "experiments", "fleet", "many/rig", "report"}
+"""Rooms whose figures a person reads, in centimetres and millimetres."""
+POSE_ERRORS = "geometry/poses.py"
+"""The module whose `PoseError` also has its figures as they are printed."""
 FACES = {"__init__.py", "__main__.py", "core.py"}
 """Modules that pass on what others define."""
 BROAD_ROOMS = {"cli", "config", "formats"}
@@ -129,6 +136,33 @@ def crowded_rooms(package: Path) -> list[str]:
         for room, names in sorted(imported_names(package).items())
         if room not in BROAD_ROOMS and len(names) > MAX_PUBLIC_NAMES
     ]
+
+
+def problem_numbers(package: Path) -> list[str]:
+    """List the settings and fallbacks that repeat what `Observations` say of the problem, and could forget it."""
+    violations = []
+    for path, module in modules(package).items():
+        room = room_of(path)
+        for node in ast.walk(module):
+            if isinstance(node, ast.ClassDef) and node.name not in ("RefinementConfig", "SynthConfig"):
+                names = [ast.unparse(field.target) for field in node.body if isinstance(field, ast.AnnAssign)]
+                if room.split("/")[0] in ("config", "estimation", "checks"):
+                    violations += [f"{path}: {node.name}.{name}" for name in names if name in OF_PROBLEM]
+            elif isinstance(node, ast.ImportFrom) and room not in ("config", "observations", "cli"):
+                violations += [f"{path}: {alias.name}" for alias in node.names if alias.name in FALLBACKS]
+    return violations
+
+
+def printed_units(package: Path) -> list[str]:
+    """List the names in centimetres and millimetres in rooms that compute."""
+    violations = set()
+    for path, module in modules(package).items():
+        if room_of(path) not in PRINTING_ROOMS and path != POSE_ERRORS:
+            for node in ast.walk(module):
+                name = getattr(node, "id", None) or getattr(node, "attr", None) or getattr(node, "arg", None)
+                if isinstance(name, str) and re.search(r"_[cm]m$", name):
+                    violations.add(f"{path}: {name}")
+    return sorted(violations)
 
 
 Rule = Callable[[Path], list[str]]

@@ -13,6 +13,8 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
     },
     house.core_imports: {"checks/a.py": "from planted import _core"},
     house.array_aliases: {"checks/a.py": "import numpy.typing as npt\nMatrix = npt.NDArray[float]"},
+    house.problem_numbers: {"config/a.py": "class NewtonConfig:\n    max_baseline_m: float = 3.0"},
+    house.printed_units: {"checks/a.py": "def is_far(away_cm: float) -> bool: ..."},
     house.crowded_rooms: {
         "files/a.py": "",
         "checks/a.py": f"from planted.files.a import {', '.join(f'name_{n}' for n in range(26))}",
