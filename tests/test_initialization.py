@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import core
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN, check_mountings
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN, runner_up, search_mountings
+from semcal_cli.estimation.search.mounting_search import runner_up, search_mountings
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses, inverse, rotation_error_deg
 from semcal_cli.observations.observations import LabelledCloud, Observations
@@ -129,7 +130,7 @@ def test_a_runner_up_says_something_else(street_observations: Observations) -> N
     assert rotation_error_deg(other.pose, best.pose) >= config.runner_up_deg
     assert found.runner_up_margin == best.margin(other)
     assert found.runner_up_margin > MIN_RUNNER_UP_MARGIN
-    assert found.findings == ()
+    assert check_mountings(found) == ()
 
 
 def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations: Observations) -> None:
@@ -149,7 +150,7 @@ def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations:
     assert other is not None
     assert rotation_error_deg(other.pose, best.pose) > 170.0
     assert best.margin(other) < MIN_RUNNER_UP_MARGIN
-    (finding,) = found.findings
+    (finding,) = check_mountings(found)
     assert finding.sentence.startswith(f"a mounting {other.rotation_from_best_deg:.0f} degrees away ")
 
 

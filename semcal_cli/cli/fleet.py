@@ -20,7 +20,7 @@ from semcal_cli.errors import InputError, counted
 if TYPE_CHECKING:
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.fleet.fleet_result import ComparedDrive, Fleet
-    from semcal_cli.pipeline.verdict import Check
+    from semcal_cli.pipeline.verdict import AxisVerdict
 
 PLOTS = (".png", ".svg")
 MAX_LINES = 20
@@ -194,7 +194,7 @@ def _apart(drive: ComparedDrive) -> str:
     return f"{drive.member.drive}: {total(drive.offset)} off, {verdict}"
 
 
-def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
+def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
     """List the totals and the checks that do not pass, by subject."""
     from semcal_cli.cli.tables import COLUMNS
     from semcal_cli.fleet.fleet_verdict import check_words

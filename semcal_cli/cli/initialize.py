@@ -22,6 +22,7 @@ def initialize(settings: InitializeSettings) -> None:
 
     Lists the hypotheses, best first. Exit code 3 means that a result was written but is not trusted.
     """
+    from semcal_cli.checks.other_mounting import check_mountings
     from semcal_cli.cli.outputs import Outputs, loaded_drive
     from semcal_cli.cli.tables import hypothesis_lines
     from semcal_cli.pipeline import initialize as search, make_calibration
@@ -38,7 +39,6 @@ def initialize(settings: InitializeSettings) -> None:
     with loaded_drive(settings, config, outputs, start) as (data, terminal):
         found = search(data, config.initialization, config.seed, start, on_event=terminal.on_event)
         terminal.print(*hypothesis_lines(found.hypotheses, verbose=settings.verbose))
-        calibration = make_calibration(
-            data, Stages(found), config, initial_pose=start, relative_to=outputs.folder
-        )
+        stages = Stages(found, of_search=check_mountings(found))
+        calibration = make_calibration(data, stages, config, initial_pose=start, relative_to=outputs.folder)
     sys.exit(outputs.write(calibration, terminal, settings.threads))

@@ -13,7 +13,7 @@ from semcal_cli.config import Limits
 from semcal_cli.fleet.fleet_drives import Member
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse, quaternion_xyzw
-from semcal_cli.pipeline.verdict import Check, Verdict, judge
+from semcal_cli.pipeline.verdict import AxisVerdict, Verdict, judge
 from semcal_cli.result.provenance import versions
 
 Order: TypeAlias = Literal["stamp", "name"]
@@ -38,7 +38,7 @@ class Offset:
         """Angle of the offset of the rotation, degrees."""
         return float(np.linalg.norm(self.values[3:]))
 
-    def judge(self, limits: Limits) -> tuple[Check, ...]:
+    def judge(self, limits: Limits) -> tuple[AxisVerdict, ...]:
         """Judge the offset along and about each axis, and in total."""
         return judge(self.values[:3].tolist(), self.values[3:].tolist(), self.half_widths.tolist(), limits)
 
@@ -120,7 +120,7 @@ class Fleet:
     reasons: tuple[str, ...]
     notes: tuple[str, ...]
     """Notes for the reader that do not affect the verdict."""
-    checks: tuple[Check, ...]
+    checks: tuple[AxisVerdict, ...]
     """Checks of the combined pose; single drives have their own verdicts."""
     T_camera_lidar: Pose
     """T_camera_lidar (4, 4) at the last drive."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import listed
-from semcal_cli.pipeline.verdict import OVERALL, Check, Verdict, together
+from semcal_cli.pipeline.verdict import OVERALL, AxisVerdict, Verdict, together
 from semcal_cli.result.uncertainty import CHECK_NAMES, widest
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ QUANTITIES = CHECK_NAMES | {
 
 def judge_fleet(
     known: Offset, off_reference: Offset | None, parts: Sequence[Part], drifted: Offset | None, limits: Limits
-) -> tuple[Check, ...]:
+) -> tuple[AxisVerdict, ...]:
     """Judge the combined pose.
 
     Args:
@@ -70,7 +70,7 @@ def judge_fleet(
 
 
 def conclude(
-    checks: Sequence[Check],
+    checks: Sequence[AxisVerdict],
     drives: Sequence[ComparedDrive],
     left_out: Sequence[Member],
     parts: Sequence[Part],
@@ -186,7 +186,7 @@ class CheckWords(NamedTuple):
     unit: str
 
 
-def check_words(check: Check) -> CheckWords:
+def check_words(check: AxisVerdict) -> CheckWords:
     """Put a check into words: of the combined pose or, without a subject, of a drive."""
     subject, _, quantity = check.name.rpartition(": ")
     scale, unit, least = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "degrees", 3)

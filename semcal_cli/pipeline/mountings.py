@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 
-from semcal_cli.checks.rivals import sigmas_behind
+from semcal_cli.checks.few_scenes import check_scenes
+from semcal_cli.checks.other_mounting import is_rival
+from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import Refinement
 from semcal_cli.estimation.refine.several_starts import SeveralStarts
-from semcal_cli.estimation.search.mounting_search import Initialization, is_rival, led_by
+from semcal_cli.estimation.search.mounting_search import Initialization, led_by
+from semcal_cli.estimation.uncertainty.information import sigmas_behind
 from semcal_cli.events import Listener, Progress
-from semcal_cli.findings.check import FEW_SCENES, OTHER_POSE
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 
@@ -26,7 +27,7 @@ def decide_in_full(
     refine: Callable[[Pose], Refinement],
     seed: int,
     on_event: Listener,
-) -> tuple[Initialization, Refinement]:
+) -> tuple[Initialization, Refinement, bool]:
     """Decide between mountings that ground and objects alone cannot distinguish, by the cues that refine poses.
 
     The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
@@ -41,13 +42,13 @@ def decide_in_full(
         on_event: Called with what is compared.
 
     Returns:
-        The search, led by the mounting that is taken, and that one refined.
+        The search, led by the mounting that is taken, that one refined, and whether it is clear.
     """
     observations, starts = data.observations, data.observations.starts
     assert starts is not None
-    if not data.is_refined_by_edges and len(set(observations.scenes)) < FEW_SCENES.limit():
+    if not data.is_refined_by_edges and check_scenes(len(set(observations.scenes))).findings:
         # Segments of few scenes make no mounting clear, and take minutes for that.
-        return initial, refined
+        return initial, refined, False
     best = taken = initial.hypotheses[0]
     rivals = [
         other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
@@ -68,5 +69,4 @@ def decide_in_full(
             is_clear &= abs(behind) >= least
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
-    initial_findings = () if is_clear else initial.findings
-    return replace(led_by(initial, taken, data.for_search), findings=initial_findings), refined
+    return led_by(initial, taken, data.for_search), refined, is_clear

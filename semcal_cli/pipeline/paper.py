@@ -14,15 +14,14 @@ from functools import partial
 from pathlib import Path
 
 from semcal_cli import core
+from semcal_cli.checks.other_mounting import check_runner_up
 from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.config.paper_config import PaperConfig
 from semcal_cli.errors import check_torch, torch_import
 from semcal_cli.estimation.refine.pyramid import Refinement, refine_pose
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting_search import (
-    NO_OTHER,
     Initialization,
-    check_runner_up,
     describe,
     recorded,
     runner_up,
@@ -147,6 +146,6 @@ def _compared(
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
     ranked = sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
     other = runner_up(seen_from(ranked, refined.T_camera_lidar), paper.initialization.runner_up_deg)
-    if other is None:
-        return initial, (NO_OTHER,)
-    return replace(initial, runner_up_margin=best.margin(other)), check_runner_up(best, other)
+    if other is not None:
+        initial = replace(initial, runner_up_margin=best.margin(other), runner_up=other)
+    return initial, check_runner_up(best, other)

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.checks.pairing import frame_names
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.errors import InputError, counted
@@ -22,6 +21,7 @@ from semcal_cli.geometry.arrays import Colors, Image, Pose
 from semcal_cli.observations.cues.edges import EDGES, gradients
 from semcal_cli.observations.cues.intensity import grey_values, lens_mask
 from semcal_cli.observations.cues.segments import SegmentationConfig
+from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.report.colors import (

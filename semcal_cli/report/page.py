@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.checks.pairing import frame_names
 from semcal_cli.config import LABELS
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.output_files import write_text
 from semcal_cli.geometry.poses import camera_center, compare_poses
 from semcal_cli.observations.cues.cue_table import files_of
+from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.frame_selection import evenly_spaced
 from semcal_cli.pipeline.verdict import overall_offsets
 from semcal_cli.report import words

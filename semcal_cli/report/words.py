@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import listed
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
-from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.observations.cues.cue_table import maximised, recorded
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.template import Verdict, linked

@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from benchmark import script, table
 
+from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.config import AlignmentConfig, InitializationConfig
-from semcal_cli.estimation.search.mounting_search import MIN_RUNNER_UP_MARGIN, search_mountings
+from semcal_cli.estimation.search.mounting_search import search_mountings
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.experiment import Experiment, Report
 from semcal_cli.experiments.measured import commit

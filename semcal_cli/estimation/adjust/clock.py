@@ -30,7 +30,7 @@ NUM_FRAMES = 20
 """Number of evenly spaced frames from which the offset is estimated, so that long drives cost no more."""
 
 
-class UnknownClock(NamedTuple):
+class ClockUncertainty(NamedTuple):
     """How far the clock may be off, and how far the rig moves in that time."""
 
     offset_s: float
@@ -47,7 +47,7 @@ class UnknownClock(NamedTuple):
     """Speed that all frames have in common."""
 
     @classmethod
-    def of(cls, data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> UnknownClock | None:
+    def of(cls, data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> ClockUncertainty | None:
         """Compute this at a pose (4, 4); None if the rig stands or its motion is not stated.
 
         The direction of a speed is unknown, so it counts along both axes across the LiDAR's z axis.
@@ -63,10 +63,10 @@ class UnknownClock(NamedTuple):
         if twists is None or not np.any(twists):
             return None
         mean = np.mean(twists, axis=0)
-        told = _told(data, T_camera_lidar, polish) if differs(twists) else None
-        offset_s, sigma_s = told or (0.0, stated_s)
+        estimate = _estimate_offset(data, T_camera_lidar, polish) if differs(twists) else None
+        offset_s, sigma_s = estimate or (0.0, stated_s)
         shifts, speed_m_s = adjoint(T_camera_lidar) @ mean[:, None], float(np.linalg.norm(mean[:3]))
-        return cls(offset_s, sigma_s, told is not None, stated_s == 0.0, shifts, speed_m_s)
+        return cls(offset_s, sigma_s, estimate is not None, stated_s == 0.0, shifts, speed_m_s)
 
     def covariance(self, label_gain: Matrix | None = None) -> Matrix | None:
         """Compute the covariance (6, 6) of a pose from errors of the clock; None if the clock is exact.
@@ -82,7 +82,9 @@ class UnknownClock(NamedTuple):
         return np.asarray((self.offset_s**2 + self.sigma_s**2) * shifts @ shifts.T)
 
 
-def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tuple[float, float] | None:
+def _estimate_offset(
+    data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig
+) -> tuple[float, float] | None:
     """Estimate the offset and its standard error from the frames; None if they do not determine it."""
     few, sigma_s = few_frames(data.observations, NUM_FRAMES), data.drive.time_offset_sigma_s
     known = JointlyConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
@@ -92,7 +94,7 @@ def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tupl
     return float(fit.changes[0]), float(fit.sigmas[0])
 
 
-def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
+def notes_on_clock(data: LoadedDrive, clock: ClockUncertainty | None) -> tuple[str, ...]:
     """Say what the frames show of the clock, or that it was not checked, and what that may cost."""
     motion = data.drive.motion
     if motion is None:

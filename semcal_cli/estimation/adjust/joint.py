@@ -14,7 +14,7 @@ import numpy as np
 from semcal_cli import core
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, Variables, seen_by
 from semcal_cli.estimation.refine.polish import newton, split
 from semcal_cli.estimation.stage import StageResult
@@ -262,7 +262,7 @@ def _notes(fit: Fit, asked: Variables, gain: core.InformationGain, is_kept: bool
         why = "the estimate differs from them only by chance"
         if fit.is_beyond_chance:
             by = gain.gain / max(gain.sigma, 1e-12)
-            better, least = told_apart(by, MIN_GAIN, 1)
+            better, least = format_against_limit(by, MIN_GAIN, 1)
             why = (
                 f"held-out data agree only {better} standard errors better with the estimate, needed more than "
                 f"{least}"

@@ -7,6 +7,8 @@ carry no more information than null partitions, and 1 where they determine every
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,6 +91,12 @@ def paired_gain(before: InformationBySquares, after: InformationBySquares) -> co
     return core.InformationGain.of_parts(
         (influences + (after.mean - before.mean) / max(len(influences), 1)).tolist()
     )
+
+
+def sigmas_behind(observations: Observations, T_camera_lidar: Pose, rivals: Sequence[Pose]) -> list[float]:
+    """Compute the standard errors by which rivals (4, 4) are behind a pose (4, 4); 0 if too few squares are seen."""
+    gains = core.information_gains(observations.core, T_camera_lidar, rivals)
+    return [-gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0 for gain in gains]
 
 
 def information_by_frame(joints: Numbers, table: Numbers) -> Numbers:

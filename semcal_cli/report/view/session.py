@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.checks.pairing import frame_names
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.errors import InputError
@@ -25,6 +24,7 @@ from semcal_cli.formats.node import rigid
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.observations.frame_naming import frame_names
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.pipeline import calibrate

@@ -1,4 +1,4 @@
-"""Whether labels belong to what they label: point labels by order, label images by their images, and both at a pose.
+"""Whether labels belong to what they label: point labels by order, and label images by their images.
 
 From entry to entry of a sweep, labels change where the range steps, and borders of a label image lie on edges of its
 image. If the two coincide better at another displacement, labels belong to other points or pixels: a converter lost
@@ -10,10 +10,6 @@ is chosen by its own fit. The gains of all blocks that count are added up and di
 squares. If labels fit nothing, blocks gain as often as they lose, and this ratio exceeds z with a probability of at
 most exp(-z^2 / 2) (Efron, *Student's t-test under symmetry conditions*, 1969). Labels that are where they belong
 lose in nearly all blocks.
-
-Point labels that were made from image labels agree best at the transform that made them, right or wrong, so they carry
-no information about the camera. Hidden points reveal them: a point that the camera does not see has the class of what
-hides it. Pixels then say as much about hidden points as about visible ones, however many labels are wrong.
 """
 
 from __future__ import annotations
@@ -26,18 +22,60 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import core
-from semcal_cli.checks.pairing import frame_list
-from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import InputError, counted, told_apart
-from semcal_cli.estimation.uncertainty.information import entropy
-from semcal_cli.findings.check import LEAKED_LABELS, SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS, Measured
-from semcal_cli.geometry.arrays import Image, Numbers, Pose
-from semcal_cli.observations.frame_selection import few_frames
-from semcal_cli.observations.observations import NO_CLASS, Observations
+from semcal_cli.errors import InputError, counted, format_against_limit
+from semcal_cli.findings.check import Check, Measured
+from semcal_cli.findings.entry import Entry, PageSection
+from semcal_cli.geometry.arrays import Image, Numbers
+from semcal_cli.observations.frame_naming import frame_list
+from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.threads import thread_pool
 
+SHIFTED_POINT_LABELS = Check(
+    topic="shifted-point-labels",
+    advice="check that no points were skipped when they were written, and label these sweeps again",
+    entry=Entry(
+        title="Point labels are shifted",
+        section=PageSection.FILES,
+        quotes=(
+            (
+                "point labels fit the clouds better when shifted by 3 entries towards the end of the "
+                "file, by 9.1 standard errors, needed at most 4: check that no points were skipped when "
+                "they were written, and label these sweeps again"
+            ),
+        ),
+        meaning="The borders of labels lie a few entries away from steps in range.",
+        cause="The labels were written for a point cloud without missing returns, or in another order.",
+        remedy="Label the sweeps again: one label for each point in the file, in the order of the file.",
+        figure=(
+            "Gain in agreement when point labels are shifted along the file. The check needs point "
+            "labels in scan order."
+        ),
+    ),
+)
+SHIFTED_LABEL_IMAGES = Check(
+    topic="shifted-label-images",
+    advice="check that they were made from these images at the same size, and label them again",
+    entry=Entry(
+        title="Label images are shifted",
+        section=PageSection.FILES,
+        quotes=(
+            (
+                "label images fit their images better when shifted by 3 pixels right, by 6.3 standard "
+                "errors, needed at most 4: check that they were made from these images at the same size, "
+                "and label them again"
+            ),
+        ),
+        meaning="The borders of labels are shifted or scaled relative to the edges in the images.",
+        cause=(
+            "The labels belong to rectified images although K is raw, a resize is off by half a "
+            "stride, or images were padded."
+        ),
+        remedy="Label the images that the drive names, at their own size, as `semcal label` does.",
+        figure="Gain in agreement when label images are shifted or scaled. The check needs images.",
+    ),
+)
 MAX_ENTRIES = 32
 """Largest displacement of point labels that is tried, in entries."""
 NUM_BLOCKS = 128
@@ -56,15 +94,6 @@ MIN_BAD_PX = 2.5
 """Smallest displacement that is looked for, root mean square over the label image."""
 ROWS, COLUMNS = 6, 8
 """Tiles of a label image, down and across."""
-NUM_FRAMES = 5
-"""Number of frames whose hidden points are looked at."""
-LEAST_POINTS = 200
-"""Least number of hidden points that the check needs."""
-LEAST_CLASSES = 2.0
-"""Least effective number of classes of hidden points that the check needs."""
-LEAST_EXPLAINED = 0.1
-"""Share of the classes of visible points that counts at least as told: it was 29 to 100 %, also with 30 % wrong labels
-and 1 degree off, and at a pose where pixels tell nothing the ratio is chance."""
 
 
 class LabelAlignment(NamedTuple):
@@ -102,7 +131,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
 
     if not observations.has_segments:
         points = _moved_points(observations)
-        better, most = told_apart(points.z, SHIFTED_POINT_LABELS.limit(), 1)
+        better, most = format_against_limit(points.z, SHIFTED_POINT_LABELS.limit(), 1)
         sentence = (
             f"point labels{of(points)} fit the clouds better when {_entries_words(*points.move)}, "
             f"by {better} standard errors, needed at most {most}"
@@ -110,12 +139,12 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
     pixels = _moved_pixels(observations, read_image)
     if pixels is not None:
-        better, most = told_apart(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
-        found = (
+        better, most = format_against_limit(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
+        sentence = (
             f"label images{of(pixels)} fit their images better when {_move_words(*pixels.move)}, "
             f"by {better} standard errors, needed at most {most}"
         )
-        measured.append(SHIFTED_LABEL_IMAGES.measured(pixels.z, found))
+        measured.append(SHIFTED_LABEL_IMAGES.measured(pixels.z, sentence))
     if not unread:
         return LabelAlignment(tuple(measured))
     more = f", and {len(unread) - 1} more" if len(unread) > 1 else ""
@@ -249,47 +278,3 @@ def _move_words(right_px: float, down_px: float, scale: float) -> str:
         parts[0] = f"{count} {'pixel' if count == '1' else 'pixels'} {side}"
         words.append(f"shifted by {' and '.join(parts)}")
     return " and ".join(words)
-
-
-def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measured, ...]:
-    """Check that hidden points have their own classes, and not those of what hides them.
-
-    Args:
-        observations: Labelled points and label images, of labels alone.
-        T_camera_lidar: (4, 4) pose, metres.
-    """
-    hidden, visible = _joints(few_frames(observations, NUM_FRAMES), T_camera_lidar)
-    if hidden.sum() < LEAST_POINTS or entropy(hidden.sum(axis=1)) < np.log(LEAST_CLASSES):
-        return ()
-    # At a wrong pose, pixels say little about any point, and by chance as much about both kinds.
-    share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
-    as_much, most = told_apart(share, LEAKED_LABELS.limit(), unit="%")
-    found = (
-        f"point labels seem to come from image labels, since pixels say {as_much} as much about hidden points as about "
-        f"visible ones, needed at most {most}"
-    )
-    return (LEAKED_LABELS.measured(share, found),)
-
-
-def _joints(observations: Observations, T_camera_lidar: Pose) -> tuple[Numbers, Numbers]:
-    """Count the classes of hidden and of visible points, and of the pixels that they land on (C, C) each."""
-    camera, counts = core_camera(observations.camera), np.zeros((2, NO_CLASS + 1, NO_CLASS + 1))
-    height, width = observations.images[0].classes.shape
-    for cloud, image in zip(observations.clouds, observations.images, strict=True):
-        projected = core.project_points(camera, cloud.points, T_camera_lidar)
-        is_seen = np.isfinite(projected.ranges)
-        column, row = np.rint(projected.pixels[is_seen]).astype(np.int64).T
-        pixels = image.classes[row.clip(0, height - 1), column.clip(0, width - 1)]
-        is_visible = (~projected.is_hidden[is_seen]).astype(np.int64)
-        np.add.at(counts, (is_visible, cloud.classes[is_seen], pixels), 1.0)
-    hidden, visible = counts[:, :NO_CLASS, :NO_CLASS]
-    return hidden, visible
-
-
-def _share_explained(joint: Numbers) -> float:
-    """Compute the fraction of the entropy of the points' classes that the pixels explain, from joint counts."""
-    points_nats, pixels_nats = entropy(joint.sum(axis=1)), entropy(joint.sum(axis=0))
-    num_points, num_pixels = (np.count_nonzero(joint.any(axis=axis)) for axis in (1, 0))
-    # Miller's correction: the information that chance adds for few points.
-    by_chance = (num_points - 1) * (num_pixels - 1) / (2.0 * max(joint.sum(), 1.0))
-    return float((points_nats + pixels_nats - entropy(joint.ravel()) - by_chance) / max(points_nats, 1e-9))
