@@ -9,7 +9,7 @@ from networks import card, constant_network, save
 from onnx import TensorProto, helper
 
 from semcal_cli.drive.camera import Camera
-from semcal_cli.labelling.image_labeller import ImageLabeller, joined_masks
+from semcal_cli.labelling.image_labeller import ImageLabeller, combine_masks
 from semcal_cli.labelling.model import image_model
 from semcal_cli.labelling.onnx_network import open_network
 
@@ -47,7 +47,7 @@ def masks_network(folder: Path) -> np.ndarray:
         {name: (TensorProto.FLOAT, values.shape) for name, values in constants.items()},
         {f"of {name}": values for name, values in constants.items()},
     )
-    return joined_masks(constants, (SIDE, SIDE))[0]
+    return combine_masks(constants, (SIDE, SIDE))[0]
 
 
 @pytest.mark.parametrize("is_tall", [False, True])

@@ -14,11 +14,11 @@ from onnx import TensorProto, helper
 from semcal_cli import core
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.labelling.image_labeller import ImageLabeller, joined_masks
+from semcal_cli.labelling.image_labeller import ImageLabeller, combine_masks
 from semcal_cli.labelling.model import image_model, point_model
 from semcal_cli.labelling.onnx_network import open_network
 from semcal_cli.labelling.sweep_labeller import SweepLabeller, sweep_labeller
-from semcal_cli.labelling.views import resized
+from semcal_cli.labelling.views import resize_image
 
 WIDTH, HEIGHT = 96, 64
 K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
@@ -130,7 +130,7 @@ def test_outermost_centres_agree_where_the_card_says_so(tmp_path: Path) -> None:
     for aligned, ones in ((False, 5), (True, 6)):
         card(tmp_path, size=[9, 3], align_corners=aligned, classes=["a", "b"])
         net = labeller(tmp_path / "net.onnx", camera)
-        found[aligned] = net.views.places_on(3, 1, align_corners=aligned)[:9, 0]
+        found[aligned] = net.views.positions_on(3, 1, align_corners=aligned)[:9, 0]
         assert net.ids(np.zeros((3, 9, 3), np.uint8))[0].tolist() == [1] * ones + [0] * (9 - ones)
     assert np.allclose(found[False], (np.arange(9) + 0.5) / 3 - 0.5)
     assert np.allclose(found[True], np.arange(9) / 4)
@@ -153,7 +153,7 @@ def test_scores_may_be_bytes_where_the_card_says_that_they_are_scores(tmp_path: 
 def test_masks_of_queries_are_joined(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     classes, masks = random.normal(size=(1, 5, 4)), random.normal(size=(1, 5, 6, 7))
-    found = joined_masks({"class_queries_logits": classes, "masks_queries_logits": masks})
+    found = combine_masks({"class_queries_logits": classes, "masks_queries_logits": masks})
     expected = np.zeros((3, 6, 7))
     for query in range(5):
         likely = np.exp(classes[0, query]) / np.exp(classes[0, query]).sum()
@@ -162,15 +162,15 @@ def test_masks_of_queries_are_joined(tmp_path: Path) -> None:
     assert np.allclose(found[0], expected)
     larger = np.stack([cv2.resize(mask, (9, 5)) for mask in masks[0]])[None]
     outputs = {"class_queries_logits": classes, "masks_queries_logits": larger}
-    scaled = joined_masks({"class_queries_logits": classes, "masks_queries_logits": masks}, (9, 5))
-    assert np.allclose(scaled, joined_masks(outputs), atol=1e-6)
+    scaled = combine_masks({"class_queries_logits": classes, "masks_queries_logits": masks}, (9, 5))
+    assert np.allclose(scaled, combine_masks(outputs), atol=1e-6)
 
 
 def test_an_image_shrinks_by_the_filter_of_the_card() -> None:
     """Of a bright column among dark ones, a shrunk image has its share by the mean, and nothing by the nearest."""
     stripes = np.zeros((8, 32, 3), np.uint8)
     stripes[:, ::4] = 200
-    shrunk = {how: set(np.unique(resized(stripes, (8, 8), how))) for how in (None, "box", "nearest")}
+    shrunk = {how: set(np.unique(resize_image(stripes, (8, 8), how))) for how in (None, "box", "nearest")}
     assert shrunk == {None: {50}, "box": {50}, "nearest": {0}}
 
 

@@ -249,7 +249,7 @@ def test_the_shorter_side_is_scaled_as_in_transformers(
     color_network(tmp_path / "net.onnx")
     size = {"shortest_edge": 1024, "longest_edge": long_side}
     write(tmp_path, "MobileViTForSemanticSegmentation", NAMES, preprocessor(size=size))
-    assert image_model(open_network(tmp_path / "net.onnx"), None).card.scaled(image) == expected
+    assert image_model(open_network(tmp_path / "net.onnx"), None).card.scaled_size(image) == expected
 
 
 def test_without_a_preprocessor_the_size_is_that_of_the_config(tmp_path: Path) -> None:
