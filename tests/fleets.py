@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from conftest import make_pose
 
-from semcal_cli.fleet.fleet_drives import Member
+from semcal_cli.fleet.fleet_drives import FleetDrive
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.twists import pose_at
 
@@ -25,15 +25,15 @@ def fleet(
     return [pose_at(TRUTH, each) for each in off], covariances, off
 
 
-def members(poses: list[Pose], covariances: np.ndarray) -> list[Member]:
+def fleet_drives(poses: list[Pose], covariances: np.ndarray) -> list[FleetDrive]:
     """Drives, one every half a day."""
     return [
-        Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, T, covariance, None)
+        FleetDrive(f"{index:03d}", 1.7e9 + 43_200.0 * index, T, covariance, None)
         for index, (T, covariance) in enumerate(zip(poses, covariances, strict=True))
     ]
 
 
-def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
+def series_of(kind: str, count: int = 24, seed: int = 8) -> list[FleetDrive]:
     """A fleet to which something happened."""
     rng = np.random.default_rng(seed)
     _, covariances, series = fleet(rng, count, 1.0)
@@ -45,17 +45,17 @@ def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
         series[9, [0, 5]] += [0.2, np.radians(1.0)]
     if kind == "small change":
         series[15:, 4] += np.radians(0.22)
-    return members([pose_at(TRUTH, each) for each in series], covariances)
+    return fleet_drives([pose_at(TRUTH, each) for each in series], covariances)
 
 
-def line(member: Member, **changes: object) -> dict:
+def line(drive: FleetDrive, **changes: object) -> dict:
     """A line of a batch's summary."""
-    assert member.T_camera_lidar is not None
-    assert member.covariance is not None
-    found = {"drive": f"drives/{member.drive}", "status": "trusted", "exit_code": 0, "reasons": []}
-    found |= {"stamp": member.stamp, "T_camera_lidar": member.T_camera_lidar.tolist()}
-    found |= {"covariance": member.covariance.tolist(), "mutual_information_nats": 1.5}
-    found |= {"camera": "a", "result": f"{member.drive}/calibration.yaml"}
+    assert drive.T_camera_lidar is not None
+    assert drive.covariance is not None
+    found = {"drive": f"drives/{drive.name}", "status": "trusted", "exit_code": 0, "reasons": []}
+    found |= {"stamp": drive.stamp, "T_camera_lidar": drive.T_camera_lidar.tolist()}
+    found |= {"covariance": drive.covariance.tolist(), "mutual_information_nats": 1.5}
+    found |= {"camera": "a", "result": f"{drive.name}/calibration.yaml"}
     return found | changes
 
 

@@ -11,7 +11,7 @@ from semcal_cli.cli.batch_progress import MAX_NAMED, BatchProgress, print_end
 from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
-from semcal_cli.fleet.fleet_drives import read_members
+from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.many.batch.records import write_summary
 from semcal_cli.many.batch.tasks import Outcome, failed
@@ -67,7 +67,9 @@ def test_the_end_names_what_matters(
         "not trusted   drives/bad_01",
         "              the pose is determined in no direction",
     ]
-    found = combine_drives([each for each in read_members([Path("out")]) if each.left_out is None], Limits())
+    found = combine_drives(
+        [each for each in read_fleet_drives([Path("out")]) if each.left_out is None], Limits()
+    )
     half = found.parts[-1].half_widths
     assert lines[6] == (
         f"agreed pose      of 6 trusted drives: +- {1000 * half[:3].max():.1f} mm, "

@@ -22,7 +22,7 @@ def run(*arguments: object) -> Result:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("change")]
+    lines = [line(drive) for drive in series_of("change")]
     lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "topics": ["overlap"], "exit_code": 3}
     lines[4] |= {"status": "failed", "T_camera_lidar": None, "covariance": None, "exit_code": 1}
     batch = write_summary(tmp_path / "batch", lines)
@@ -50,7 +50,7 @@ def test_the_command(tmp_path: Path) -> None:
 
 
 def test_the_exit_codes(tmp_path: Path) -> None:
-    steady = [line(member) for member in series_of("nothing")]
+    steady = [line(drive) for drive in series_of("nothing")]
     assert run(write_summary(tmp_path / "a", steady)).exit_code == 0
     xml = tmp_path / "f.xml"
     assert run(write_summary(tmp_path / "b", steady[:2]), "--junit", xml).exit_code == 4
@@ -97,7 +97,7 @@ def test_the_exit_codes(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("nothing")[:5]]
+    lines = [line(drive) for drive in series_of("nothing")[:5]]
     lines[1] |= changes
     found = run(write_summary(tmp_path / "batch", lines))
     if complaint is None:
@@ -118,7 +118,7 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
         (tmp_path / "summary.jsonl").write_text(content)
         assert complaint in str(run(tmp_path).exception)
     assert "no such file" in str(run(tmp_path / "none").exception)
-    write_summary(tmp_path, [line(member) for member in series_of("nothing")])
+    write_summary(tmp_path, [line(drive) for drive in series_of("nothing")])
     for option in ("-o", "--report", "--plot"):
         assert "found suffix '.txt'" in str(run(tmp_path, option, tmp_path / "out.txt").exception)
     assert "reads or writes" in str(run(tmp_path, "--junit", tmp_path / "summary.jsonl").exception)
@@ -126,7 +126,7 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
 
 def test_what_is_worst_stands_first(tmp_path: Path) -> None:
     """In the page's tables: drives clearly beyond the limits, then others by time; checks that fail, then the rest."""
-    lines = [line(member) for member in series_of("outlier")]
+    lines = [line(drive) for drive in series_of("outlier")]
     lines[9]["drive"] = "drives/zz"
     page = tmp_path / "f.html"
     run(write_summary(tmp_path / "batch", lines), "--report", page, "--max-rotation-deg", "0.015")
@@ -145,7 +145,7 @@ def test_what_is_worst_stands_first(tmp_path: Path) -> None:
 
 def test_a_result_is_read_as_a_calibration_is(tmp_path: Path) -> None:
     """And is the same on standard output; a run that fails leaves the earlier one."""
-    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
+    batch = write_summary(tmp_path / "batch", [line(drive) for drive in series_of("nothing")])
     out = tmp_path / "fleet.json"
     beside = run(batch, "--json", "-o", out)
     document = json.loads(out.read_text())
@@ -163,7 +163,7 @@ def test_a_result_is_read_as_a_calibration_is(tmp_path: Path) -> None:
 
 
 def test_names_may_hold_anything(tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("outlier")]
+    lines = [line(drive) for drive in series_of("outlier")]
     lines[9]["drive"] = '<b>"&\x01\x1b[31m\n' + "9" * 5000
     xml, page = tmp_path / "f.xml", tmp_path / "f.html"
     found = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", page)

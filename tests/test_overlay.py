@@ -34,7 +34,7 @@ from semcal_cli.report.colors import (
     level_colors,
 )
 from semcal_cli.report.overlays import GREY_STRENGTH, Overlays, before_after, draw_legend, edge_image
-from semcal_cli.report.points import View, frame_points, goes_together, points_in_image
+from semcal_cli.report.points import View, associated_classes, frame_points, points_in_image
 
 CAMERA = Camera(
     model="plumb_bob", width=640, height=360, K=((320.0, 0.0, 319.5), (0.0, 320.0, 179.5), (0.0, 0.0, 1.0))
@@ -181,7 +181,7 @@ def test_labels_agree_best_at_the_truth(street_observations: Observations, stree
     for T, by in zip(moved, (-0.3, 0.0, 0.3), strict=True):
         T[0, 3] += by
     views = [View(street_observations, T) for T in moved]
-    together = goes_together(views[1].agreement())
+    together = associated_classes(views[1].agreement())
     left, middle, right = (each.agreement or 0.0 for each in frame_points(views, 0, together).poses)
     assert middle > 0.95
     assert max(left, right) < middle - 0.02

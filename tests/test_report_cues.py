@@ -74,11 +74,11 @@ def test_points_without_an_edge_have_no_colour_and_make_room_for_the_others(
     points = frame_points(list(found.overlays(1).views.values()), 0, np.ones((7, 8), bool))
     num_edges = int(((points.classes != NO_EDGE) & (points.classes != NO_CLASS)).sum())
     assert 100 < num_edges < len(points.classes) < MAX_POINTS
-    few = points.thinned(num_edges + 10)
+    few = points.thin(num_edges + 10)
     assert len(few.classes) == num_edges + 10
     assert int(((few.classes != NO_EDGE) & (few.classes != NO_CLASS)).sum()) == num_edges
     np.testing.assert_array_equal(few.indices, points.indices[np.isin(points.indices, few.indices)])
-    assert len(points.thinned(50).classes) == 50
+    assert len(points.thin(50).classes) == 50
 
 
 def test_what_edges_gained_is_in_nats(made: Path, tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.observations.reading import read_clouds
 from semcal_cli.report.view.server import HOST, ViewServer
-from semcal_cli.report.view.session import Placed, Session
+from semcal_cli.report.view.session import MovedPose, Session
 
 ZERO = [0.0] * 6
 
@@ -154,7 +154,7 @@ def test_dragging_a_slider_moves_points(page: webdriver.Chrome, T_off: Pose) -> 
     number = page.find_elements(By.CSS_SELECTOR, ".motion input[type=number]")[4]
     turned_deg = float(number.get_attribute("value") or 0)
     assert abs(turned_deg) > 0.1
-    expected = Placed(T_off, np.array([0.0, 0.0, 0.0, 0.0, turned_deg, 0.0])).T_camera_lidar
+    expected = MovedPose(T_off, np.array([0.0, 0.0, 0.0, 0.0, turned_deg, 0.0])).T_camera_lidar
     wait(page, lambda: np.allclose(pose(page), expected, atol=1e-5))
 
 

@@ -14,18 +14,18 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import camera_center, compare_poses, mounting_rpy_deg, pose_from_mounting
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.reading import load_points, read_clouds
-from semcal_cli.report.view.session import Placed, Session
+from semcal_cli.report.view.session import MovedPose, Session
 
 ZERO = [0.0] * 6
 
 
 def test_offsets_are_along_and_about_the_axes_of_the_camera(street_truth: Pose) -> None:
     """Camera 20 cm forward: the same way as its optical axis. Turned: in place, and by the given angle."""
-    shifted = Placed(street_truth, np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])).T_camera_lidar
+    shifted = MovedPose(street_truth, np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])).T_camera_lidar
     np.testing.assert_allclose(
         camera_center(shifted) - camera_center(street_truth), 0.2 * street_truth[2, :3]
     )
-    turned = Placed(street_truth, np.array([0.0, 0.0, 0.0, 1.0, -2.0, 0.5])).T_camera_lidar
+    turned = MovedPose(street_truth, np.array([0.0, 0.0, 0.0, 1.0, -2.0, 0.5])).T_camera_lidar
     error = compare_poses(turned, street_truth)
     assert error.camera_center_cm == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(error.rotation_xyz_deg, (1.0, -2.0, 0.5), atol=1e-9)
@@ -37,7 +37,7 @@ def test_positive_turns_are_those_that_the_page_names() -> None:
     for axis, (roll, pitch, yaw) in ((3, (0, 1, 0)), (4, (0, 0, 1)), (5, (-1, 0, 0))):
         offsets = np.zeros(6)
         offsets[axis] = 1.0
-        found = mounting_rpy_deg(Placed(T, offsets).T_camera_lidar)
+        found = mounting_rpy_deg(MovedPose(T, offsets).T_camera_lidar)
         np.testing.assert_allclose(found, (roll, pitch, yaw), atol=1e-9)
 
 

@@ -34,7 +34,7 @@ from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.reading import read_frame_image
 from semcal_cli.pipeline import initialize
-from semcal_cli.report.overlays import Overlays, add_caption, draw_legend
+from semcal_cli.report.overlays import Overlays, with_legend
 from semcal_cli.result.calibration_document import Status
 
 ORDER = (
@@ -236,5 +236,4 @@ def _write_images(found: Comparison, frame: int, folder: Path) -> None:
         # An image of an earlier run would be mistaken for one of this run.
         path.unlink(missing_ok=True)
         if method in images:
-            image = add_caption(images[method], f"({file[0]}) {method}", images[method].shape[1])
-            write_image(np.vstack([image, draw_legend(legend, image.shape[1])]), path)
+            write_image(with_legend({f"({file[0]}) {method}": images[method]}, legend), path)
