@@ -27,7 +27,7 @@ from semcal_cli.files.output_files import locked
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.many.batch.folders import MARKER
-from semcal_cli.many.batch.records import worst
+from semcal_cli.many.batch.records import worst_exit_code
 from semcal_cli.many.batch.tasks import Task, describe_result, find_drives, folder_of
 from semcal_cli.result.calibration_document import Calibration, write_calibration
 from semcal_cli.result.provenance import camera_hash
@@ -63,8 +63,8 @@ def test_drives_in_a_row_and_two_at_a_time(drives: Path, whole: tuple[Result, Pa
         T = read_transform(one / outcome["result"])
         assert outcome["T_camera_lidar"] == T.tolist()
         assert compare_poses(T, read_transform(Path(outcome["drive"]))).rotation_deg < 2.0
-    assert found.exit_code == worst(outcome["exit_code"] for outcome in outcomes)
-    assert [worst(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [])] == [1, 3, 4, 0]
+    assert found.exit_code == worst_exit_code(outcome["exit_code"] for outcome in outcomes)
+    assert [worst_exit_code(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [])] == [1, 3, 4, 0]
     with (one / "summary.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["translation_x_m"]) for row in rows] == [o["T_camera_lidar"][0][3] for o in outcomes]

@@ -14,7 +14,7 @@ from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.fleet_drives import read_fleet_drives
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.many.batch.records import write_summary
-from semcal_cli.many.batch.tasks import Outcome, failed
+from semcal_cli.many.batch.tasks import Outcome, failed_outcome
 
 
 def trusted_drives(count: int) -> list[Outcome]:
@@ -38,7 +38,7 @@ def trusted_drives(count: int) -> list[Outcome]:
 
 
 def bad(number: int, reason: str = "the pose is determined in no direction") -> Outcome:
-    return failed(f"drives/bad_{number:02d}", reason).model_copy(
+    return failed_outcome(f"drives/bad_{number:02d}", reason).model_copy(
         update={"status": "not_trusted", "exit_code": 3, "T_camera_lidar": TRUTH.tolist()}
     )
 
@@ -57,7 +57,7 @@ def test_the_end_names_what_matters(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     reason = "drives/broken/points/000000.bin: found 1,921 bytes, needed a multiple of 16, which is what a point takes"
-    outcomes = [*trusted_drives(6), bad(1), failed("drives/broken", reason)]
+    outcomes = [*trusted_drives(6), bad(1), failed_outcome("drives/broken", reason)]
     lines = end_of(outcomes, Path("out"), capsys)
     assert lines[:6] == [
         "8 of 8 drives: 1 failed, 1 not trusted, 6 trusted",

@@ -19,7 +19,7 @@ from semcal_cli.cli import Ending, run as run_command, worker
 from semcal_cli.cli.worker import run_task
 from semcal_cli.formats import read_transform
 from semcal_cli.many.batch.records import Inputs, read_inputs, read_outcome, read_state, write_record
-from semcal_cli.many.batch.tasks import Outcome, Task, failed, folder_of
+from semcal_cli.many.batch.tasks import Outcome, Task, failed_outcome, folder_of
 
 pytestmark = pytest.mark.slow
 
@@ -240,9 +240,9 @@ def test_sizes_tell_of_a_change_before_hashes(drives: Path, tmp_path: Path) -> N
     assert all(state is not None and state.sha256 for state in inputs.values())
     large = tmp_path / "large"
     large.write_bytes(b"1")
-    write_record(task, failed("a", "why"), inputs | {str(large): read_state(large)}, timed_out=False)
-    assert read_outcome(task) == failed("a", "why")
+    write_record(task, failed_outcome("a", "why"), inputs | {str(large): read_state(large)}, timed_out=False)
+    assert read_outcome(task) == failed_outcome("a", "why")
     os.utime(large, (1.0, 1.0))
-    assert read_outcome(task) == failed("a", "why")  # The hash says that nothing changed.
+    assert read_outcome(task) == failed_outcome("a", "why")  # The hash says that nothing changed.
     os.truncate(large, 1 << 40)
     assert read_outcome(task) is None

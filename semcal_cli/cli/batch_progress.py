@@ -16,7 +16,7 @@ from semcal_cli.cli.terminal import COLORS, live_lines, make_console, running_li
 from semcal_cli.errors import SemcalError, printable
 from semcal_cli.many.batch.pace import Pace
 from semcal_cli.many.batch.records import CSV, JSONL
-from semcal_cli.many.batch.tasks import FAILED, Outcome
+from semcal_cli.many.batch.tasks import Outcome
 
 RECENT = 8
 """Number of finished drives that are shown."""
@@ -57,7 +57,7 @@ class BatchProgress(Pace):
             self._recent.append(outcome)
         else:
             self.skip()
-        if not self.console.is_terminal and (is_new or outcome.status == FAILED):
+        if not self.console.is_terminal and (is_new or outcome.is_failed):
             number = f"{self.num_done:>{len(str(self.num_items))}}/{self.num_items}"
             reason = f": {outcome.reasons[0]}" if outcome.reasons else ""
             line = printable(f"{number}  {outcome.status:<13}{outcome.drive}{reason}")

@@ -162,14 +162,14 @@ def check_fleet(path: Path) -> None:
 
 def check_summary(path: Path) -> None:
     """Check the summary of a batch, which a fleet reads."""
-    members = read_fleet_drives([path.parent])
-    for member in members:
-        if member.T_camera_lidar is not None:
-            check_pose(member.T_camera_lidar)
-        if member.covariance is not None:
-            assert np.linalg.eigvalsh(member.covariance).min() > 0.0
+    drives = read_fleet_drives([path.parent])
+    for drive in drives:
+        if drive.T_camera_lidar is not None:
+            check_pose(drive.T_camera_lidar)
+        if drive.covariance is not None:
+            assert np.linalg.eigvalsh(drive.covariance).min() > 0.0
     with suppress(CalibrationError):
-        check_pose(combine_drives(members, Limits()).T_camera_lidar)
+        check_pose(combine_drives(drives, Limits()).T_camera_lidar)
 
 
 def write_result(folder: Path) -> None:
