@@ -33,9 +33,9 @@ from semcal_cli.cli.terminal import make_console
 from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.experiments import drives, rivals
+from semcal_cli.experiments import drives, pairs_and_noise
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report, in_words
+from semcal_cli.experiments.experiment_run import Experiment, Report, describe_case
 from semcal_cli.files.output_files import locked
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
@@ -114,8 +114,8 @@ def make(
 
 
 def test_a_run_is_named_by_its_words(capsys: pytest.CaptureFixture[str]) -> None:
-    assert in_words(TrustCase("good", 20_000, 5, 0.1)) == "good, seed 20000, pairs 5, noise 0.1, draw 0"
-    assert in_words(rivals.Case("20", "soic", 7)) == "setting 20, soic, seed 7"
+    assert describe_case(TrustCase("good", 20_000, 5, 0.1)) == "good, seed 20000, pairs 5, noise 0.1, draw 0"
+    assert describe_case(pairs_and_noise.ComparisonCase("20", "soic", 7)) == "setting 20, soic, seed 7"
     progress = Progress(make_console(quiet=False), 2)
     progress.resume(3, 10)
     progress.begin("16 channels, seed 1")

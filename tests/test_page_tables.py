@@ -16,8 +16,8 @@ from laboratory import page_tables
 from laboratory.page_tables import command_line, find_place
 
 from semcal_cli.errors import InputError
-from semcal_cli.experiments import experiment, measured
-from semcal_cli.experiments.experiment import Experiment, Report, read_measured
+from semcal_cli.experiments import experiment_run, measured
+from semcal_cli.experiments.experiment_run import Experiment, Report, read_measured
 from semcal_cli.many.batch.pace import Pace
 
 BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"
@@ -167,7 +167,7 @@ def test_results_that_are_kept_say_where_they_were_measured(
         ("second", (2, 3), ["first", "second"]),
         ("third", (1,), ["first"]),
     ):
-        monkeypatch.setattr(experiment, "measured_here", lambda place=place: place)
+        monkeypatch.setattr(experiment_run, "measured_here", lambda place=place: place)
         cases = [Case(seed) for seed in seeds]
         made = Experiment("ours", tmp_path, cases, run, Case, lambda results: Report([], ""))
         made.run_cases(1, Pace(len(cases), 1))

@@ -11,11 +11,19 @@ from commands import invoke
 from conftest import FINE_STREET, edited
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.experiments import rivals, table
+from semcal_cli.experiments import pairs_and_noise, table
 from semcal_cli.experiments.drives import Pool
 from semcal_cli.experiments.methods import METHODS
+from semcal_cli.experiments.pairs_and_noise import (
+    EXPERIMENTS,
+    ComparisonSetting,
+    MethodError,
+    cases,
+    complete,
+    report,
+    run,
+)
 from semcal_cli.experiments.plots import plot_png
-from semcal_cli.experiments.rivals import EXPERIMENTS, Result, Setting, cases, complete, report, run
 from semcal_cli.files.image_files import read_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import mounting_rpy_deg, pose_from_mounting
@@ -123,9 +131,9 @@ def test_settings_are_those_of_the_paper() -> None:
 
 def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wrong labels harm what looks at labels, of which two run; what does not has one run for both settings."""
-    monkeypatch.setattr(rivals, "SLOW_SETTINGS", ("right",))
+    monkeypatch.setattr(pairs_and_noise, "SLOW_SETTINGS", ("right",))
     harmed = {"semcal", "SOIC"}
-    settings = Setting("right", 3), Setting("wrong", 3, 0.5)
+    settings = ComparisonSetting("right", 3), ComparisonSetting("wrong", 3, 0.5)
     changes = {key: value for key, value in vars(FINE_STREET).items() if key != "seed"}
     pool = Pool(tmp_path / "drives", has_images=True)
     runs = cases(settings, range(15, 16))
@@ -152,7 +160,7 @@ def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_drives_take_turns_and_slow_methods_run_on_some() -> None:
-    settings = (Setting("10", 10), Setting("20", 20))
+    settings = (ComparisonSetting("10", 10), ComparisonSetting("20", 20))
     runs = cases(settings, range(10, 20))
     assert len(set(runs)) == len(runs)
     assert {case.seed for case in runs[: len(runs) // 3]} == {10, 11, 12, 13}
@@ -162,11 +170,11 @@ def test_drives_take_turns_and_slow_methods_run_on_some() -> None:
 
 def test_what_came_back_counts() -> None:
     findings = [
-        *(Result("10", "semcal", seed, 0.01 * seed, 0.1, 1.0) for seed in range(1, 4)),
-        Result("10", "SOIC", 1, 2.5, 1.0, 1.0),
-        Result("10", "SOIC", 2, 0.1, 25.0, 1.0),
-        Result("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
-        Result("10", "SOIC", 4, 0.1, 1.0, 1.0),
+        *(MethodError("10", "semcal", seed, 0.01 * seed, 0.1, 1.0) for seed in range(1, 4)),
+        MethodError("10", "SOIC", 1, 2.5, 1.0, 1.0),
+        MethodError("10", "SOIC", 2, 0.1, 25.0, 1.0),
+        MethodError("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
+        MethodError("10", "SOIC", 4, 0.1, 1.0, 1.0),
     ]
     semcal, soic = report("pairs", True, findings[::-1]).rows
     assert (semcal["method"], soic["method"]) == ("semcal", "SOIC")
@@ -192,8 +200,8 @@ def test_a_frame_that_is_not_there_is_seen_at_once(street: Path, tmp_path: Path)
 
 
 def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(EXPERIMENTS, "pairs", (Setting("1", 1),))
-    monkeypatch.setattr(rivals, "METHODS", {name: METHODS[name] for name in ("semcal", "SOIC")})
+    monkeypatch.setitem(EXPERIMENTS, "pairs", (ComparisonSetting("1", 1),))
+    monkeypatch.setattr(pairs_and_noise, "METHODS", {name: METHODS[name] for name in ("semcal", "SOIC")})
     arguments = ["experiment", "pairs", "--seeds", "1", "--first-seed", "16", "-o", tmp_path]
     tables = [invoke(*arguments) for _ in range(2)]
     assert tables[0].exit_code == 0, tables[0].output

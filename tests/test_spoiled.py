@@ -20,7 +20,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments import drives
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment
+from semcal_cli.experiments.experiment_run import Experiment
 from semcal_cli.geometry.poses import compare_poses
 
 pytestmark = pytest.mark.slow
