@@ -161,10 +161,10 @@ def _natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
 def _make_series(drives: Sequence[FleetDrive], times: npt.NDArray[np.float64]) -> _Series:
     """Compute the mean of the drives, their scatter, and the coordinates of each about the mean."""
     poses = [drive.T_camera_lidar for drive in drives if drive.T_camera_lidar is not None]
-    stated = np.array([drive.covariance for drive in drives])
-    T_mean = robust_mean(poses, stated).T_camera_lidar
-    extra = extra_scatter(local_coordinates(poses, T_mean), stated)
-    covariances = stated + np.diag(extra.variances)
+    stated_covariances = np.array([drive.covariance for drive in drives])
+    T_mean = robust_mean(poses, stated_covariances).T_camera_lidar
+    extra = extra_scatter(local_coordinates(poses, T_mean), stated_covariances)
+    covariances = stated_covariances + np.diag(extra.variances)
     T_mean = robust_mean(poses, covariances).T_camera_lidar
     factors = np.array([core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
     shared_covariances = [drive.of_intrinsics for drive in drives if drive.of_intrinsics is not None]

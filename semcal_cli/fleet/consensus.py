@@ -67,16 +67,18 @@ def extra_scatter(series: Vectors, covariances: Matrices) -> ExtraScatter:
         return ExtraScatter(np.zeros(6), np.ones(6))
     squared = np.diff(series, axis=0) ** 2
     variances = np.diagonal(covariances, axis1=1, axis2=2)
-    stated = variances[1:] + variances[:-1]
+    stated_variances = variances[1:] + variances[:-1]
     median = float(chi2.ppf(0.5, 1))
-    first_variances = _solve(stated, squared, lambda squares: np.median(squares, axis=0) - median)
+    first_variances = _solve(stated_variances, squared, lambda squares: np.median(squares, axis=0) - median)
     far = student_t.isf(FAR_PROBABILITY, MEDIAN_EFFICIENCY * num_differences) ** 2
-    is_near = np.flatnonzero((squared / (stated + 2.0 * first_variances) < far).all(axis=1))
+    is_near = np.flatnonzero((squared / (stated_variances + 2.0 * first_variances) < far).all(axis=1))
     if not is_near.size:
         is_near = np.arange(num_differences)
     mean = float(chi2.cdf(MAX_SQUARE, 3) + MAX_SQUARE * chi2.sf(MAX_SQUARE, 1))
     extra = _solve(
-        stated[is_near], squared[is_near], lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean
+        stated_variances[is_near],
+        squared[is_near],
+        lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean,
     )
     # Even an extra variance of zero is known no better than this number of differences allows; the least share has a
     # square.
@@ -85,16 +87,18 @@ def extra_scatter(series: Vectors, covariances: Matrices) -> ExtraScatter:
 
 
 def _solve(
-    stated: Vectors, squared: Vectors, excess: Callable[[Vectors], npt.NDArray[np.float64]]
+    stated_variances: Vectors,
+    squared_differences: Vectors,
+    excess: Callable[[Vectors], npt.NDArray[np.float64]],
 ) -> npt.NDArray[np.float64]:
     """Find the extra variances (6,) at which the excess of the squared differences, in variances, is zero.
 
     They are zero where the stated variances suffice.
     """
-    low, high = np.zeros(6), squared.max(axis=0) * len(squared)
+    low, high = np.zeros(6), squared_differences.max(axis=0) * len(squared_differences)
     for _ in range(NUM_HALVINGS):
         middle = 0.5 * (low + high)
-        is_too_small = excess(squared / (stated + 2.0 * middle)) > 0.0
+        is_too_small = excess(squared_differences / (stated_variances + 2.0 * middle)) > 0.0
         low, high = np.where(is_too_small, middle, low), np.where(is_too_small, high, middle)
     solution: npt.NDArray[np.float64] = 0.5 * (low + high)
     return solution

@@ -125,9 +125,11 @@ def _drive_of_line(line: _Line, where: Path) -> FleetDrive:
 def _read_single(path: Path) -> FleetDrive:
     calibration = read_calibration(path)
     uncertainty = calibration.uncertainty
-    stated = None if uncertainty is None else uncertainty.covariance
-    left_out, topic = _why_left_out(calibration.status, calibration.reasons, calibration.topics, stated)
-    covariance = None if left_out else _check_covariance(stated, f"{path}: uncertainty.covariance")
+    stated_covariance = None if uncertainty is None else uncertainty.covariance
+    left_out, topic = _why_left_out(
+        calibration.status, calibration.reasons, calibration.topics, stated_covariance
+    )
+    covariance = None if left_out else _check_covariance(stated_covariance, f"{path}: uncertainty.covariance")
     of_intrinsics = (
         None if uncertainty is None or left_out else _as_array(uncertainty.covariance_of_intrinsics)
     )
@@ -152,13 +154,13 @@ def _as_array(covariance: CovarianceEntries | None) -> npt.NDArray[np.float64] |
     return None if covariance is None else np.array(covariance)
 
 
-def _check_covariance(stated: CovarianceEntries | None, where: str) -> npt.NDArray[np.float64]:
+def _check_covariance(entries: CovarianceEntries | None, where: str) -> npt.NDArray[np.float64]:
     """Make a covariance exactly symmetric, and check that it is plausible and invertible.
 
     Raises:
         InputError: it is not.
     """
-    covariance = np.array(stated)
+    covariance = np.array(entries)
     symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
     sigmas = np.sqrt(np.diag(covariance))
     for unit, deviations, (minimum, maximum) in (

@@ -7,7 +7,7 @@ from semcal_cli.fleet.fleet_result import Fleet
 from semcal_cli.fleet.timeline import DriveKind, kind_of, make_timeline, timeline_plots
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.pipeline.verdict import VERDICTS
-from semcal_cli.report.notations import T_notation, notations
+from semcal_cli.report.notations import notations
 from semcal_cli.report.template import PageVerdict, link_reasons, render_page
 from semcal_cli.result.uncertainty import intervals, widest
 
@@ -58,7 +58,6 @@ def page_html(fleet: Fleet, inputs: str) -> str:
         kinds=KINDS,
         kind_of=kind_of,
         notations=notations(fleet.T_camera_lidar),
-        T_notation=T_notation,
         parts=fleet.parts[-MAX_PARTS:],
         checks=checks[:MAX_ROWS],
         drives=drives[:MAX_ROWS],

@@ -155,12 +155,12 @@ def motions(offset: Offset) -> str:
     return ", ".join(_motion(axis, values[axis], half_widths[axis]) for axis in axes)
 
 
-def _motion(axis: int, off: float, half_width: float) -> str:
+def _motion(axis: int, value: float, half_width: float) -> str:
     if axis < 3:
-        size, half = figures(1000.0 * abs(off), 1000.0 * half_width, 0)
-        return f"{size} mm {DIRECTIONS[axis][off < 0.0]} (+- {half})"
-    size, half = figures(abs(off), half_width, 2)
-    return f"{'-' if off < 0.0 else '+'}{size} degrees {ROTATIONS[axis - 3]} (+- {half})"
+        size, half = figures(1000.0 * abs(value), 1000.0 * half_width, 0)
+        return f"{size} mm {DIRECTIONS[axis][value < 0.0]} (+- {half})"
+    size, half = figures(abs(value), half_width, 2)
+    return f"{'-' if value < 0.0 else '+'}{size} degrees {ROTATIONS[axis - 3]} (+- {half})"
 
 
 def total(offset: Offset) -> str:
@@ -211,8 +211,8 @@ def title(fleet: Fleet) -> str:
     if fleet.verdict == "inconclusive":
         return "The drives are inconclusive"
     if fleet.verdict == "pass":
-        moved = fleet.drift is not None or len(fleet.parts) > 1
-        return "The rig moved within the limits" if moved else "The rig is stable"
+        has_moved = fleet.drift is not None or len(fleet.parts) > 1
+        return "The rig moved within the limits" if has_moved else "The rig is stable"
     for subject, words in (
         ("change", "The rig changed"),
         ("drift", "The rig drifts"),

@@ -104,13 +104,13 @@ def label_drive(
                     failures.setdefault(index, str(error))
         finally:
             pool.shutdown(cancel_futures=True)
-    kept = [index for index in frame_indices if index not in failures]
-    if not kept:
+    labelled_indices = [index for index in frame_indices if index not in failures]
+    if not labelled_indices:
         raise InputError(next(iter(failures.values())))
-    document = _document(drive, sides, path, kept, files)
+    document = _document(drive, sides, path, labelled_indices, files)
     validate(Drive, document, path)
     write_text(document_text(document, "yaml"), path)
-    return LabelledDrive(path, len(kept), len(jobs) - len(pending), tuple(failures.values()))
+    return LabelledDrive(path, len(labelled_indices), len(jobs) - len(pending), tuple(failures.values()))
 
 
 def label_beside(
@@ -193,7 +193,7 @@ def _document(
     drive: Drive,
     sides: Sequence[LabelSide],
     path: Path,
-    kept: Sequence[int],
+    indices: Sequence[int],
     files: Mapping[str, Sequence[Path]],
 ) -> dict[str, Any]:
     """Make the document of the labelled drive, with file names relative to it."""
@@ -202,8 +202,8 @@ def _document(
         return os.path.relpath(drive.resolve(name), path.parent)
 
     document: dict[str, Any] = drive.model_dump(mode="json", exclude_none=True)
-    frames = [document["frames"][index] for index in kept]
-    for frame, index in zip(frames, kept, strict=True):
+    frames = [document["frames"][index] for index in indices]
+    for frame, index in zip(frames, indices, strict=True):
         frame |= {key: relative(frame[key]) for key in FILES if key in frame}
         frame |= {key: os.path.relpath(str(names[index]), path.parent) for key, names in files.items()}
     parts: dict[str, Any] = {key: document.pop(key, {}) for key in ("ignore", "classes")}

@@ -117,8 +117,8 @@ def point_model(network: Network, card: str | None) -> Model[PointCard]:
     stated_card, card_path = card_of(network, card)
     if not isinstance(stated_card, PointCard):
         raise network.unfit("no card for sweeps (semcal_point_model: 1)", "one next to it, or --point-card")
-    if others := network.other_inputs():
-        raise network.unfit(f"additional inputs {', '.join(others)}", "only a range image")
+    if other_inputs := network.other_inputs():
+        raise network.unfit(f"additional inputs {', '.join(other_inputs)}", "only a range image")
     port, expected_shape = (
         network.input,
         (1, len(stated_card.channels), stated_card.rows, stated_card.columns),
@@ -137,8 +137,8 @@ def cloud_model(network: Network, card: str | None) -> Model[CloudCard]:
     """Combine a network that takes points with its card; arguments and errors are those of `image_model`."""
     stated_card, card_path = card_of(network, card)
     assert isinstance(stated_card, CloudCard)  # callers have checked it
-    if others := network.other_inputs():
-        raise network.unfit(f"additional inputs {', '.join(others)}", "only points")
+    if other_inputs := network.other_inputs():
+        raise network.unfit(f"additional inputs {', '.join(other_inputs)}", "only points")
     port, count = network.input, len(stated_card.channels)
     if not port.dtype.startswith("float") or len(port.shape) not in (2, 3) or count not in port.shape[-2:]:
         raise network.unfit(f"input {port}", f"any x {count} float, as the channels of {card_path}")
@@ -250,9 +250,9 @@ class _CardCompletion:
     def _size(self, columns: int | None, rows: int | None) -> tuple[int, int] | None:
         """Combine the size of the input with that of the card."""
         card_size = self.card.size or (None, None)
-        for name, actual, stated in (("columns", columns, card_size[0]), ("rows", rows, card_size[1])):
-            if actual is not None and stated not in (None, actual):
-                raise self._wrong("size", f"{stated} {name}", f"{actual}, as {self.network.path} states")
+        for name, actual, card_value in (("columns", columns, card_size[0]), ("rows", rows, card_size[1])):
+            if actual is not None and card_value not in (None, actual):
+                raise self._wrong("size", f"{card_value} {name}", f"{actual}, as {self.network.path} states")
         if self.card.fit == "aspect" and (columns, rows) != (None, None):
             raise self._wrong("fit", "aspect", f"another: the size of {self.network.path} is fixed")
         columns, rows = columns or card_size[0], rows or card_size[1]

@@ -73,7 +73,9 @@ def _as_edges(size: Any) -> Any:
 
 Size = Annotated[dict[str, Annotated[int, Field(ge=1, le=1 << 16)]], BeforeValidator(_as_edges)]
 ChannelValues = Annotated[
-    tuple[float, ...], length(1, 3), BeforeValidator(lambda each: [each] if isinstance(each, float) else each)
+    tuple[float, ...],
+    length(1, 3),
+    BeforeValidator(lambda value: [value] if isinstance(value, float) else value),
 ]
 
 

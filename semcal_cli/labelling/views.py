@@ -245,8 +245,8 @@ def _pinhole(
 
     def draw(image: Image) -> Image:
         # A panorama continues beyond its border, by less than a pixel.
-        drawn = cv2.remap(image, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(drawn, np.uint8)
+        rectified = cv2.remap(image, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(rectified, np.uint8)
 
     return ViewPart(size, draw, positions, merit)
 
@@ -302,12 +302,12 @@ def _make_part(
     borders = (corner[1], size[1] - corner[1] - scaled[1], corner[0], size[0] - corner[0] - scaled[0])
 
     def draw(image: Image) -> Image:
-        drawn: Any = source.draw(image)[top : top + height, left : left + width]
+        part: Any = source.draw(image)[top : top + height, left : left + width]
         if scaled != extent:
-            drawn = resize_image(drawn, scaled, fitting.resample)
+            part = resize_image(part, scaled, fitting.resample)
         if any(borders):
-            drawn = cv2.copyMakeBorder(drawn, *borders, cv2.BORDER_CONSTANT, value=tuple(fitting.padding))
-        return np.asarray(drawn, np.uint8)
+            part = cv2.copyMakeBorder(part, *borders, cv2.BORDER_CONSTANT, value=tuple(fitting.padding))
+        return np.asarray(part, np.uint8)
 
     return ViewPart(size, draw, scaled_positions, merit, start)
 

@@ -14,7 +14,7 @@ from semcal_cli.geometry.arrays import Colors, Pose
 from semcal_cli.geometry.poses import camera_center, inverse
 from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import read_frame_image
-from semcal_cli.report.colors import hex_color, paint, palettes
+from semcal_cli.report.colors import QUALITATIVE_COLORS, hex_color, paint, palettes
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.points import at_pixels, choose_evenly, encode_base64, points_in_image
 
@@ -88,15 +88,15 @@ def make_cloud(
         colors_by_meaning: Indices (M,) of points, and their colours (M, 3), red, green, blue.
         cameras: Cameras to draw.
     """
-    shown = np.unique(np.concatenate([indices for indices, _ in colors_by_meaning.values()]))
-    others = choose_evenly(~is_seen & (np.linalg.norm(points, axis=1) < MAX_RANGE_M), MAX_OTHERS)
-    kept = np.concatenate([shown, others])
+    colored_indices = np.unique(np.concatenate([indices for indices, _ in colors_by_meaning.values()]))
+    other_indices = choose_evenly(~is_seen & (np.linalg.norm(points, axis=1) < MAX_RANGE_M), MAX_OTHERS)
+    kept_indices = np.concatenate([colored_indices, other_indices])
     colors = {}
     for name, (indices, rgb) in colors_by_meaning.items():
         all_colors = np.full((len(points), 3), GREY, np.uint8)
         all_colors[indices] = rgb
-        colors[name] = encode_base64(all_colors[kept])
-    centimetres = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
+        colors[name] = encode_base64(all_colors[kept_indices])
+    centimetres = np.clip(np.rint(100.0 * points[kept_indices]), -32_767, 32_767).astype("<i2")
     return CloudInView(frame, encode_base64(centimetres), colors, list(cameras))
 
 
@@ -105,7 +105,6 @@ class SweepView:
     """One frame of a camera, with its points."""
 
     name: str
-    color: Rgb
     T_camera_lidar: Pose
     drive: Drive
     """Drive with this frame only."""
@@ -124,19 +123,19 @@ def sweep_cloud(views: Sequence[SweepView]) -> CloudInView:
     Raises:
         InputError: an image is missing or wrong.
     """
-    shown = next(view for view in views if view.is_of_sweep)
-    points = shown.observations.clouds[0].points
+    sweep_view = next(view for view in views if view.is_of_sweep)
+    points = sweep_view.observations.clouds[0].points
     is_seen = np.zeros(len(points), np.bool_)
     parts: dict[str, list[tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]]] = {BY_CAMERA: [], BY_IMAGE: []}
     # Where views overlap, points belong to the first camera: its colours are set last.
-    for view in reversed(views):
+    for number, view in reversed(list(enumerate(views))):
         # Each camera sees the sweep at the moment of its own image.
         own_points = view.observations.clouds[0].points if view.is_of_sweep else points
         projected = points_in_image(own_points, view.T_camera_lidar, view.observations.camera)
         is_seen[projected.indices[~projected.is_hidden]] = True
         visible = choose_evenly(~projected.is_hidden, MAX_VISIBLE // len(views))
         indices = projected.indices[visible]
-        parts[BY_CAMERA].append((indices, np.full((len(indices), 3), view.color, np.uint8)))
+        parts[BY_CAMERA].append((indices, np.full((len(indices), 3), _color(number), np.uint8)))
         image = read_frame_image(view.drive, view.drive.frames[0]) if view.is_of_sweep else None
         if image is not None:
             parts[BY_IMAGE].append((indices, at_pixels(image, projected.pixels[visible])[:, ::-1]))
@@ -146,10 +145,15 @@ def sweep_cloud(views: Sequence[SweepView]) -> CloudInView:
         if pairs
     }
     cameras = [
-        CameraInView.at_pose(view.name, view.color, view.observations.camera, view.T_camera_lidar)
-        for view in views
+        CameraInView.at_pose(view.name, _color(number), view.observations.camera, view.T_camera_lidar)
+        for number, view in enumerate(views)
     ]
-    return make_cloud(shown.drive.frames[0].points, points, is_seen, colors, cameras)
+    return make_cloud(sweep_view.drive.frames[0].points, points, is_seen, colors, cameras)
+
+
+def _color(number: int) -> Rgb:
+    """Choose the colour of a camera by its number."""
+    return QUALITATIVE_COLORS[number % len(QUALITATIVE_COLORS)]
 
 
 def frame_cloud(report: ReportInput) -> CloudInView:

@@ -186,9 +186,11 @@ class Palette(NamedTuple):
 
     def legend(self, present: npt.NDArray[np.integer] | None = None) -> Legend:
         """Return the colours of the named numbers, or only of those present (N,), and of what else is drawn."""
-        shown = self.numbers.values() if present is None else set(np.unique(present).tolist())
-        named = {name: number for name, number in self.numbers.items() if number in shown}
-        return {name: tuple(self.colors[number].tolist()) for name, number in named.items()} | self.others
+        numbers = self.numbers.values() if present is None else set(np.unique(present).tolist())
+        numbers_by_name = {name: number for name, number in self.numbers.items() if number in numbers}
+        return {
+            name: tuple(self.colors[number].tolist()) for name, number in numbers_by_name.items()
+        } | self.others
 
 
 def palette_of(observations: Observations, by: ColorMeaning) -> Palette:

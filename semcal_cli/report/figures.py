@@ -220,9 +220,9 @@ def _frames_plot(
             if of_parts.any():
                 edges = np.append(frames, len(names)) - 0.5
                 axes.stairs(of_parts[:, i], edges, baseline=None, color=color, linestyle="--", gid="step")
-            shown = np.isfinite(offsets[:, i])
-            at = frames[shown] + min(MAX_BAR_DISTANCE[0], MAX_BAR_DISTANCE[1] * len(names)) * (i - 1)
-            draw_intervals(axes, at, offsets[shown, i].clip(-span, span), half_widths[shown, i], color)
+            is_finite = np.isfinite(offsets[:, i])
+            x = frames[is_finite] + min(MAX_BAR_DISTANCE[0], MAX_BAR_DISTANCE[1] * len(names)) * (i - 1)
+            draw_intervals(axes, x, offsets[is_finite, i].clip(-span, span), half_widths[is_finite, i], color)
         name_places(axes, frames, short_names(names))
 
     return Plot(name, page_svg(f"{name}, frame by frame", FRAMES_SIZE, draw))

@@ -101,8 +101,8 @@ def edge_image(drive: Drive, frame: Frame) -> Image:
     grey = grey_values(drive, frame)
     strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), BLUR_PX, EDGES)
     full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
-    drawn = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
-    return np.asarray(np.repeat(drawn.astype(np.uint8)[..., None], 3, axis=2))
+    grey_with_edges = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
+    return np.asarray(np.repeat(grey_with_edges.astype(np.uint8)[..., None], 3, axis=2))
 
 
 @dataclass(frozen=True)
@@ -181,9 +181,9 @@ class Overlays:
         images: dict[str, Image] = {}
         legend: Legend = {}
         for caption, view in self.views.items():
-            pixels, colors, named = self._colored(frame, view.project_frame(frame))
+            pixels, colors, pose_legend = self._colored(frame, view.project_frame(frame))
             images[caption] = _draw_dots(background, pixels, colors)
-            legend |= named
+            legend |= pose_legend
         return images, legend
 
     def _background(self, frame: int) -> Image:
@@ -287,17 +287,17 @@ def draw_labels(
     ids_shown, counts = np.unique(ids, return_counts=True)
     num_pixels = dict(zip(ids_shown.tolist(), counts.tolist(), strict=True))
     names = {value: name for name, values in classes.items() for value in values}
-    shown = [value for value in num_pixels if value not in ignored and (value in names or not names)]
+    visible_ids = [value for value in num_pixels if value not in ignored and (value in names or not names)]
     # All classes get colours, so that these do not depend on what an image shows.
-    all_names = list(classes) or [str(value) for value in shown]
+    all_names = list(classes) or [str(value) for value in visible_ids]
     colors = dict(zip(all_names, class_colors(all_names), strict=True))
     colored = image.copy()
-    for value in shown:
+    for value in visible_ids:
         mask = ids == value
         mixed = (1.0 - LABEL_SHARE) * image[mask] + LABEL_SHARE * colors[names.get(value, str(value))]
         colored[mask] = mixed.round().astype(np.uint8)
     shown_names = [
-        names.get(value, str(value)) for value in sorted(shown, key=lambda value: -num_pixels[value])
+        names.get(value, str(value)) for value in sorted(visible_ids, key=lambda value: -num_pixels[value])
     ]
     is_wide = image.shape[1] > WIDE * image.shape[0]
     legend = {name: tuple(colors[name].tolist()) for name in shown_names}

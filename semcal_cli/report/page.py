@@ -158,13 +158,13 @@ def _reach_of_hypotheses(record: Calibration) -> tuple[float, float]:
 
 def both_overlays(verification: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
     """Put the verified transform and the one that was found side by side, on evenly spaced frames."""
-    shown = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
+    sample = data.of_frames(evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES))
     poses = {initial_pose.name: initial_pose.T_camera_lidar, ESTIMATED: verification.T_camera_lidar}
-    of_estimate = shown.drive.model_copy(update={"time_offset_s": verification.time_offset_s})
-    observations = {ESTIMATED: seen_as(shown.first_cue, shown.drive, of_estimate)}
-    by = first_coloring(shown.first_cue)
+    of_estimate = sample.drive.model_copy(update={"time_offset_s": verification.time_offset_s})
+    observations = {ESTIMATED: seen_as(sample.first_cue, sample.drive, of_estimate)}
+    by = first_coloring(sample.first_cue)
     by = "agreement" if by == "class" else by
-    return Overlays(shown.drive, shown.first_cue, poses, by, observations)
+    return Overlays(sample.drive, sample.first_cue, poses, by, observations)
 
 
 def write_verification(

@@ -132,7 +132,9 @@ def make_images(overlays: Overlays) -> FrameImages:
         images = list(
             pool.map(lambda frame: _pack(overlays, frame, points_of_frames[frame], shares[frame]), frames)
         )
-    shown = np.concatenate([points.classes[points.poses[-1].is_visible] for points in points_of_frames])
+    visible_classes = np.concatenate(
+        [points.classes[points.poses[-1].is_visible] for points in points_of_frames]
+    )
     return FrameImages(
         captions=tuple(overlays.poses),
         best=images[best],
@@ -140,17 +142,21 @@ def make_images(overlays: Overlays) -> FrameImages:
         others=tuple(image for frame, image in enumerate(images) if frame != best),
         worst=_worst_crop(points_of_frames, images) if first_coloring(observations) == "class" else None,
         moved_px=moved_px,
-        colors=page_colors(observations, shown),
+        colors=page_colors(observations, visible_classes),
     )
 
 
 def _best_frame(points_of_frames: Sequence[FramePoints]) -> int:
     """Find the frame on which most points agree, among those that show enough points."""
-    shown = [points.poses[-1] for points in points_of_frames]
-    min_judged = 0.5 * float(np.median([points.num_judged for points in shown]))
+    last_poses = [points.poses[-1] for points in points_of_frames]
+    min_judged = 0.5 * float(np.median([points.num_judged for points in last_poses]))
     return max(
-        range(len(shown)),
-        key=lambda frame: (shown[frame].num_judged >= min_judged, shown[frame].agreement or 0.0, -frame),
+        range(len(last_poses)),
+        key=lambda frame: (
+            last_poses[frame].num_judged >= min_judged,
+            last_poses[frame].agreement or 0.0,
+            -frame,
+        ),
     )
 
 

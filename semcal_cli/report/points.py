@@ -142,9 +142,9 @@ class FramePoints(NamedTuple):
         """Keep at most `count` points, evenly spaced in their order, preferring those with an edge."""
         is_first = is_edge(self.classes) if self.by_edge else np.zeros(len(self.classes), bool)
         chosen_first = choose_evenly(is_first, count)
-        kept = np.sort(np.concatenate([chosen_first, choose_evenly(~is_first, count - len(chosen_first))]))
-        poses = tuple(PosePoints(*(array[kept] for array in pose)) for pose in self.poses)
-        return FramePoints(self.indices[kept], self.classes[kept], poses, self.by_edge)
+        chosen = np.sort(np.concatenate([chosen_first, choose_evenly(~is_first, count - len(chosen_first))]))
+        poses = tuple(PosePoints(*(array[chosen] for array in pose)) for pose in self.poses)
+        return FramePoints(self.indices[chosen], self.classes[chosen], poses, self.by_edge)
 
     def moved_px(self) -> npt.NDArray[np.float64]:
         """Return the distances in pixels between the first and the last pose, of points visible at both."""

@@ -106,12 +106,12 @@ def resume(
     results: list[Result] = []
     missing = []
     for item in items:
-        known = read_result(item)
-        if known is None:
+        earlier_result = read_result(item)
+        if earlier_result is None:
             missing.append(item)
         else:
-            results.append(known)
-            on_done(known, False)
+            results.append(earlier_result)
+            on_done(earlier_result, False)
     try:
         # Closing the generator ends its processes; a traceback would keep it alive.
         with closing(execute(missing)) as new:

@@ -73,8 +73,8 @@ class CameraPair:
         """Distance from the reference in words; empty without one."""
         if self.error is None or self.reference is None:
             return ""
-        off = f"{10.0 * self.error.camera_center_cm:.1f} mm and {self.error.rotation_deg:.3f} degrees"
-        return f"{off} from {self.reference.source}"
+        distance = f"{10.0 * self.error.camera_center_cm:.1f} mm and {self.error.rotation_deg:.3f} degrees"
+        return f"{distance} from {self.reference.source}"
 
     @property
     def is_explained(self) -> bool | None:
@@ -152,9 +152,9 @@ class RigCalibration:
         notes = []
         for pair in self.pairs:
             if pair.is_explained is False and pair.error is not None and pair.reference is not None:
-                off = f"{pair.error.camera_center_cm:.2f} cm and {pair.error.rotation_deg:.3f} deg"
+                distance = f"{pair.error.camera_center_cm:.2f} cm and {pair.error.rotation_deg:.3f} deg"
                 notes.append(
-                    f"T_{pair.a}_{pair.b} is {off} from {pair.reference.source}, more than chance explains"
+                    f"T_{pair.a}_{pair.b} is {distance} from {pair.reference.source}, more than chance explains"
                 )
         return tuple(notes)
 

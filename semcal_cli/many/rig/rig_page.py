@@ -14,13 +14,11 @@ from semcal_cli.many.rig.rig_calibration import WORST_FIRST, RigCalibration
 from semcal_cli.many.rig.rig_document import cloud_path
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.reading import load_points
+from semcal_cli.report import words
 from semcal_cli.report.cloud import SweepView, sweep_cloud
-from semcal_cli.report.colors import QUALITATIVE_COLORS
-from semcal_cli.report.notations import T_notation, pair_notation
 from semcal_cli.report.overlays import Overlays
 from semcal_cli.report.page_images import overlay_uri
 from semcal_cli.report.template import PageVerdict, link_reasons, render_page
-from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration_document import Calibration
 from semcal_cli.result.uncertainty import intervals, widest
 from semcal_cli.threads import thread_pool
@@ -73,9 +71,7 @@ def rig_page_html(
         frames={view.name: view.drive.frames[0].points for view in views},
         images=images,
         depths=depths,
-        T_notation=T_notation,
         pairs=rig.pairs,
-        pair_notation=pair_notation,
         intervals=intervals,
         cloud=asdict(cloud),
     )
@@ -102,7 +98,7 @@ def rig_verdict(rig: RigCalibration) -> PageVerdict:
         "The accuracy of these is unknown": names["not_assessed"],
         "Do not use these, for the reasons below": names["failed"] + names["not_trusted"],
     }
-    sentence = " ".join(f"{words}: {listed(members)}." for words, members in groups.items() if members)
+    sentence = " ".join(f"{advice}: {listed(members)}." for advice, members in groups.items() if members)
     reasons = list(link_reasons([f"{name}: {error}" for name, error in rig.failures.items()]))
     for name, calibration in rig.cameras.items():
         reasons += link_reasons(calibration.reasons, calibration.topics, f"{name}: ")
@@ -121,7 +117,7 @@ def _how_sure(calibration: Calibration) -> str:
     """Describe how accurate the transform of a camera is."""
     if calibration.believed_uncertainty is not None:
         return f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
-    return "Its error is unknown." if calibration.uncertainty is None else NOT_BELIEVED
+    return "Its error is unknown." if calibration.uncertainty is None else words.NOT_BELIEVED
 
 
 def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> list[SweepView]:
@@ -132,12 +128,11 @@ def _camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> lis
     counts = Counter(sweep for paths in sweeps.values() for sweep in dict.fromkeys(paths))
     ((shared_sweep, _),) = counts.most_common(1)
     views = []
-    for number, (name, T) in enumerate(poses.items()):
+    for name, T in poses.items():
         is_of_sweep = shared_sweep in sweeps[name]
         frame = drives[name].frames[sweeps[name].index(shared_sweep) if is_of_sweep else 0]
         drive = drives[name].model_copy(update={"frames": (frame,)})
-        color = QUALITATIVE_COLORS[number % len(QUALITATIVE_COLORS)]
-        views.append(SweepView(name, color, T, drive, unrolled(load_points(drive), T), is_of_sweep))
+        views.append(SweepView(name, T, drive, unrolled(load_points(drive), T), is_of_sweep))
     return views
 
 

@@ -173,10 +173,10 @@ class Session:
         Raises:
             InputError: there is no such frame, or no such pose.
         """
-        moved, frame = MovedPose.read(request), request.get("frame")
+        pose, frame = MovedPose.read(request), request.get("frame")
         self._check_frame(frame)
         assert isinstance(frame, int)
-        T, camera = moved.T_camera_lidar, self.data.drive.camera
+        T, camera = pose.T_camera_lidar, self.data.drive.camera
         view = View(self.observations, T)
         agreement = None if self.unlabelled else view.agreement()
         is_associated = np.zeros((0, 0), bool) if agreement is None else associated_classes(agreement)
