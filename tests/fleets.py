@@ -22,7 +22,7 @@ def fleet(
     off = rng.standard_normal((count, 6)) * SIGMAS * scales[:, None]
     off += extra * rng.standard_normal((count, 6)) * SIGMAS
     covariances = np.array([np.diag((SIGMAS * scale) ** 2) for scale in scales])
-    return [pose_at(TRUTH, each) for each in off], covariances, off
+    return [pose_at(TRUTH, coordinates) for coordinates in off], covariances, off
 
 
 def fleet_drives(poses: list[Pose], covariances: np.ndarray) -> list[FleetDrive]:
@@ -45,21 +45,21 @@ def series_of(kind: str, count: int = 24, seed: int = 8) -> list[FleetDrive]:
         series[9, [0, 5]] += [0.2, np.radians(1.0)]
     if kind == "small change":
         series[15:, 4] += np.radians(0.22)
-    return fleet_drives([pose_at(TRUTH, each) for each in series], covariances)
+    return fleet_drives([pose_at(TRUTH, coordinates) for coordinates in series], covariances)
 
 
-def line(drive: FleetDrive, **changes: object) -> dict:
+def line(fleet_drive: FleetDrive, /, **changes: object) -> dict:
     """A line of a batch's summary."""
-    assert drive.T_camera_lidar is not None
-    assert drive.covariance is not None
-    found = {"drive": f"drives/{drive.name}", "status": "trusted", "exit_code": 0, "reasons": []}
-    found |= {"stamp": drive.stamp, "T_camera_lidar": drive.T_camera_lidar.tolist()}
-    found |= {"covariance": drive.covariance.tolist(), "mutual_information_nats": 1.5}
-    found |= {"camera": "a", "result": f"{drive.name}/calibration.yaml"}
-    return found | changes
+    assert fleet_drive.T_camera_lidar is not None
+    assert fleet_drive.covariance is not None
+    entry = {"drive": f"drives/{fleet_drive.name}", "status": "trusted", "exit_code": 0, "reasons": []}
+    entry |= {"stamp": fleet_drive.stamp, "T_camera_lidar": fleet_drive.T_camera_lidar.tolist()}
+    entry |= {"covariance": fleet_drive.covariance.tolist(), "mutual_information_nats": 1.5}
+    entry |= {"camera": "a", "result": f"{fleet_drive.name}/calibration.yaml"}
+    return entry | changes
 
 
 def write_summary(folder: Path, lines: list[dict]) -> Path:
     folder.mkdir(exist_ok=True)
-    (folder / "summary.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
+    (folder / "summary.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in lines))
     return folder

@@ -35,14 +35,14 @@ def test_names_below_a_drawing_do_not_run_together(count: int, name: str | None)
         drives = [replace(drive, name=name.format(i), stamp=None) for i, drive in enumerate(drives)]
     timeline = make_timeline(fleet_of(drives))
     svg = timeline_plots(timeline)[0].svg
-    found = re.findall(r'<text style="([^"]*)" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', svg)
-    named = [
-        (float(x), style, text) for style, x, y, text in found if SIZE[1] - BOTTOM < float(y) < SIZE[1] - 12.0
+    texts = re.findall(r'<text style="([^"]*)" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', svg)
+    names_below = [
+        (float(x), style, text) for style, x, y, text in texts if SIZE[1] - BOTTOM < float(y) < SIZE[1] - 12.0
     ]
-    escaped = [text.replace("&lt;", "<").replace("&gt;", ">") for _, _, text in named]
+    escaped = [text.replace("&lt;", "<").replace("&gt;", ">") for _, _, text in names_below]
     assert (escaped[0], escaped[-1]) == (timeline.labels[0], timeline.labels[-1])
     ends = []
-    for (x, style, _), text in zip(named, escaped, strict=True):
+    for (x, style, _), text in zip(names_below, escaped, strict=True):
         width = NARROWEST_LETTER_PX * len(text)
         begin = x - (width if "text-anchor: end" in style else width / 2.0)
         ends.append((begin, begin + width))

@@ -28,11 +28,11 @@ def test_the_command(tmp_path: Path) -> None:
     batch = write_summary(tmp_path / "batch", lines)
     out = tmp_path / "fleet.yaml"
     extra = ["--report", tmp_path / "f.html", "--plot", tmp_path / "f.svg", "--junit", tmp_path / "f.xml"]
-    found = run(batch, "-o", out, *extra)
-    assert found.exit_code == 3, found.output
-    assert "left out         drives/003: not trusted; overlap 3 %" in found.stderr
-    assert found.stderr.endswith("verdict          fail: the rig changed\n")
-    assert max(map(len, found.stderr.splitlines())) <= 80 + len(str(tmp_path))
+    result = run(batch, "-o", out, *extra)
+    assert result.exit_code == 3, result.output
+    assert "left out         drives/003: not trusted; overlap 3 %" in result.stderr
+    assert result.stderr.endswith("verdict          fail: the rig changed\n")
+    assert max(map(len, result.stderr.splitlines())) <= 80 + len(str(tmp_path))
     document = read_document(out)
     assert document["status"] == "fail"
     left_out = [drive["drive"] for drive in document["drives"] if drive["status"] == "left_out"]
@@ -99,13 +99,13 @@ def test_the_exit_codes(tmp_path: Path) -> None:
 def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: Path) -> None:
     lines = [line(drive) for drive in series_of("nothing")[:5]]
     lines[1] |= changes
-    found = run(write_summary(tmp_path / "batch", lines))
+    result = run(write_summary(tmp_path / "batch", lines))
     if complaint is None:
-        assert found.exit_code == 0
-        assert ("drives/001: its error is unknown" in found.stderr) == ("covariance" in changes)
+        assert result.exit_code == 0
+        assert ("drives/001: its error is unknown" in result.stderr) == ("covariance" in changes)
     else:
-        assert isinstance(found.exception, InputError)
-        assert complaint in str(found.exception)
+        assert isinstance(result.exception, InputError)
+        assert complaint in str(result.exception)
 
 
 def test_what_is_no_result_is_named(tmp_path: Path) -> None:
@@ -166,9 +166,9 @@ def test_names_may_hold_anything(tmp_path: Path) -> None:
     lines = [line(drive) for drive in series_of("outlier")]
     lines[9]["drive"] = '<b>"&\x01\x1b[31m\n' + "9" * 5000
     xml, page = tmp_path / "f.xml", tmp_path / "f.html"
-    found = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", page)
-    assert found.exit_code == 3
-    assert "\x1b" not in found.stderr
+    result = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", page)
+    assert result.exit_code == 3
+    assert "\x1b" not in result.stderr
     assert "<b>" not in page.read_text()
     suite = ElementTree.parse(xml).getroot()
     failed = [case.get("name", "") for case in suite if case.find("failure") is not None]

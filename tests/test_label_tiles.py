@@ -29,8 +29,8 @@ def windows_in_numpy(scores: np.ndarray, *, is_tall: bool) -> np.ndarray:
     for start in STARTS:
         total[:, :, start : start + SIDE] += scores
         count[start : start + SIDE] += 1
-    found = np.stack([cv2.resize(plane, (LONG, SHORT)) for plane in total / count])
-    return found.swapaxes(1, 2) if is_tall else found
+    upsampled = np.stack([cv2.resize(plane, (LONG, SHORT)) for plane in total / count])
+    return upsampled.swapaxes(1, 2) if is_tall else upsampled
 
 
 def masks_network(folder: Path) -> np.ndarray:
