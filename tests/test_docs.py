@@ -28,7 +28,7 @@ from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_PIXELS, MAX_POINTS
 from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
-from semcal_cli.experiments import experiment
+from semcal_cli.experiments import experiment_run
 from semcal_cli.files import input_files as reading, point_clouds, rows, yaml_values
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.findings.check import Check
@@ -48,7 +48,7 @@ LIMITS = {
     reading.MAX_DOCUMENT_BYTES: "bytes",
     reading.MAX_TABLE_BYTES: "bytes",
     records.MAX_RECORD_BYTES: "bytes",
-    experiment.MAX_JOURNAL_BYTES: "bytes",
+    experiment_run.MAX_JOURNAL_BYTES: "bytes",
     kitti_360_windows.MAX_BYTES: "bytes",
     rows.MAX_ROWS_BYTES: "bytes",
     rows.MAX_ROW: "characters a row",

@@ -74,7 +74,7 @@ def fleet(settings: FleetSettings) -> None:
     from semcal_cli.files.documents import document_text, output_format
     from semcal_cli.files.input_files import is_folder
     from semcal_cli.fleet.combination import combine_drives
-    from semcal_cli.fleet.fleet_drives import read_members
+    from semcal_cli.fleet.fleet_drives import read_fleet_drives
     from semcal_cli.formats import read_transform
     from semcal_cli.formats.format import MAX_YAML_BYTES
     from semcal_cli.many.batch.records import JSONL
@@ -90,7 +90,7 @@ def fleet(settings: FleetSettings) -> None:
         settings.check_suffixes()
         T_reference = None if reference is None else read_transform(reference)
         limits = Limits(settings.max_rotation_deg, settings.max_translation_m)
-        found = combine_drives(read_members(results), limits, T_reference)
+        found = combine_drives(read_fleet_drives(results), limits, T_reference)
     report = CiReport(
         "fleet", subject, found.verdict, _cases(found), found.reasons, inconclusive=settings.inconclusive
     )
@@ -150,7 +150,7 @@ def _cases(found: Fleet) -> list[Case]:
     for drive in found.drives:
         # An uncertain drive is no reason to distrust the rig; a drive that seems far off is.
         verdict = drive.verdict if drive.is_far else "pass"
-        cases.append(Case(f"drive {drive.member.drive}", verdict, f"{total(drive.offset)} off"))
+        cases.append(Case(f"drive {drive.drive.name}", verdict, f"{total(drive.offset)} off"))
     # The file has the same verdict as the exit code, whatever decides it.
     return [*cases, Case("all together", found.verdict, counted(len(found.drives), "drive"))]
 
@@ -169,7 +169,7 @@ def _print(found: Fleet, written: Sequence[Path], terminal: Terminal) -> None:
     order = "in the order of their stamps" if found.order == "stamp" else "in the order of their names"
     last = found.parts[-1]
     show("drives", [f"{num_used:,} of {num_all:,} used, {order}"])
-    left_out = [f"{member.drive}: {member.left_out}" for member in found.left_out]
+    left_out = [f"{drive.name}: {drive.left_out}" for drive in found.left_out]
     show("left out", first_of(left_out, MAX_LINES))
     show("note", found.notes)
     apart = [drive for drive in found.drives if drive.disagrees or drive.is_far]
@@ -191,7 +191,7 @@ def _apart(drive: ComparedDrive) -> str:
     verdict = "disagrees, but is within the limits"
     if drive.is_far:
         verdict = "clearly beyond the limits" if drive.verdict == "fail" else "possibly beyond the limits"
-    return f"{drive.member.drive}: {total(drive.offset)} off, {verdict}"
+    return f"{drive.drive.name}: {total(drive.offset)} off, {verdict}"
 
 
 def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
@@ -207,7 +207,7 @@ def _check_lines(checks: Sequence[AxisVerdict]) -> Iterator[str]:
         if told.subject != last:
             yield from _wrapped(told.subject, COLUMNS)
         last, unit = told.subject, told.unit[:3]
-        found = f"  {told.quantity:<26}{told.found:>9} +- {told.half_width:<8} {unit:<3}"
+        found = f"  {told.quantity:<26}{told.offset:>9} +- {told.half_width:<8} {unit:<3}"
         yield f"{found} allowed {told.allowed:<7}{check.verdict}"
     if len(shown) > MAX_LINES:
         yield f"  and {len(shown) - MAX_LINES:,} more"

@@ -30,7 +30,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError
 from semcal_cli.estimation.search.mounting_search import Initialization
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.summary import markdown_table
 from semcal_cli.findings.check import LIMITS, Evidence, Limit
 from semcal_cli.geometry.arrays import Pose

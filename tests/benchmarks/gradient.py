@@ -25,9 +25,9 @@ from semcal_cli import core
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.estimation.refine.pyramid import pyramid_factors
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report
-from semcal_cli.experiments.rivals import START_DEG, START_M
-from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, median, of
+from semcal_cli.experiments.experiment_run import Experiment, Report
+from semcal_cli.experiments.pairs_and_noise import START_DEG, START_M
+from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, Column, common, digits, measure_of, median
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, cross_matrix
 from semcal_cli.geometry.twists import apply_twist, displaced
@@ -178,7 +178,7 @@ COLUMNS = (
     common("optimizer", ""),
     NUMBER,
     *ERRORS,
-    Column("evaluations", {"num_evaluations": of("num_evaluations", median)}, digits(0)),
+    Column("evaluations", {"num_evaluations": measure_of("num_evaluations", median)}, digits(0)),
     SECONDS,
 )
 

@@ -18,10 +18,10 @@ import numpy as np
 
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.drives import Pool
-from semcal_cli.experiments.experiment import Experiment, Report
+from semcal_cli.experiments.experiment_run import Experiment, Report
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.plots import GREY, draw_groups, make_logarithmic
-from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, common, count, grouped
+from semcal_cli.experiments.summary import ERRORS, NUMBER, SECONDS, common, count, group_results
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.observations.frame_selection import with_frames
@@ -35,12 +35,12 @@ SLOW_SETTINGS = ("10", "20%")
 """Settings in which slow methods run."""
 SLOW_EVERY = 5
 """Slow methods run on the drives of seeds that this divides."""
-TAKING_TURNS = 4
+NUM_INTERLEAVED = 4
 """Number of drives whose runs take turns, so that parallel runs do not make the same drive."""
 
 
 @dataclass(frozen=True)
-class Setting:
+class ComparisonSetting:
     """A group of boxes: a number of pairs, and a fraction of wrong labels on both sides."""
 
     name: str
@@ -48,9 +48,9 @@ class Setting:
     wrong: float = 0.0
 
 
-EXPERIMENTS: dict[str, tuple[Setting, ...]] = {
-    "pairs": tuple(Setting(f"{n}", n) for n in (1, 2, 5, 10, 20, 50, 70)),
-    "noise": tuple(Setting(f"{share:.0%}", 20, share) for share in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)),
+EXPERIMENTS: dict[str, tuple[ComparisonSetting, ...]] = {
+    "pairs": tuple(ComparisonSetting(f"{n}", n) for n in (1, 2, 5, 10, 20, 50, 70)),
+    "noise": tuple(ComparisonSetting(f"{share:.0%}", 20, share) for share in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)),
 }
 AXES = {"pairs": "pairs", "noise": "wrong labels"}
 """Label of the x axis of each experiment's plot, along which its settings differ."""
@@ -59,7 +59,7 @@ MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "c
 
 
 @dataclass(frozen=True)
-class Case:
+class ComparisonCase:
     """One method in one setting on the drive of one seed."""
 
     setting: str
@@ -71,7 +71,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Result:
+class MethodError:
     """The error of one calibration against the truth."""
 
     setting: str
@@ -92,24 +92,24 @@ class Result:
         return self.rotation_deg < START_DEG and self.camera_center_cm < 100.0 * START_M
 
 
-def cases(settings: Sequence[Setting], seeds: range) -> list[Case]:
+def cases(settings: Sequence[ComparisonSetting], seeds: range) -> list[ComparisonCase]:
     """List the runs, a few drives at a time.
 
     Methods that compare no labels run once for each number of pairs, since wrong labels do not affect them.
     """
     first_of = {setting.num_pairs: setting.name for setting in reversed(settings)}
-    found = []
-    for start in range(seeds.start, seeds.stop, TAKING_TURNS):
-        drives = range(start, min(start + TAKING_TURNS, seeds.stop))
+    listed = []
+    for start in range(seeds.start, seeds.stop, NUM_INTERLEAVED):
+        drives = range(start, min(start + NUM_INTERLEAVED, seeds.stop))
         for setting, (name, method), seed in product(settings, METHODS.items(), drives):
-            is_known = not method.is_by_labels and first_of[setting.num_pairs] != setting.name
+            is_redundant = not method.is_by_labels and first_of[setting.num_pairs] != setting.name
             is_left_out = method.is_slow and (setting.name not in SLOW_SETTINGS or seed % SLOW_EVERY != 0)
-            if not is_known and not is_left_out:
-                found.append(Case(setting.name, name, seed))
-    return found
+            if not is_redundant and not is_left_out:
+                listed.append(ComparisonCase(setting.name, name, seed))
+    return listed
 
 
-def complete(settings: Sequence[Setting], results: Sequence[Result]) -> list[Result]:
+def complete(settings: Sequence[ComparisonSetting], results: Sequence[MethodError]) -> list[MethodError]:
     """Add the results of methods without labels to all settings of the same number of pairs."""
     num_pairs = {setting.name: setting.num_pairs for setting in settings}
     return [
@@ -122,8 +122,12 @@ def complete(settings: Sequence[Setting], results: Sequence[Result]) -> list[Res
 
 
 def run(
-    settings: Sequence[Setting], pool: Pool, changes: Mapping[str, object], is_mended: bool, case: Case
-) -> list[Result]:
+    settings: Sequence[ComparisonSetting],
+    pool: Pool,
+    changes: Mapping[str, object],
+    is_mended: bool,
+    case: ComparisonCase,
+) -> list[MethodError]:
     """Reduce a drive to a setting and calibrate it by one method.
 
     Args:
@@ -138,20 +142,20 @@ def run(
     drive, truth = pool.read("drive", {**changes, "num_frames": num_frames}, case.seed)
     rng = np.random.default_rng(case.seed)
     order, T_init = rng.permutation(num_frames), displaced(truth, START_DEG, START_M, rng)
-    some = with_frames(drive, sorted(order[: setting.num_pairs]))
-    scene = Scene(some, wrong=setting.wrong, seed=case.seed, is_mended=is_mended)
+    chosen = with_frames(drive, sorted(order[: setting.num_pairs]))
+    scene = Scene(chosen, wrong=setting.wrong, seed=case.seed, is_mended=is_mended)
     method, start = METHODS[case.method], perf_counter()
     try:
-        seen, start = method.prepare(scene), perf_counter()
-        error = compare_poses(method.find(scene, seen, T_init), truth)
+        observations, start = method.prepare(scene), perf_counter()
+        error = compare_poses(method.find(scene, observations, T_init), truth)
     except SemcalError as failure:
         deg, cm, reason = math.inf, math.inf, str(failure)
     else:
         deg, cm, reason = error.rotation_deg, error.camera_center_cm, ""
-    return [Result(case.setting, case.method, case.seed, deg, cm, perf_counter() - start, reason)]
+    return [MethodError(case.setting, case.method, case.seed, deg, cm, perf_counter() - start, reason)]
 
 
-def report(name: str, is_mended: bool, results: Sequence[Result]) -> Report:
+def report(name: str, is_mended: bool, results: Sequence[MethodError]) -> Report:
     """Summarise the results by setting, in the order of the results, and by method, in the order of `METHODS`."""
     columns = (
         common("setting", AXES[name]),
@@ -161,14 +165,18 @@ def report(name: str, is_mended: bool, results: Sequence[Result]) -> Report:
         count("came back", lambda result: result.is_back, "num_back"),
         SECONDS,
     )
-    settings, methods = list(dict.fromkeys(each.setting for each in results)), list(METHODS)
-    ordered = sorted(results, key=lambda each: (settings.index(each.setting), methods.index(each.method)))
+    settings, methods = list(dict.fromkeys(result.setting for result in results)), list(METHODS)
+    ordered = sorted(
+        results, key=lambda result: (settings.index(result.setting), methods.index(result.method))
+    )
     start = {"rotation_deg": START_DEG, "camera_center_m": START_M}
     facts = {"start": start, "is_mended": is_mended}
     return Report.of(ordered, columns, draw=partial(_plot, AXES[name], results), facts=facts)
 
 
-def experiment(out: Path, seeds: range, name: str, *, is_mended: bool) -> Experiment[Case, Result]:
+def experiment(
+    out: Path, seeds: range, name: str, *, is_mended: bool
+) -> Experiment[ComparisonCase, MethodError]:
     """Declare an experiment of `EXPERIMENTS`.
 
     Args:
@@ -185,24 +193,26 @@ def experiment(out: Path, seeds: range, name: str, *, is_mended: bool) -> Experi
         folder,
         cases(settings, seeds),
         partial(run, settings, Pool(drives, has_images=True), {}, is_mended),
-        Result,
+        MethodError,
         partial(report, name, is_mended),
         complete=partial(complete, settings),
         scratch=drives,
     )
 
 
-def _plot(axis: str, results: Sequence[Result]) -> Figure:
+def _plot(axis: str, results: Sequence[MethodError]) -> Figure:
     """Draw each method's errors in each setting, side by side as in the paper, and the percentage that came back."""
     from matplotlib.figure import Figure
 
     settings = list(dict.fromkeys(result.setting for result in results))
-    groups = grouped(results, lambda f: (f.method, f.setting))
-    colors = {name: METHODS[name].color for name in METHODS if any(f.method == name for f in results)}
+    groups = group_results(results, lambda error: (error.method, error.setting))
+    colors = {name: METHODS[name].color for name in METHODS if any(error.method == name for error in results)}
     figure = Figure(figsize=(13.0, 9.0))
-    *of_errors, of_shares = figure.subplots(3, 1, height_ratios=(3, 3, 2))
-    for axes, (field, label) in zip(of_errors, MEASURES, strict=True):
-        errors = [[[getattr(f, field) for f in groups.get((m, s), ())] for s in settings] for m in colors]
+    *error_axes, share_axes = figure.subplots(3, 1, height_ratios=(3, 3, 2))
+    for axes, (field, label) in zip(error_axes, MEASURES, strict=True):
+        errors = [
+            [[getattr(error, field) for error in groups.get((m, s), ())] for s in settings] for m in colors
+        ]
         above = {"transform": axes.get_xaxis_transform(), "rotation": 90.0, "va": "top", "ha": "center"}
         for place, values in draw_groups(axes, errors, colors):
             if num_failed := sum(not math.isfinite(value) for value in values):
@@ -211,17 +221,19 @@ def _plot(axis: str, results: Sequence[Result]) -> Figure:
         axes.set_ylabel(label)
     # The first method is drawn last: lines at 100 % cover one another.
     for method, color in reversed(colors.items()):
-        known = [(place, groups[method, s]) for place, s in enumerate(settings) if (method, s) in groups]
-        shares = [100.0 * sum(f.is_back for f in found) / len(found) for _, found in known]
-        of_shares.plot([place for place, _ in known], shares, "o-", color=color, markersize=4)
-    of_shares.set_ylabel("nearer to the truth\nthan the start, %")
-    of_shares.set_ylim(-5.0, 105.0)
-    for axes in (*of_errors, of_shares):
+        groups_at = [(place, groups[method, s]) for place, s in enumerate(settings) if (method, s) in groups]
+        shares = [
+            100.0 * sum(error.is_back for error in errors_at) / len(errors_at) for _, errors_at in groups_at
+        ]
+        share_axes.plot([place for place, _ in groups_at], shares, "o-", color=color, markersize=4)
+    share_axes.set_ylabel("nearer to the truth\nthan the start, %")
+    share_axes.set_ylim(-5.0, 105.0)
+    for axes in (*error_axes, share_axes):
         axes.set_xticks(range(len(settings)), settings)
         axes.set_xlim(-0.5, len(settings) - 0.5)
         axes.grid(axis="y")
         for border in range(1, len(settings)):
             axes.axvline(border - 0.5, color=GREY, linewidth=0.5)
-    of_shares.set_xlabel(axis)
-    figure.legend(*of_errors[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(colors))
+    share_axes.set_xlabel(axis)
+    figure.legend(*error_axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(colors))
     return figure

@@ -35,7 +35,7 @@ JOURNAL, MEASURED = "results.jsonl", "measured.txt"
 FILES = RESULTS, SUMMARY, TABLE, PLOT = "results.csv", "summary.json", "table.md", "plot.png"
 """Files that are written when all cases have run."""
 MAX_JOURNAL_BYTES = 256 << 20
-UNKNOWN = "an unknown machine"
+UNKNOWN_MACHINE = "an unknown machine"
 """Stands for the machine of results that do not record where they were measured."""
 Case = TypeVar("Case")
 """Unit of an experiment that runs once, a dataclass; its `repr` identifies it."""
@@ -116,7 +116,7 @@ class Experiment(Generic[Case, Result]):
 
         Args:
             num_jobs: Number of cases to run in parallel; None runs one at a time and is left out of the summary.
-            watcher: Told which cases begin and end.
+            watcher: Notes which cases begin and end.
 
         Raises:
             InputError: the existing results are from another experiment, another process writes to them, or a file
@@ -145,7 +145,7 @@ class Experiment(Generic[Case, Result]):
         num_threads = 1 if num_jobs > 1 else None
 
         def run(worker: Worker, case: Case) -> tuple[Case, list[Result]]:
-            watcher.begin(in_words(case))
+            watcher.begin(describe_case(case))
             try:
                 return case, worker.ask(_run, self.run, num_threads, case)
             except ProcessError as error:
@@ -153,20 +153,20 @@ class Experiment(Generic[Case, Result]):
 
         with locked(self.folder / JOURNAL, "run"):
             journal = Journal(self.folder / JOURNAL, self.result)
-            missing = [case for case in self.cases if repr(case) not in journal.known]
+            missing = [case for case in self.cases if repr(case) not in journal.entries]
             watcher.resume(len(self.cases) - len(missing), len(self.cases))
             try:
                 # Closing the generator ends its processes; a traceback would keep it alive.
                 with closing(in_processes(missing, run, num_jobs)) as done:
                     for case, results in done:
                         journal.append(case, results)
-                        watcher.end(in_words(case))
+                        watcher.end(describe_case(case))
             finally:
                 journal.sort(self.cases)
-            found = [journal.known[repr(case)] for case in self.cases]
-            places = dict.fromkeys(where for _, where in found)
-            write_text("".join(f"{where}\n" for where in places), self.folder / MEASURED)
-        return [result for results, _ in found for result in results]
+            measured = [journal.entries[repr(case)] for case in self.cases]
+            machines = dict.fromkeys(machine for _, machine in measured)
+            write_text("".join(f"{machine}\n" for machine in machines), self.folder / MEASURED)
+        return [result for results, _ in measured for result in results]
 
 
 def prepare_folder(folder: Path) -> None:
@@ -190,7 +190,7 @@ def read_measured(folder: Path) -> list[str]:
     return read_text(file).splitlines() if file.exists() else [measured_here()]
 
 
-def in_words(case: Any) -> str:
+def describe_case(case: Any) -> str:
     """Describe a case by its fields: texts alone, numbers with their names."""
     return ", ".join(
         value if isinstance(value, str) and not value.isdecimal() else f"{name.removeprefix('num_')} {value}"
@@ -208,28 +208,33 @@ class Journal(Generic[Result]):
             InputError: a line is not a case of this experiment.
         """
         self.file, self._here, self._new = file, measured_here(), dict[str, str]()
-        self.known = dict[str, tuple[list[Result], str]]()
+        self.entries = dict[str, tuple[list[Result], str]]()
         """Results and where they were measured, by the `repr` of the case."""
         text = read_text(file, limit=MAX_JOURNAL_BYTES)
         self._before = text[: text.rfind("\n") + 1]
-        if half := text[len(self._before) :]:
+        if incomplete := text[len(self._before) :]:
             # The file is truncated in place, because it is locked: a new file of the same name would not be.
-            os.truncate(file, file.stat().st_size - len(half.encode()))
+            os.truncate(file, file.stat().st_size - len(incomplete.encode()))
         for number, text in enumerate(self._before.splitlines(keepends=True), start=1):
             try:
                 line = json.loads(text)
                 if line["version"] == version("semcal"):
                     results = [kind(**result) for result in line["results"]]
-                    self.known[line["case"]] = results, line.get("measured", UNKNOWN)
+                    self.entries[line["case"]] = results, line.get("measured", UNKNOWN_MACHINE)
             except (ValueError, KeyError, TypeError):
                 needed = "needed a case of this experiment; delete the file to run all cases again"
                 raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
 
     def append(self, case: object, results: list[Result]) -> None:
         """Append the results of a case."""
-        self.known[repr(case)] = results, self._here
-        listed = [vars(result) for result in results]
-        line = {"case": repr(case), "version": version("semcal"), "measured": self._here, "results": listed}
+        self.entries[repr(case)] = results, self._here
+        documents = [vars(result) for result in results]
+        line = {
+            "case": repr(case),
+            "version": version("semcal"),
+            "measured": self._here,
+            "results": documents,
+        }
         self._new[repr(case)] = json.dumps(line) + "\n"
         with self.file.open("a") as file:
             file.write(self._new[repr(case)])
