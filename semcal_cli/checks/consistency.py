@@ -13,7 +13,7 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.refine.pyramid import refine_exactly
 from semcal_cli.estimation.uncertainty.information import (
     compared_by,
@@ -114,7 +114,7 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> Measure
         return NOTHING_LABELLED.without_value(f"none of the {name} are labelled")
     # The number of equally frequent classes that would have the same entropy.
     effective = float(np.exp(entropy(counts)))
-    like, least = told_apart(effective, ONE_CLASS.limit(), 2)
+    like, least = format_against_limit(effective, ONE_CLASS.limit(), 2)
     found = (
         f"nearly all {name} have the same class, equivalent to {like} equally frequent classes, needed at least "
         f"{least}"
@@ -140,7 +140,7 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Mea
     by, best = compared_by(observations), max(found)
     sentence = f"clouds and images {NO_FIT}, and images of other frames fit better"
     if own > 0.0:
-        as_well, most = told_apart(best / own, WRONG_PAIRING.limit(by), unit="%")
+        as_well, most = format_against_limit(best / own, WRONG_PAIRING.limit(by), unit="%")
         sentence = (
             f"images of other frames fit the clouds {as_well} as well as their own, needed at most {most}"
         )
@@ -160,7 +160,7 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured
     by, turned_by = compared_by(observations), f"with the camera turned by {best_deg:.0f} degrees"
     found = f"points and images {NO_FIT}" + f", and fit better {turned_by}" * (best_deg > 0.0)
     if own.information > 0.0:
-        as_well, most = told_apart(best / own.information, OTHER_AZIMUTH.limit(by), unit="%")
+        as_well, most = format_against_limit(best / own.information, OTHER_AZIMUTH.limit(by), unit="%")
         found = f"{turned_by}, points and images still fit {as_well} as well, needed at most {most}"
     return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 

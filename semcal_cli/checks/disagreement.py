@@ -23,7 +23,7 @@ from semcal_cli import core
 from semcal_cli.checks.pairing import frame_list, frame_name
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.adjust.frame_offsets import Part, fit_part
 from semcal_cli.estimation.uncertainty.information import (
     compared_by,
@@ -341,10 +341,10 @@ def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:
     """Say how far frames disagree that a few poses do not explain."""
     found = []
     if suspicion.scatter > suspicion.allowed:
-        ratio, most = told_apart(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)
+        ratio, most = format_against_limit(math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed), 2)
         found.append(f"they scatter {ratio} times as widely as their labels explain, needed at most {most}")
     if suspicion.place is not None:
-        apart, most = told_apart(suspicion.apart, suspicion.allowed_apart, 1)
+        apart, most = format_against_limit(suspicion.apart, suspicion.allowed_apart, 1)
         found.append(
             f"those from {frame_name(names, suspicion.place)} on are {apart} standard errors from those "
             f"before, needed at most {most}"

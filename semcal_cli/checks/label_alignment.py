@@ -29,7 +29,7 @@ from semcal_cli import core
 from semcal_cli.checks.pairing import frame_list
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import InputError, counted, told_apart
+from semcal_cli.errors import InputError, counted, format_against_limit
 from semcal_cli.estimation.uncertainty.information import entropy
 from semcal_cli.findings.check import LEAKED_LABELS, SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS, Measured
 from semcal_cli.geometry.arrays import Image, Numbers, Pose
@@ -102,7 +102,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
 
     if not observations.has_segments:
         points = _moved_points(observations)
-        better, most = told_apart(points.z, SHIFTED_POINT_LABELS.limit(), 1)
+        better, most = format_against_limit(points.z, SHIFTED_POINT_LABELS.limit(), 1)
         sentence = (
             f"point labels{of(points)} fit the clouds better when {_entries_words(*points.move)}, "
             f"by {better} standard errors, needed at most {most}"
@@ -110,7 +110,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         measured.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
     pixels = _moved_pixels(observations, read_image)
     if pixels is not None:
-        better, most = told_apart(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
+        better, most = format_against_limit(pixels.z, SHIFTED_LABEL_IMAGES.limit(), 1)
         found = (
             f"label images{of(pixels)} fit their images better when {_move_words(*pixels.move)}, "
             f"by {better} standard errors, needed at most {most}"
@@ -263,7 +263,7 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measu
         return ()
     # At a wrong pose, pixels say little about any point, and by chance as much about both kinds.
     share = _share_explained(hidden) / max(_share_explained(visible), LEAST_EXPLAINED)
-    as_much, most = told_apart(share, LEAKED_LABELS.limit(), unit="%")
+    as_much, most = format_against_limit(share, LEAKED_LABELS.limit(), unit="%")
     found = (
         f"point labels seem to come from image labels, since pixels say {as_much} as much about hidden points as about "
         f"visible ones, needed at most {most}"

@@ -16,7 +16,7 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import InputError, told_apart
+from semcal_cli.errors import InputError, format_against_limit
 from semcal_cli.estimation.uncertainty.information import (
     information_by_frame,
     information_by_squares,
@@ -121,7 +121,7 @@ def check_pairs(
         return (ODD_FRAMES.measured(share, limit="information"),)
     worst = min(wrong, key=lambda frame: float(own[frame]))
     share = float(own[worst]) / usual if usual > 0.0 else -math.inf
-    part, needed = told_apart(share, least, unit="%")
+    part, needed = format_against_limit(share, least, unit="%")
     as_well = f"{part} as well as others" if share >= 0.0 else "worse than chance"
     sentence = (
         f"points and pixels of {frame_list(names, wrong)} may not belong together, since {frame_name(names, worst)} "

@@ -9,7 +9,7 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.drive.document import Drive
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.findings.check import CHANCE, FAR_CAMERA, MOTION, OVERLAP, SEEDS, SHUTTER
 from semcal_cli.findings.finding import Finding
 from semcal_cli.geometry.arrays import Matrix, Pose
@@ -35,7 +35,7 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
     """Check the median displacement of the points by uncompensated motion, in pixels; None if it is unknown."""
     if motion_error_px is None:
         return ()
-    off_px, most = told_apart(motion_error_px, MOTION.limit(), 1)
+    off_px, most = format_against_limit(motion_error_px, MOTION.limit(), 1)
     found = (
         f"the LiDAR's motion is not compensated, so half of the points are off by {off_px} pixels or more, "
         f"needed at most {most}"
@@ -84,7 +84,7 @@ def check_shutter(
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:
         return (), (f"{found}: {SHUTTER.advice}",)
-    off_px, most = told_apart(error_px, SHUTTER.limit(), 1)
+    off_px, most = format_against_limit(error_px, SHUTTER.limit(), 1)
     cost = f"so half of the points are off by {off_px} pixels or more"
     measured = SHUTTER.measured(error_px, f"{found}, {cost}, needed at most {most}")
     return measured.findings, () if measured.findings else (f"{found}, {cost}: {SHUTTER.advice}",)
@@ -105,11 +105,11 @@ def check_pose(
     if distance_m >= AT_LIMIT * max_baseline_m:
         found = f"the camera reached {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
         findings.append(FAR_CAMERA.finding(found))
-    covered, least = told_apart(agreement.overlap, OVERLAP.limit(), 1, "%")
+    covered, least = format_against_limit(agreement.overlap, OVERLAP.limit(), 1, "%")
     found = f"visible points with classes cover {covered} of the image, needed at least {least}"
     findings += OVERLAP.measured(agreement.overlap, found).findings
     by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
-    as_well, least = told_apart(by_chance, CHANCE.limit(), unit="%")
+    as_well, least = format_against_limit(by_chance, CHANCE.limit(), unit="%")
     found = f"points and images agree {as_well} as well as unrelated ones would by chance, needed at least {least}"
     return (*findings, *CHANCE.measured(by_chance, found).findings)
 

@@ -13,14 +13,14 @@ import numpy as np
 
 from semcal_cli import core
 from semcal_cli.config import EDGE_BAND_PX, ExactConfig, PolishConfig, PyramidConfig
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.refine.polish import newton
 from semcal_cli.estimation.refine.pyramid import exact_config, pyramid_factors
 from semcal_cli.estimation.uncertainty.covariance import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
 from semcal_cli.findings.check import CUES_DISAGREE, OTHER_POSE, Measured, fit_of_rival
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.geometry.twists import displaced
+from semcal_cli.geometry.twists import displace
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.uncertainty import Uncertainty
@@ -82,11 +82,11 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> M
         T_initial: (4, 4) pose from which edges started.
     """
     rng = np.random.default_rng(0)
-    others = [T_initial, *(displaced(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS))]
+    others = [T_initial, *(displace(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS))]
     behind = sigmas_behind(guide, T_camera_lidar, others)
     best = int(np.argmin(behind))
     away = compare_poses(others[best], T_camera_lidar)
-    ahead, most = told_apart(-behind[best], CUES_DISAGREE.limit(), 1)
+    ahead, most = format_against_limit(-behind[best], CUES_DISAGREE.limit(), 1)
     found = (
         f"segments and image labels prefer a pose {away.rotation_deg:.1f} degrees and "
         f"{away.camera_center_cm:.0f} cm from the one that edges found, by {ahead} standard errors, needed at "
@@ -99,7 +99,7 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose],
     """Ascend from poses around the given one, at two levels of the pyramid, to the highest far and near tops."""
     rng = np.random.default_rng(0)
     shares = np.linspace(0.5, 1.5, NUM_RIVALS)
-    poses = [displaced(T_camera_lidar, share * SPREAD_DEG, share * SPREAD_M, rng) for share in shares]
+    poses = [displace(T_camera_lidar, share * SPREAD_DEG, share * SPREAD_M, rng) for share in shares]
     few = few_frames(observations, NUM_FRAMES)
     coarsest, *_ = pyramid_factors(observations.camera, PyramidConfig(coarsest_block_deg=BLOCKS_DEG))
     config = exact_config(few, CONFIG)

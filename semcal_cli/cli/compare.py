@@ -14,7 +14,7 @@ from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import json_flag, limit
 from semcal_cli.cli.settings import argument, command
 from semcal_cli.config import Limits
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 
 if TYPE_CHECKING:
     from semcal_cli.pipeline.comparison import Axis, Comparison
@@ -26,8 +26,8 @@ class CompareSettings:
 
     a: Path = argument()
     b: Path = argument()
-    max_translation_m: float = limit("camera", Limits.translation_m, "M", least=0.0)
-    max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", least=0.0)
+    max_translation_m: float = limit("camera", Limits.translation_m, "M", minimum=0.0)
+    max_rotation_deg: float = limit("rotation", Limits.rotation_deg, "DEG", minimum=0.0)
     as_json: bool = json_flag()
 
 
@@ -83,7 +83,7 @@ def compare(settings: CompareSettings) -> None:
 
 def _figures(found: Comparison, off: float, unit: str, allowed: float) -> str:
     """Describe a total difference, its limit, and its uncertainty."""
-    text, most = told_apart(off, allowed, 3)
+    text, most = format_against_limit(off, allowed, 3)
     half = found.half_width(unit[:3])
     return f"{text} {unit}, allowed {most}" + ("" if half is None else f", known to +- {half:.2f}")
 

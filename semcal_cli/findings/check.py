@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from semcal_cli.config import MIN_OVERLAP, PolishConfig, PyramidConfig
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.findings.finding import Finding
 
 LIMITS_FILE = Path(__file__).with_name("limits.json")
@@ -103,7 +103,7 @@ def fit_of_rival(behind: float, least: float, digits: int) -> str:
         least: Standard errors by which it would have to be worse.
         digits: Minimum number of digits after the decimal point.
     """
-    apart, needed = told_apart(abs(behind), least, digits)
+    apart, needed = format_against_limit(abs(behind), least, digits)
     if behind < 0.0:
         return f"better, by {apart} standard errors, but must be worse by at least {needed}"
     return f"almost as well: only {apart} standard errors worse, needed at least {needed}"
@@ -223,7 +223,7 @@ POLISH_REJECTED = Check(
     "check with `semcal inspect` that sweeps, images and labels belong together, or add frames",
     {
         "": SETTING(at_most=PolishConfig.max_loss, unit="standard errors"),
-        "several starts": SETTING(at_most=PolishConfig.max_loss_of_tops, unit="standard errors"),
+        "several starts": SETTING(at_most=PolishConfig.max_loss_among_maxima, unit="standard errors"),
     },
 )
 POLISH_NOT_TESTED = Check("polish-not-tested", "add frames, or label more pixels")

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from semcal_cli.config import Limits
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.uncertainty.quantiles import overall_width
 
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
@@ -100,7 +100,7 @@ def figures(check: Check) -> str:
         return f"not determined, allowed {check.allowed:g} {UNITS[check.unit]}"
     unit = UNITS[check.unit]
     half = f"{unit}, interval unknown" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
-    offset, allowed = told_apart(check.offset, check.allowed, 3)
+    offset, allowed = format_against_limit(check.offset, check.allowed, 3)
     return f"{offset} {half}, allowed {allowed}"
 
 

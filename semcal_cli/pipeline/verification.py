@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import (
+    AdjustmentConfig,
     AlignmentConfig,
     CalibrationConfig,
     InitializationConfig,
-    JointlyConfig,
     Limits,
     RefinementConfig,
 )
@@ -150,7 +150,7 @@ def verify(
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
         )
-    jointly = JointlyConfig(with_delay=limits.delay_s is not None)
+    jointly = AdjustmentConfig(with_delay=limits.delay_s is not None)
     refinement = RefinementConfig(max_baseline_m=config.refinement.max_baseline_m, jointly=jointly)
     stages = _estimate(data, stated, refinement, config.seed, on_event)
     return _judged(data, stated, stages, limits)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from semcal_cli import core
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
 from semcal_cli.drive.camera import IntrinsicsSigma, sigma_of
-from semcal_cli.errors import counted, told_apart
+from semcal_cli.errors import counted, format_against_limit
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.estimation.uncertainty.intrinsics import around_intrinsics, covariance_of_intrinsics, shift_by
 from semcal_cli.estimation.uncertainty.sensitivity import (
@@ -300,7 +300,7 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
     far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
-    found_chi2, most_chi2 = told_apart(chi2, most)
+    found_chi2, most_chi2 = format_against_limit(chi2, most)
     found = (
         f"{prior.name} is {far} from the pose that labels alone give, chi-square {found_chi2} with "
         f"{counted(num_axes, 'degree')} of freedom, needed at most {most_chi2}"
@@ -312,7 +312,7 @@ def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     residual = prior.residual(T_camera_lidar)
     deviations = np.abs(residual) / np.maximum(prior.sigmas, EXACT)
     worst, farthest = int(deviations.argmax()), float(deviations.max())
-    off, most = told_apart(farthest, PRIOR.limit("one axis"), 1)
+    off, most = format_against_limit(farthest, PRIOR.limit("one axis"), 1)
     found = (
         f"{prior.name} is {_length(worst, residual[worst])} from the pose that everything else gives, {off} standard "
         f"deviations, needed at most {most}"

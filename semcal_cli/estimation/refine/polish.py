@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli import core
 from semcal_cli.config import PolishConfig
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import NO_DIRECTION, POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
 from semcal_cli.findings.finding import Finding
@@ -56,7 +56,7 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     polished = newton(kept, T_camera_lidar, config)
     found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
     gain, sigma = found.gain, found.sigma
-    max_loss = config.max_loss if observations.starts is None else config.max_loss_of_tops
+    max_loss = config.max_loss if observations.starts is None else config.max_loss_among_maxima
     # Without a standard error, there is no evidence for the polish.
     is_accepted = math.isfinite(sigma) and gain >= -max_loss * sigma
     T_polished = T_camera_lidar
@@ -106,7 +106,7 @@ def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishCo
         return (POLISH_NOT_TESTED.finding(found),)
     if not check.accepted:
         by = -check.held_out_gain_nats / max(check.held_out_sigma_nats or 0.0, LEAST_SIGMA)
-        less, most = told_apart(by, max_loss, 1)
+        less, most = format_against_limit(by, max_loss, 1)
         found = (
             f"the polish was rejected; held-out data agree {less} standard errors worse after it, needed at most "
             f"{most}"
@@ -117,7 +117,7 @@ def _findings(check: HeldOut, max_loss: float, moved_px: float, config: PolishCo
     if not math.isfinite(moved_px):
         found = "the polish found no direction in which moving the camera changes the agreement"
         return (NO_DIRECTION.finding(found),)
-    moved, most = told_apart(moved_px, config.settled_px, 2)
+    moved, most = format_against_limit(moved_px, config.settled_px, 2)
     found = f"the polish had not settled; its last round still moved points by {moved} pixels, needed at most {most}"
     return (POLISH_NOT_SETTLED.finding(found),)
 

@@ -23,7 +23,7 @@ from typing import Protocol
 from semcal_cli import core
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import Camera, core_camera
-from semcal_cli.errors import CalibrationError, SemcalError, told_apart
+from semcal_cli.errors import CalibrationError, SemcalError, format_against_limit
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import REFINEMENT_NOT_SETTLED
 from semcal_cli.geometry.arrays import Pose
@@ -116,7 +116,7 @@ def refine_pose(
         on_level(level, len(factors))
     drift, most = levels[-1].drift, config.max_final_drift
     converged = drift <= most
-    moved_px, most_px = told_apart(drift, most, 1)
+    moved_px, most_px = format_against_limit(drift, most, 1)
     found = (
         f"the refinement had not settled; the pose still moved points by {moved_px} pixels at the end of the finest "
         f"level, needed at most {most_px}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.camera import DEFAULT_FOCAL_SIGMA, Camera, IntrinsicsSigma, default_sigma, sigma_of
-from semcal_cli.errors import told_apart
+from semcal_cli.errors import format_against_limit
 from semcal_cli.estimation.uncertainty.sensitivity import Sensitivity, bending, sensitivity
 from semcal_cli.findings.check import WRONG_INTRINSICS, Measured
 from semcal_cli.geometry.arrays import Matrix, Pose
@@ -181,7 +181,7 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int
         f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, deviations, strict=True) if each > 2.0
     ]
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
-    found_chi2, most = told_apart(chi2, limit)
+    found_chi2, most = format_against_limit(chi2, limit)
     found = (
         f"the intrinsics look wrong{which}, since freeing them would move points by {moved_px:.0f} pixels or more, "
         f"chi-square {found_chi2} with 5 degrees of freedom, needed at most {most}"
