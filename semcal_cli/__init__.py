@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     )
     from semcal_cli.api.many import batch as batch
     from semcal_cli.config import (
+        AdjustmentConfig as AdjustmentConfig,
         CalibrationConfig as CalibrationConfig,
         InitializationConfig as InitializationConfig,
-        JointlyConfig as JointlyConfig,
         Limits as Limits,
         RefinementConfig as RefinementConfig,
     )
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _MODULES = {
+    "AdjustmentConfig": "config",
     "ArrayInput": "drive.held_arrays",
     "Calibration": "api.calibration",
     "CalibrationConfig": "config",
@@ -60,7 +61,6 @@ _MODULES = {
     "InitialPose": "estimation.search.initial_pose",
     "InitializationConfig": "config",
     "InputError": "errors",
-    "JointlyConfig": "config",
     "Limits": "config",
     "Prior": "estimation.adjust.priors",
     "RefinementConfig": "config",

@@ -13,9 +13,9 @@ from conftest import make_pose
 import semcal_cli
 from semcal_cli import core
 from semcal_cli.config import (
+    AdjustmentConfig,
     CalibrationConfig,
     InitializationConfig,
-    JointlyConfig,
     RefinementConfig,
     check_config,
 )
@@ -100,7 +100,7 @@ def test_stages_that_are_asked_for_tell_as_well(
             f"max_baseline_m: found {10**400}, needed a number above 0",
         ),
         (
-            {"refinement": RefinementConfig(jointly=JointlyConfig(intrinsics=(1,)))},  # type: ignore[arg-type]
+            {"refinement": RefinementConfig(jointly=AdjustmentConfig(intrinsics=(1,)))},  # type: ignore[arg-type]
             "intrinsics: found (1,), needed a tuple of str",
         ),
         ({"max_frames": 0}, "max_frames: found 0, needed a whole number from 1 on"),
@@ -120,7 +120,7 @@ def test_stages_that_are_asked_for_tell_as_well(
             "estimator: found 'x', needed one of: exact, mine",
         ),
         (
-            {"refinement": RefinementConfig(jointly=JointlyConfig(intrinsics=None))},  # type: ignore[arg-type]
+            {"refinement": RefinementConfig(jointly=AdjustmentConfig(intrinsics=None))},  # type: ignore[arg-type]
             "intrinsics: found None, needed a tuple of str",
         ),
     ],

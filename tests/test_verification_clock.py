@@ -12,7 +12,7 @@ from refined import clock, of_another_drive
 
 import semcal_cli as semcal_package
 from semcal_cli import core
-from semcal_cli.config import CalibrationConfig, JointlyConfig, Limits, RefinementConfig
+from semcal_cli.config import AdjustmentConfig, CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.errors import InputError
@@ -61,7 +61,7 @@ def exactly_triggered(drive: Path, folder: Path) -> Path:
 
 def test_other_estimates_leave_the_clock_as_open(moving: Path) -> None:
     """Intrinsics that are estimated and not kept say nothing of it."""
-    jointly = JointlyConfig(intrinsics=("fx", "fy"))
+    jointly = AdjustmentConfig(intrinsics=("fx", "fy"))
     config = CalibrationConfig(cues=("labels",), refinement=RefinementConfig(jointly=jointly))
     start = InitialPose(read_transform(moving / "steady"), "truth")
     found = semcal_package.calibrate(moving / "steady", config, initial_pose=start)
@@ -176,7 +176,7 @@ def test_an_interval_about_the_limit_decides_nothing() -> None:
 @pytest.fixture(scope="module")
 def estimated(moving: Path) -> Calibration:
     """A calibration whose clock was estimated and kept."""
-    jointly = JointlyConfig(with_delay=True)
+    jointly = AdjustmentConfig(with_delay=True)
     found = semcal_package.calibrate(
         moving / "late", CalibrationConfig(refinement=RefinementConfig(jointly=jointly))
     )

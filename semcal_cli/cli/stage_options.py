@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import Direction
 from semcal_cli.cli.rules import given
 from semcal_cli.cli.settings import KNOWN_TRANSFORMS, FiniteNumber, FiniteRange, Names, option, setting_of
 from semcal_cli.config import (
     AUTO,
     LABELS,
+    AdjustmentConfig,
     CueName,
     Device,
     Estimator,
     InitializationConfig,
-    JointlyConfig,
     RefinementConfig,
     Zoom,
 )
+from semcal_cli.config.directions import Direction
 from semcal_cli.errors import InputError, check_torch
 from semcal_cli.files.output_files import descriptor
 
@@ -246,7 +246,7 @@ class RefinementSettings(StartSettings):
         Raises:
             click.UsageError: intrinsics are to be estimated and are stated to be exact.
         """
-        jointly = JointlyConfig(self.intrinsics, with_delay=self.estimate_delay)
+        jointly = AdjustmentConfig(self.intrinsics, with_delay=self.estimate_delay)
         if self.intrinsics_sigma is not None:
             focal_percent, center_px = self.intrinsics_sigma
             if self.intrinsics and min(self.intrinsics_sigma) < LEAST_SIGMA:
@@ -255,7 +255,7 @@ class RefinementSettings(StartSettings):
                     "both with --refine-intrinsics."
                 )
             sigmas = 0.01 * focal_percent, center_px
-            jointly = JointlyConfig(self.intrinsics, *sigmas, with_delay=self.estimate_delay)
+            jointly = AdjustmentConfig(self.intrinsics, *sigmas, with_delay=self.estimate_delay)
         return RefinementConfig(
             self.estimator,
             self.device,

@@ -212,7 +212,7 @@ def refine_and_polish(
         return found
     polished = polish(seen, refined.T_camera_lidar, config, on_event)
     found, T_polished = replace(found, polished=polished), polished.T_camera_lidar
-    if config.jointly.is_asked:
+    if not config.jointly.is_empty:
         return replace(found, joint=estimate_jointly(seen, T_polished, config, on_event))
     return replace(found, fused=fuse(seen, T_polished, config, priors, on_event)) if priors else found
 
@@ -228,7 +228,7 @@ def _check_beside_pose(data: LoadedDrive, config: RefinementConfig, priors: Sequ
         raise InputError(
             f"{priors[0].name}: priors need the polish, which features and is_polished=False exclude"
         )
-    if not jointly.is_asked:
+    if jointly.is_empty:
         return
     option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
     check_intrinsics(jointly.intrinsics, data.observations.camera, f"{path}: --refine-intrinsics")

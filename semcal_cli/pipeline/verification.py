@@ -10,7 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.checks.own_drive import check_own_drive
-from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, Limits, RefinementConfig
+from semcal_cli.config import (
+    AdjustmentConfig,
+    CalibrationConfig,
+    InitializationConfig,
+    Limits,
+    RefinementConfig,
+)
 from semcal_cli.config.setting import check_settings
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.errors import CalibrationError, InputError
@@ -142,7 +148,7 @@ def verify(
         raise InputError(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
         )
-    jointly = JointlyConfig(with_delay=limits.delay_s is not None)
+    jointly = AdjustmentConfig(with_delay=limits.delay_s is not None)
     refinement = RefinementConfig(jointly=jointly)
     stages = _estimate(data, stated, refinement, config.seed, on_event)
     return _judged(data, stated, stages, limits)

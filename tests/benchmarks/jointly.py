@@ -21,7 +21,7 @@ from benchmark import OUTPUT, KeptTable, run_experiment, script
 from laboratory.rates import Rate
 from laboratory.rigs import Case, Degrade, consecutive, row_cases, wrong
 
-from semcal_cli.config import InitializationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.config import AdjustmentConfig, InitializationConfig, RefinementConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError
@@ -155,7 +155,7 @@ def run(pool: Pool, case: Case) -> list[Result]:
     row, rng = ROWS[case.row], case.rng(ROWS)
     drive, truth = pool.read(row.rig, row.changes, case.seed)
     data = _load(consecutive(drive, row.num_pairs, case.seed), row, rng)
-    refinement = RefinementConfig(jointly=JointlyConfig(row.intrinsics, with_delay=row.with_delay))
+    refinement = RefinementConfig(jointly=AdjustmentConfig(row.intrinsics, with_delay=row.with_delay))
     start = perf_counter()
     try:
         stages, found = calibrate_from(initialize(data, InitializationConfig()), data, refinement)
