@@ -13,6 +13,11 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
     },
     house.core_imports: {"checks/a.py": "from planted import _core"},
     house.array_aliases: {"checks/a.py": "import numpy.typing as npt\nMatrix = npt.NDArray[float]"},
+    house.cue_questions: {
+        "observations/cues/a.py": "is_by_edges = 'edges' in cues",
+        "cli/a.py": "CHOSEN = ('edges',)",
+        "checks/a.py": "is_by_edges = 'edges' in data.cues",
+    },
     house.crowded_rooms: {
         "files/a.py": "",
         "checks/a.py": f"from planted.files.a import {', '.join(f'name_{n}' for n in range(26))}",
@@ -24,6 +29,24 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
 @pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)
 def test_the_house_keeps_its_rules(rule: house.Rule) -> None:
     assert rule(house.PACKAGE) == []
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "data.cues == LABELS",
+        "cues != config.LABELS",
+        "{*data.cues} <= {'labels', 'segments'}",
+        "data.of_cue('labels')",
+        "observations.has_segments",
+        "data.is_refined_by_edges",
+    ],
+)
+def test_a_question_for_a_cue_by_its_name_is_noticed(question: str, tmp_path: Path) -> None:
+    path = tmp_path / "planted/checks/a.py"
+    path.parent.mkdir(parents=True)
+    path.write_text(question)
+    assert house.cue_questions(tmp_path / "planted") == [f"checks/a.py: {question}"]
 
 
 @pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)

@@ -90,7 +90,7 @@ def _fit(observations: Observations, T_camera_lidar: Pose, agreement: core.Agree
     """Measure how well observations agree at a pose (4, 4); the agreement there is reused if given."""
     agreement = agreement or core.agreement(observations.core, T_camera_lidar)
     information = agreement.mutual_information - agreement.bias
-    if observations.has_segments:
+    if observations.has_partitions:
         information = information_by_squares(observations, T_camera_lidar).mean
     return _Fit(T_camera_lidar, information, agreement)
 
@@ -98,7 +98,7 @@ def _fit(observations: Observations, T_camera_lidar: Pose, agreement: core.Agree
 def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
     """Check that the points in the image and its pixels have enough classes, weighted by their frequency."""
     sides = {}
-    if not observations.has_segments:  # Each segment is a class of its own.
+    if not observations.has_partitions:  # Each segment is a class of its own.
         camera = core_camera(observations.camera)
         sides["points in the image"] = [
             cloud.classes[np.isfinite(core.project_points(camera, cloud.points, T_camera_lidar).ranges)]

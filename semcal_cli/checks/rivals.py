@@ -55,7 +55,7 @@ def check_rivals(
         uncertainty: Uncertainty of the pose; None if it is not determined, and only what is far is a rival.
     """
     tops, near = _tops(observations, T_camera_lidar)
-    if observations.starts is None and uncertainty is not None:
+    if not observations.is_multimodal and uncertainty is not None:
         for top in near:
             T_top = newton(observations, top, PolishConfig()).T_camera_lidar
             if (np.abs(compare_poses(T_top, T_camera_lidar).offsets) > uncertainty.half_widths).any():
@@ -114,7 +114,7 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose],
             )
             (far if is_far else near).append(end.T_camera_lidar)
         far, near = far[:NUM_COMPARED], near[:NUM_COMPARED]
-        poses = far + near if observations.starts is None else far
+        poses = far + near if not observations.is_multimodal else far
     return far, near
 
 

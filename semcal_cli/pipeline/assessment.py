@@ -52,7 +52,7 @@ TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and priors together do not de
 KNOW_K = "give a smaller --intrinsics-sigma if K is known better"
 """Advice where errors of K alone make an interval too wide, which more frames do not narrow."""
 MIN_SCENES = FEW_SCENES.limit()
-"""Least number of scenes from which edges are trusted, and labels have a single top."""
+"""Minimum number of scenes in which labels have a single maximum."""
 
 
 def assess(
@@ -65,7 +65,7 @@ def assess(
 ) -> Stages:
     """Estimate the uncertainty of a polished or fused pose and look for findings.
 
-    With several cues, rivals are searched for by all of them, and the other checks use `LoadedDrive.for_checks`.
+    With several cues, rivals are searched for by all of them, and the other checks use `LoadedDrive.checked_by`.
 
     A pose whose polish was rejected is not at a top: it gets no uncertainty, but is checked. A pose that was not
     polished is returned unchanged.
@@ -77,12 +77,12 @@ def assess(
     seen, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
     answer = _Answer(seen, stages, config.polish, UnknownClock.of(seen, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(seen.for_checks, T, with_clock=answer.tells_clock)
+        measured = check_consistency(seen.checked_by, T, with_clock=answer.tells_clock)
         found = _compare_frames(answer).with_measured(*measured)
     else:
-        found = _judge(answer, with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"})
-    if data.guide is not None and data.is_refined_by_edges:
-        found = found.with_measured(check_guide(data.guide, T, stages.initial.T_camera_lidar))
+        found = _judge(answer, with_label_bleed=with_label_bleed and data.policy.has_label_bleed)
+    if data.coarse_cue is not None and data.policy.needs_near_start:
+        found = found.with_measured(check_guide(data.coarse_cue, T, stages.initial.T_camera_lidar))
     stages = replace(stages, assessment=found)
     doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
@@ -174,7 +174,7 @@ class _Answer:
 def _judge(answer: _Answer, *, with_label_bleed: bool) -> Assessment:
     """Estimate the uncertainty of a top of the mutual information, and run all checks."""
     data, T, with_priors = answer.data, answer.stages.T_camera_lidar, answer.stages.fused is not None
-    checked, camera = data.for_checks, data.observations.camera
+    checked, camera = data.checked_by, data.observations.camera
     cost = None if answer.shift is None else intrinsics_cost(answer.shift, camera)
     around = answer.around if checked is data.observations else around_intrinsics(checked, T)
     # While one check runs Python code, the core works on another one.
@@ -246,13 +246,15 @@ def _advice(answer: _Answer, found: Uncertainty) -> str | None:
 def _compare_frames(answer: _Answer) -> Assessment:
     """Look for findings about single frames and labels, and say what could not be checked."""
     data, T, frames = answer.data, answer.stages.T_camera_lidar, answer.data.drive.frames
-    observations, names = data.for_checks, [frame.points for frame in frames]
+    observations, names = data.checked_by, [frame.points for frame in frames]
     check = check_frames(observations, T, names)
     measured = [*check.measured, *check_pairs(observations, T, answer.stages.last.agreement, names)]
     num_scenes = len(set(observations.scenes))
-    if data.is_refined_by_edges:
-        compared = f"edges were compared in {counted(num_scenes, 'scene')}"
-        measured.append(FEW_SCENES.measured(num_scenes, f"{compared}, needed at least {MIN_SCENES}"))
+    if cues := data.policy.wanting_scenes:
+        needed = max(cues.values())
+        compared = f"{' and '.join(cues)} were compared in {counted(num_scenes, 'scene')}"
+        few = FEW_SCENES.finding(f"{compared}, needed at least {needed}") if num_scenes < needed else None
+        measured.append(Measured(FEW_SCENES.topic, "", num_scenes, few))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"
@@ -267,9 +269,10 @@ def _compare_frames(answer: _Answer) -> Assessment:
     has_labels = any(frame.image_labels is not None for frame in frames)
     if has_labels and all(frame.image is None for frame in frames):
         notes.append("labels were not checked against images: the drive has no images")
-    if "labels" in data.cues:
-        measured += check_leaks(data.of_cue("labels"), T)
-    if data.cues[0] in ("labels", "segments"):
+    for name, cue in data.policy.cues.items():
+        if cue.has_point_labels:
+            measured += check_leaks(data.of_cue(name), T)
+    if data.policy.cues[data.cues[0]].has_image_labels:
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
         measured += aligned.measured
         notes += aligned.notes
@@ -281,7 +284,7 @@ def _rivals(
 ) -> tuple[Measured, ...]:
     """Look for rivals, except with labels of enough scenes, which have one top, or priors, which exclude them."""
     observations = data.observations
-    if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
+    if not observations.is_multimodal and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
         return ()
     return check_rivals(observations, T_camera_lidar, found)
 

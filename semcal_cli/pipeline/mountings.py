@@ -47,7 +47,7 @@ def decide_in_full(
     """
     observations, starts = data.observations, data.observations.starts
     assert starts is not None
-    if not data.is_refined_by_edges and len(set(observations.scenes)) < FEW_SCENES.limit():
+    if not data.policy.needs_near_start and len(set(observations.scenes)) < FEW_SCENES.limit():
         # Segments of few scenes make no mounting clear, and take minutes for that.
         return initial, refined
     best = taken = initial.hypotheses[0]
@@ -71,4 +71,4 @@ def decide_in_full(
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
     initial_findings = () if is_clear else initial.findings
-    return replace(led_by(initial, taken, data.for_search), findings=initial_findings), refined
+    return replace(led_by(initial, taken, data.searched_by), findings=initial_findings), refined

@@ -163,7 +163,7 @@ def _pack(overlays: Overlays, frame: int, points: FramePoints, share: Fraction) 
         height=height,
         ground=ground,
         uri=data_uri(image, min(MAX_BYTES, int(share * MAX_IMAGE_BYTES))),
-        agreements=tuple(None if observations.has_segments else pose.agreement for pose in points.poses),
+        agreements=tuple(None if observations.has_partitions else pose.agreement for pose in points.poses),
         points=points.thinned(most).packed(width, height),
     )
 

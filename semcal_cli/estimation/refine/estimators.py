@@ -33,16 +33,16 @@ def make_estimator(
         raise InputError(
             "--estimator exact: found features, which have no histogram, needed --estimator mine"
         )
-    if observations.has_segments and config.estimator == "mine":
+    if observations.has_partitions and config.estimator == "mine":
         raise InputError(
             "--estimator mine: found segments, which differ from frame to frame, needed --estimator exact"
         )
     if config.estimator == "exact":
         exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-        if observations.starts is None:
+        if (starts := observations.starts) is None:
             estimator = ExactEstimator(observations, exact, seed)
             return estimator, {"exact": asdict(estimator.config)}
-        several = SeveralStarts(observations, exact, seed, observations.starts, others)
+        several = SeveralStarts(observations, exact, seed, starts, others)
         return several, {"exact": asdict(several.config), "starts": asdict(several.starts)}
     check_torch("--estimator mine")
     on_event(Progress("loading torch"))

@@ -233,4 +233,13 @@ STARTS = StartsConfig(
 )
 """On blocks of 2.6 degrees, single ascents on three real drives converged from 2 degrees and 0.2 m in 75 to 97 % of 40
 runs, and from 5 degrees and 0.3 m in 15 to 65 %; the one that ended highest was always right."""
-CUE = Cue(observe=observe_edges, files=("image",), config=EDGES, starts=STARTS)
+MIN_SCENES = 4
+"""Minimum number of scenes from which a pose by edges is trusted: the limit of `few-scenes`, which has the source."""
+CUE = Cue(
+    observe=observe_edges,
+    files=("image",),
+    config=EDGES,
+    starts=STARTS,
+    can_find_mounting=False,
+    min_scenes=MIN_SCENES,
+)

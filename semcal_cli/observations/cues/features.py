@@ -148,4 +148,9 @@ def _coded(
         return list(pool.map(of_frame, vectors))
 
 
-CUE = Cue(observe=observe_features, files=("point_features", "image_features"), config=FEATURES)
+CUE = Cue(
+    observe=observe_features,
+    files=("point_features", "image_features"),
+    config=FEATURES,
+    has_vectors=True,
+)

@@ -113,4 +113,14 @@ STARTS = StartsConfig(
 """The initial calibration, by kinds of segments, ends up to 3 degrees off. Of ten runs in a real traffic jam by
 segments and intensity, from 2 degrees and 0.2 m, 8 converged with six first starts, and 6 with one. Intensity alone
 uses the same starts, but was not measured with them."""
-CUE = Cue(observe=observe_segments, files=("image_labels",), config=SEGMENTS, starts=STARTS)
+CUE = Cue(
+    observe=observe_segments,
+    files=("image_labels",),
+    config=SEGMENTS,
+    starts=STARTS,
+    finds_mounting_alone=True,
+    is_coarse=True,
+    weight_beside_local=SEGMENTS.weight_by_intensity,
+    has_image_labels=True,
+    has_partitions=True,
+)
