@@ -5,43 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
-from typing import TypeVar
+from importlib import import_module
+from typing import TypeVar, get_args
 
 import numpy as np
 
 from semcal_cli.config import AUTO, LABELS, CueName
-from semcal_cli.config.cues import PLUGINS, cue_names
+from semcal_cli.config.cues import PLUGINS, BuiltInCue, cue_names
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError, one_of
 from semcal_cli.files.point_clouds import Sweeps
-from semcal_cli.observations.cues import edges, features, intensity, segments
 from semcal_cli.observations.cues.cue import Cue, checked
 from semcal_cli.observations.cues.policy import Policy
 from semcal_cli.observations.frame_selection import select_frames, with_few_frames
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
-from semcal_cli.observations.reading import load_observations, read_clouds, read_observations
+from semcal_cli.observations.reading import read_clouds
 
 Labelled = TypeVar("Labelled", LabelledCloud, LabelledImage)
 
 
-def _observe_labels(drive: Drive, sweeps: Sweeps | None, is_raw: bool) -> Observations:
-    return read_observations(drive, sweeps) if is_raw else load_observations(drive, sweeps)
-
-
 CUES: dict[CueName, Cue] = {
-    "labels": Cue(
-        observe=_observe_labels,
-        files=("image_labels",),
-        finds_mounting_alone=True,
-        has_point_labels=True,
-        has_image_labels=True,
-    ),
-    "segments": segments.CUE,
-    "edges": edges.CUE,
-    "intensity": intensity.CUE,
-    "features": features.CUE,
+    name: import_module(f"{__package__}.{name}").CUE for name in get_args(BuiltInCue) if name not in AUTO
 }
-"""semcal's own cues, by name; `auto` stands for those that `choose_cues` returns."""
+"""semcal's own cues: `CUE` of the module of each name; `auto` stands for those that `choose_cues` returns."""
 
 
 def find_cue(name: CueName) -> Cue:
