@@ -114,7 +114,7 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose],
             )
             (far if is_far else near).append(end.T_camera_lidar)
         far, near = far[:NUM_COMPARED], near[:NUM_COMPARED]
-        poses = far + near if not observations.is_multimodal else far
+        poses = far if observations.is_multimodal else far + near
     return far, near
 
 

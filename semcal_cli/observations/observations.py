@@ -239,7 +239,7 @@ class Observations:
         """
         return core.Observations(
             core_camera(self.camera),
-            [(each.cloud.core, each.image.core, each.weight) for each in self.frame_observations],
+            [(frame.cloud.core, frame.image.core, frame.weight) for frame in self.frame_observations],
             len(self.point_class_names),
             len(self.image_class_names),
             self.by_classes,

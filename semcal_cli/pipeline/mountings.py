@@ -60,7 +60,7 @@ def decide_in_full(
         # A mounting in which sweeps and images do not overlap is none.
         with suppress(CalibrationError):
             several = SeveralStarts(observations, ExactConfig(max_baseline_m=max_baseline_m), seed, starts)
-            T_coarse = newton(observations, several.coarse_top(rival.pose), polish).T_camera_lidar
+            T_coarse = newton(observations, several.coarse_maximum(rival.pose), polish).T_camera_lidar
             if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
                 continue
             found = refine(rival.pose)

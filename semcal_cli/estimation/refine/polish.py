@@ -54,9 +54,9 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     """
     kept, held_out = split(observations, config)
     polished = newton(kept, T_camera_lidar, config)
-    found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
-    gain, sigma = found.gain, found.sigma
-    max_loss = config.max_loss if not observations.is_multimodal else config.max_loss_of_tops
+    held_out_gain = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
+    gain, sigma = held_out_gain.gain, held_out_gain.sigma
+    max_loss = config.max_loss_of_tops if observations.is_multimodal else config.max_loss
     # Without a standard error, there is no evidence for the polish.
     is_accepted = math.isfinite(sigma) and gain >= -max_loss * sigma
     T_polished = T_camera_lidar

@@ -17,7 +17,7 @@ NEEDED_LABELS = "image labels (--image-model cityscapes)"
 
 
 def needed_start(cues: Sequence[str], drive: Drive) -> str:
-    """Say what cues need that cannot find the mounting of a drive."""
+    """Describe what cues need that cannot find the mounting of a drive."""
     are_labelled = all(frame.image_labels is not None for frame in drive.frames)
     needed = f"segments (--cue segments,{','.join(cues)})" if are_labelled else NEEDED_LABELS
     return (

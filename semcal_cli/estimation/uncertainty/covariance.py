@@ -75,7 +75,7 @@ def estimate_uncertainty(
         The uncertainty; None if the labels do not determine the pose.
     """
     # Cues with many tops are rough at full resolution, where tops are as wide as a pixel.
-    measure = sensitivity if not observations.is_multimodal else determined_sensitivity
+    measure = determined_sensitivity if observations.is_multimodal else sensitivity
     around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     if around is None or not around.is_determined:
         return None

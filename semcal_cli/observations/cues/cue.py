@@ -122,8 +122,10 @@ def _check_policy(cue: Cue) -> None:
 def _check_stated(cue: Cue, observations: Observations) -> None:
     """Check that a cue observes what it states."""
     for name in ("has_partitions", "has_vectors"):
-        if (found := getattr(observations, name)) != (stated := getattr(cue, name)):
-            raise ValueError(f"{name}: found {found} in what it observes, needed {stated}, as the cue states")
+        if (observed := getattr(observations, name)) != (stated := getattr(cue, name)):
+            raise ValueError(
+                f"{name}: found {observed} in what it observes, needed {stated}, as the cue states"
+            )
 
 
 def _check(observations: Observations, drive: Drive) -> None:

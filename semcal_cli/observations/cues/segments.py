@@ -85,14 +85,14 @@ def observe_segments(
         raise CalibrationError(f"{drive.path}: found no segments in any sweep, needed ground or objects")
     partitions = core.turned_partitions(points, segmented, config.num_turns)
     labelled = []
-    for each, sweep, partition in zip(points, segmented, partitions, strict=True):
+    for in_sweep, sweep, partition in zip(points, segmented, partitions, strict=True):
         # The last kind is for points without a segment.
         kinds = np.append(sweep.kinds, NO_CLASS).astype(np.uint8)
         classes = kinds[np.minimum(sweep.ids, sweep.num_segments)]
-        labelled.append(LabelledCloud(each, classes, partitions=partition))
+        labelled.append(LabelledCloud(in_sweep, classes, partitions=partition))
     names = (list(KINDS.values()), image_class_names)
-    found = make_observations(drive, clouds, moved, labelled, images, names)
-    return found if is_raw else mend(found)
+    observations = make_observations(drive, clouds, moved, labelled, images, names)
+    return observations if is_raw else mend(observations)
 
 
 def kinds_of_segments(points: npt.NDArray[np.float32]) -> tuple[str, ...]:
