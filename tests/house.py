@@ -7,8 +7,11 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import get_args
 
 from documentation import ROOT
+
+from semcal_cli.config.cues import BuiltInCue
 
 PACKAGE = ROOT / "semcal_cli"
 FRONT = {"__init__", "__main__"}
@@ -26,6 +29,12 @@ POSE_ERRORS = "geometry/poses.py"
 """The module whose `PoseError` also has its figures as they are printed."""
 FACES = {"__init__.py", "__main__.py", "core.py"}
 """Modules that pass on what others define."""
+CUES = ("observations/cues/", "config/cues.py")
+"""Where cues have their names."""
+CUE_NAMES = {*get_args(BuiltInCue)} - {"auto"}
+AFTER_A_CUE = r"(has|is|are)_(\w+_)?(segments|edges)"
+OTHER_MEANINGS = {"labelling/cloud_labeller.py", "report/view/server.py"}
+"""Modules in which such a word is the channel of a cloud, or part of an address."""
 BROAD_ROOMS = {"cli", "config", "formats"}
 """Rooms that may have more public names: commands, settings and formats are many by their nature. The names of array
 types are words of the whole package, and count for no room."""
@@ -163,6 +172,35 @@ def printed_units(package: Path) -> list[str]:
                 if isinstance(name, str) and re.search(r"_[cm]m$", name):
                     violations.add(f"{path}: {name}")
     return sorted(violations)
+
+
+def cue_questions(package: Path) -> list[str]:
+    """List the questions for a cue by its name where a cue states its own policy: see `observations/cues/cue.py`.
+
+    A question is a comparison or a membership test with the name of a cue, a cue's observations by its name, or an
+    attribute that is named after a cue. An option or an experiment may choose a cue by its name.
+    """
+    return [
+        f"{path}: {ast.unparse(node)}"
+        for path, module in modules(package).items()
+        if not path.startswith(CUES) and path not in OTHER_MEANINGS
+        for node in ast.walk(module)
+        if isinstance(node, ast.expr) and asks_for_a_cue(node)
+    ]
+
+
+def asks_for_a_cue(node: ast.expr) -> bool:
+    if isinstance(node, ast.Compare):
+        return any(names_a_cue(part) for part in ast.walk(node))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "of_cue":
+        return any(names_a_cue(argument) for argument in node.args)
+    return isinstance(node, ast.Attribute) and re.fullmatch(AFTER_A_CUE, node.attr) is not None
+
+
+def names_a_cue(node: ast.AST) -> bool:
+    if isinstance(node, ast.Name | ast.Attribute):
+        return (node.id if isinstance(node, ast.Name) else node.attr) == "LABELS"
+    return isinstance(node, ast.Constant) and node.value in CUE_NAMES
 
 
 Rule = Callable[[Path], list[str]]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import SMALL_DRIVE
 
+from semcal_cli.checks.few_scenes import FEW_SCENES
 from semcal_cli.config import (
     AdjustmentConfig,
     CalibrationConfig,
@@ -22,6 +23,7 @@ from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.uncertainty.sensitivity import sensitivity
 from semcal_cli.formats import read_transform
 from semcal_cli.observations import observations
+from semcal_cli.observations.cues.cue_table import find_cue, policy_of
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.observations import NO_CLASS, Observations
@@ -57,6 +59,44 @@ def frames_of(part: Observations, whole: Observations, cue: int) -> list[int]:
     """Frames of the whole that a part holds by one cue."""
     of_whole = whole.of_cue(cue).frame_observations
     return [of_whole.index(each) for each in part.of_cue(cue).frame_observations]
+
+
+@pytest.mark.parametrize(
+    ("cues", "refined", "checked_by", "searched_by", "is_near", "min_scenes"),
+    [
+        (("labels",), ("labels",), "labels", None, False, 1),
+        (("segments",), ("segments",), "segments", "segments", False, 1),
+        (("edges",), ("edges",), "edges", None, True, 4),
+        (("intensity",), ("intensity",), "intensity", None, False, 1),
+        (("labels", "segments"), ("labels", "segments"), "labels", "labels", False, 1),
+        (("labels", "edges"), ("labels", "edges"), "labels", "labels", False, 1),
+        (("labels", "intensity"), ("labels", "intensity"), "labels", None, False, 1),
+        (("segments", "edges"), ("edges",), "edges", "segments", True, 4),
+        (("segments", "intensity"), ("segments", "intensity"), "intensity", "segments", False, 1),
+        (("edges", "intensity"), ("edges", "intensity"), "edges", None, True, 4),
+        (("labels", "segments", "edges"), ("labels", "edges"), "labels", "labels", False, 1),
+    ],
+)
+def test_what_cues_state_together(
+    cues: tuple[CueName, ...],
+    refined: tuple[CueName, ...],
+    checked_by: CueName,
+    searched_by: CueName | None,
+    is_near: bool,
+    min_scenes: int,
+) -> None:
+    policy = policy_of(cues)
+    assert policy.refined == refined
+    assert (policy.checked_by, policy.searched_by) == (checked_by, searched_by)
+    assert policy.needs_near_start == is_near
+    assert policy.can_find_mounting == (not is_near or "segments" in cues)
+    assert max(policy.wanting_scenes.values(), default=1) == min_scenes
+    assert policy.has_label_bleed == ({*cues} <= {"labels", "segments"})
+    assert (policy.starts is None) == ("labels" in cues)
+
+
+def test_edges_state_the_limit_of_their_check() -> None:
+    assert find_cue("edges").min_scenes == FEW_SCENES.limit()
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

@@ -23,7 +23,7 @@ from semcal_cli.estimation.search.mounting_search import led_by
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.observations.cues.cue_table import chosen
+from semcal_cli.observations.cues.cue_table import choose_cues
 from semcal_cli.observations.cues.edges import EDGES, NO_EDGE, STARTS, edges_of_sweeps, observe_edges
 from semcal_cli.observations.loading import load
 from semcal_cli.observations.observations import NO_CLASS, Observations
@@ -148,8 +148,8 @@ def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_t
 def test_the_cue_is_chosen_by_the_files_of_a_drive(
     drive: Path, missing: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
-    assert chosen(AUTO, read_drive(without(drive, *missing)), SweepCache()) == expected
-    assert chosen(("intensity",), read_drive(drive), SweepCache()) == ("intensity",)
+    assert choose_cues(AUTO, read_drive(without(drive, *missing)), SweepCache()) == expected
+    assert choose_cues(("intensity",), read_drive(drive), SweepCache()) == ("intensity",)
 
 
 def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
@@ -161,12 +161,12 @@ def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
     cues = yaml.safe_load((tmp_path / "found.yaml").read_text())["settings"]["options"]["cues"]
     assert list(cues) == ["segments", "edges"]
     data = load(bare)
-    assert data.guide is not None
-    assert data.guide.has_segments
-    assert not data.observations.has_segments
-    assert data.of_cue("segments") is data.guide
-    assert data.of_frames([0]).guide is not None
-    assert data.of_frames([0]).guide.num_frames == 1
+    assert data.coarse_cue is not None
+    assert data.coarse_cue.has_partitions
+    assert not data.observations.has_partitions
+    assert data.of_cue("segments") is data.coarse_cue
+    assert data.of_frames([0]).coarse_cue is not None
+    assert data.of_frames([0]).coarse_cue.num_frames == 1
 
 
 def test_edges_alone_want_a_start(bare: Path, tmp_path: Path) -> None:
@@ -181,11 +181,11 @@ def test_edges_alone_want_a_start(bare: Path, tmp_path: Path) -> None:
 
 
 def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth: Pose) -> None:
-    guide = load(bare).guide
-    assert guide is not None
-    assert check_guide(guide, street_truth, street_truth).findings == ()
+    coarse_cue = load(bare).coarse_cue
+    assert coarse_cue is not None
+    assert check_guide(coarse_cue, street_truth, street_truth).findings == ()
     walked = make_pose((0.0, 0.09, 0.0), (0.3, 0.0, 0.3)) @ street_truth
-    (finding,) = check_guide(guide, walked, street_truth).findings
+    (finding,) = check_guide(coarse_cue, walked, street_truth).findings
     assert finding.topic == "cues-disagree"
     assert "5.2 degrees and 42 cm from" in finding.sentence
 
@@ -194,7 +194,7 @@ def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> No
     data = load(bare)
     found = initialize(data, CalibrationConfig().initialization)
     second = found.hypotheses[1]
-    led = led_by(found, second, data.for_search)
+    led = led_by(found, second, data.searched_by)
     assert np.array_equal(led.T_camera_lidar, second.pose)
     assert led.hypotheses[0].pose.tolist() == second.pose.tolist()
     assert led.hypotheses[0].rotation_from_best_deg == pytest.approx(0.0, abs=1e-6)

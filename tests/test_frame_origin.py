@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from semcal_cli.checks.consistency import check_consistency
-from semcal_cli.checks.disagreement import check_frames
-from semcal_cli.checks.rivals import check_rivals
-from semcal_cli.synthetic.raw_drive import RawDrive
+from laboratory.raw_drive import RawDrive
 
 from semcal_cli import core
+from semcal_cli.checks.families import check_consistency
 from semcal_cli.checks.focal_length import WRONG_FOCAL_LENGTH
+from semcal_cli.checks.moved_camera import check_frames
 from semcal_cli.checks.other_azimuth import OTHER_AZIMUTH
-from semcal_cli.checks.other_pose import OTHER_POSE
+from semcal_cli.checks.other_pose import OTHER_POSE, check_rivals
 from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig, CueName, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.estimation.adjust.frame_offsets import FAR_PYRAMID, fit_part

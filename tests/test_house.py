@@ -15,6 +15,11 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
     house.array_aliases: {"checks/a.py": "import numpy.typing as npt\nMatrix = npt.NDArray[float]"},
     house.problem_numbers: {"config/a.py": "class NewtonConfig:\n    max_baseline_m: float = 3.0"},
     house.printed_units: {"checks/a.py": "def is_far(away_cm: float) -> bool: ..."},
+    house.cue_questions: {
+        "observations/cues/a.py": "is_by_edges = 'edges' in cues",
+        "cli/a.py": "CHOSEN = ('edges',)",
+        "checks/a.py": "is_by_edges = 'edges' in data.cues",
+    },
     house.crowded_rooms: {
         "files/a.py": "",
         "checks/a.py": f"from planted.files.a import {', '.join(f'name_{n}' for n in range(26))}",
@@ -26,6 +31,24 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
 @pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)
 def test_the_house_keeps_its_rules(rule: house.Rule) -> None:
     assert rule(house.PACKAGE) == []
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        "data.cues == LABELS",
+        "cues != config.LABELS",
+        "{*data.cues} <= {'labels', 'segments'}",
+        "data.of_cue('labels')",
+        "observations.has_segments",
+        "data.is_refined_by_edges",
+    ],
+)
+def test_a_question_for_a_cue_by_its_name_is_noticed(question: str, tmp_path: Path) -> None:
+    path = tmp_path / "planted/checks/a.py"
+    path.parent.mkdir(parents=True)
+    path.write_text(question)
+    assert house.cue_questions(tmp_path / "planted") == [f"checks/a.py: {question}"]
 
 
 @pytest.mark.parametrize("rule", PLANTED, ids=lambda rule: rule.__name__)

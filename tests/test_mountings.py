@@ -37,7 +37,7 @@ def test_the_right_mounting_is_taken_though_another_led(
     data: LoadedDrive, found: Initialization, street_truth: Pose
 ) -> None:
     other = found.hypotheses[1]
-    led = led_by(found, other, data.for_search)
+    led = led_by(found, other, data.searched_by)
     wrong = replace(led, hypotheses=led.hypotheses[:2])
     again = partial(refine, data, config=RefinementConfig())
     start = again(other.pose)

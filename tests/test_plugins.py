@@ -24,7 +24,7 @@ from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.importing import read_dataset, recording
 from semcal_cli.importing.choice import Options
 from semcal_cli.importing.drive_folder import write_drive
-from semcal_cli.observations.cues.cue_table import load_cues, recorded
+from semcal_cli.observations.cues.cue_table import cues_of_options, load_cues
 from semcal_cli.plugins import PluginError, Plugins, PluginWarning
 from semcal_cli.result.calibration_document import read_calibration
 
@@ -110,12 +110,32 @@ def test_a_cue_is_compared_beside_labels(installed: Path, street: Path, tmp_path
     made = read_calibration(path)
     cues = made.settings.options["cues"]
     assert cues == {"labels": {}, "brightness": {}}
-    assert recorded(cues) == ("labels",)  # of those that are here
-    assert recorded({"brightness": {}}) == ()
+    assert cues_of_options(made.settings.options) == ("labels",)  # of those that are here
+    assert cues_of_options({"cues": {"brightness": {}}}) == ()
     np.testing.assert_array_equal(read_transform(path), made.pose)
     semcal("overlay", street, path, "-o", tmp_path / "overlay")
     asked = semcal("refine", street, "--init", street, "--cue", "brightness", code=2).stderr
     assert NEEDED in " ".join(asked.split())
+
+
+def test_the_policy_of_a_cue_takes_effect(installed: Path, street: Path, tmp_path: Path) -> None:
+    """It finds no mounting, is refined from its several starts, and is not trusted with few scenes."""
+    path = tmp_path / "calibration.yaml"
+    asked = ("--cue", "brightness", "-q", "-o", path)
+    lost = semcal("calibrate", street, *asked, packages=installed, code=1).stderr
+    assert (
+        "drive.yaml: brightness cannot find the mounting, needed a start within 5 degrees and 0.3 m" in lost
+    )
+    assert "or segments (--cue segments,brightness); the motion of camera and LiDAR gives no start" in lost
+    lost = semcal(
+        "calibrate", street, "--init", street, "--search-deg", 10, *asked, packages=installed, code=1
+    )
+    assert lost.stderr.endswith("or segments (--cue segments,brightness)\n")
+    semcal("refine", street, "--init", street, *asked, "--max-frames", 2, packages=installed, code=3)
+    made = read_calibration(path)
+    assert made.settings.options["refinement"]["starts"]["num_starts"] == [8, 4, 2]  # type: ignore[index, call-overload]
+    few = "brightness were compared in 2 scenes, needed at least 3: add frames from other places"
+    assert few in made.reasons
 
 
 def broken(folder: Path) -> Path:
@@ -233,7 +253,12 @@ def fewer(drive, sweeps, is_raw):
 def wide(drive, sweeps, is_raw):
     found = labels(drive, sweeps, is_raw)
     return found.with_images(replace(each, classes=np.int64(each.classes)) for each in found.images)
-FEWER, WIDE, MISNAMED = Cue(observe=fewer, files=()), Cue(observe=wide, files=()), Cue(observe=wide, files=("picture",))
+GOOD, FEWER = Cue(observe=labels, files=()), Cue(observe=fewer, files=())
+WIDE, MISNAMED = Cue(observe=wide, files=()), Cue(observe=wide, files=("picture",))
+STARTED, UNSURE = replace(GOOD, starts=(8, 4)), replace(GOOD, is_coarse=1)
+WEIGHTLESS, SCENELESS = replace(GOOD, weight_beside_local=0), replace(GOOD, min_scenes=2.5)
+LOST = replace(GOOD, can_find_mounting=False, finds_mounting_alone=True)
+PARTED = replace(GOOD, has_partitions=True)
 
 ONLY_READ = Format("x", "", lambda source: False, lambda source, options: None)
 WORDS = replace(ONLY_READ, make=lambda T, options: "words")
@@ -248,7 +273,7 @@ def wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "w-2.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: w\nVersion: 2.0\n")
     groups = {
         "datasets": "failing leaving nothing no_frames array text conversion no_cloud remark late",
-        "cues": "FEWER WIDE MISNAMED",
+        "cues": "FEWER WIDE MISNAMED STARTED UNSURE WEIGHTLESS SCENELESS LOST PARTED",
         "formats": "ONLY_READ WORDS",
     }
     lines = [
@@ -335,6 +360,15 @@ def test_a_wrong_conversion_names_its_plugin_and_stays_in_its_folder(street: Pat
             "ValueError: frame 0: classes of pixels: found int64 of shape (360, 640), needed uint8 of shape",
         ),
         ("MISNAMED", "ValueError: files: found ('picture',), needed a tuple of: points, "),
+        ("STARTED", "TypeError: starts: found a list of 2, needed a StartsConfig or None"),
+        ("UNSURE", "TypeError: is_coarse: found 1, needed True or False"),
+        ("WEIGHTLESS", "ValueError: weight_beside_local: found 0, needed a number above 0 and up to 1"),
+        ("SCENELESS", "ValueError: min_scenes: found 2.5, needed a whole number of at least 1"),
+        ("LOST", "ValueError: can_find_mounting: found False beside finds_mounting_alone=True, needed True"),
+        (
+            "PARTED",
+            "ValueError: has_partitions: found False in what it observes, needed True, as the cue states",
+        ),
     ],
 )
 @pytest.mark.usefixtures("wrong")

@@ -48,7 +48,7 @@ def bare(drive: Path) -> Path:
 
 
 def test_points_are_ground_objects_or_nothing(seen: Observations) -> None:
-    assert seen.has_segments
+    assert seen.has_partitions
     assert list(seen.point_class_names) == list(KINDS.values())
     classes = np.concatenate([cloud.classes for cloud in seen.clouds])
     assert set(np.unique(classes)) <= {core.GROUND, core.OBJECT, 255}
@@ -143,9 +143,9 @@ def test_beside_intensity_segments_weigh_less_and_are_searched_alone(street: Pat
     both = load_cues(drive, cues)
     weights = [{each.weight for each in both.of_cue(cue).frame_observations} for cue in range(2)]
     assert weights == [{SEGMENTS.weight_by_intensity}, {1.0}]
-    searched = LoadedDrive(drive, both, cues).for_search
+    searched = LoadedDrive(drive, both, cues).searched_by
     assert searched.num_frames == len(drive.frames)
-    assert not searched.has_segments
+    assert not searched.has_partitions
     assert both.starts == STARTS
 
 
@@ -228,9 +228,9 @@ def test_segments_beside_intensity_are_checked_by_it(street: Path) -> None:
     both, alone = (
         load(street, CalibrationConfig(cues=cues)) for cues in (("segments", "intensity"), ("segments",))
     )
-    assert not both.for_checks.has_segments
-    assert both.for_checks.num_cues == 1
-    assert alone.for_checks.has_segments
+    assert not both.checked_by.has_partitions
+    assert both.checked_by.num_cues == 1
+    assert alone.checked_by.has_partitions
 
 
 def test_a_report_shows_the_first_of_two_cues(bare: Path, tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from semcal_cli.config import CueName
 from semcal_cli.errors import counted
 from semcal_cli.findings.check import Check, Measured
 from semcal_cli.findings.entry import Entry, PageSection
@@ -22,7 +25,14 @@ FEW_SCENES = Check(
 )
 
 
-def check_scenes(num_scenes: int) -> Measured:
-    """Check that edges were compared in enough scenes, from which they, and labels with one maximum, are trusted."""
-    compared = f"edges were compared in {counted(num_scenes, 'scene')}"
-    return FEW_SCENES.measured(num_scenes, f"{compared}, needed at least {FEW_SCENES.limit()}")
+def check_scenes(num_scenes: int, min_scenes: Mapping[CueName, int]) -> Measured:
+    """Check that points and pixels were compared in enough scenes.
+
+    Args:
+        num_scenes: Number of scenes that the frames show.
+        min_scenes: Minimum number of scenes of each cue that states one; not empty.
+    """
+    needed = max(min_scenes.values())
+    sentence = f"{' and '.join(min_scenes)} were compared in {counted(num_scenes, 'scene')}, needed at least {needed}"
+    finding = FEW_SCENES.finding(sentence) if num_scenes < needed else None
+    return Measured(FEW_SCENES.topic, "", num_scenes, finding)

@@ -65,7 +65,7 @@ def check_pairs(
         agreement: Agreement of all frames at this pose.
         names: Name of each frame: its point cloud.
     """
-    if observations.starts is not None:
+    if observations.is_multimodal:
         found = information_by_squares(observations, T_camera_lidar)
         own, num_pairs = found.by_frame, found.weight_by_frame
         most_exchanged = own + ODD_FRAMES.limit("another image, by squares") * found.sigma_by_frame
@@ -77,7 +77,7 @@ def check_pairs(
 
     def measure(others: Observations) -> Numbers:
         """Compute the information (F,) with the pixels of other observations."""
-        if others.starts is not None:
+        if others.is_multimodal:
             return information_by_squares(others, T_camera_lidar).by_frame
         return information_by_frame(core.agreement(others.core, T_camera_lidar).frame_joints, table)
 

@@ -71,7 +71,7 @@ NOTHING_LABELLED = Check(
 def check_classes(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
     """Check that the points in the image and its pixels have enough classes, weighted by their frequency."""
     sides = {}
-    if not observations.has_segments:  # Each segment is a class of its own.
+    if not observations.has_partitions:  # Each segment is a class of its own.
         camera = core_camera(observations.camera)
         sides["points in the image"] = [
             cloud.classes[np.isfinite(core.project_points(camera, cloud.points, T_camera_lidar).ranges)]

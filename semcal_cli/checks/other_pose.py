@@ -85,10 +85,10 @@ def check_rivals(
         with_priors: Whether the pose is fused with priors.
     """
     has_one_maximum = with_priors or len(set(observations.scenes)) >= FEW_SCENES.limit()
-    if observations.starts is None and has_one_maximum:
+    if not observations.is_multimodal and has_one_maximum:
         return ()
     rivals, near = _maxima(observations, T_camera_lidar)
-    if observations.starts is None and uncertainty is not None:
+    if not observations.is_multimodal and uncertainty is not None:
         for maximum in near:
             T_near = newton(observations, maximum, PolishConfig()).T_camera_lidar
             if (np.abs(compare_poses(T_near, T_camera_lidar).offsets) > uncertainty.half_widths).any():
@@ -124,5 +124,5 @@ def _maxima(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose
             )
             (far if is_far else near).append(end.T_camera_lidar)
         far, near = far[:NUM_COMPARED], near[:NUM_COMPARED]
-        poses = far + near if observations.starts is None else far
+        poses = far if observations.is_multimodal else far + near
     return far, near

@@ -30,7 +30,7 @@ def fit_at(
     """Measure how well observations agree at a pose (4, 4); the agreement there is reused if given."""
     agreement = agreement or core.agreement(observations.core, T_camera_lidar)
     information = agreement.mutual_information - agreement.bias
-    if observations.has_segments:
+    if observations.has_partitions:
         information = information_by_squares(observations, T_camera_lidar).mean
     return PoseFit(T_camera_lidar, information, agreement)
 

@@ -129,7 +129,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         is_some = len(found.frames) not in (0, found.num_frames)
         return f" of {frame_list(names, found.frames)}" if is_some else ""
 
-    if not observations.has_segments:
+    if not observations.has_partitions:
         points = _moved_points(observations)
         better, most = format_against_limit(points.z, SHIFTED_POINT_LABELS.limit(), 1)
         sentence = (

@@ -134,14 +134,15 @@ class CalibrateSettings(
         if self.method != "paper":
             return None
         from semcal_cli.config.paper_config import PaperConfig
+        from semcal_cli.observations.cues.cue_table import find_cue
 
         if len(self.cues) > 1:
             raise click.UsageError(f"--cue: found {','.join(self.cues)}, needed one cue for --method paper.")
         usual, drift = PaperConfig(), self.max_final_drift
-        has_vectors = self.known_cues(self.cues) != LABELS
+        (cue,) = self.known_cues(self.cues)
         asked = {name: getattr(self, name) for name in settings_of(MineConfig)}
         mine = replace(
-            MINE_WITH_VECTORS if has_vectors else usual.mine,
+            usual.mine if find_cue(cue).has_point_labels else MINE_WITH_VECTORS,
             **{name: value for name, value in asked.items() if value is not None},
         )
         pyramid = usual.pyramid if drift is None else replace(usual.pyramid, max_final_drift=drift)

@@ -113,8 +113,9 @@ def _observe(
     By default, that is edges if a pose is refined by them, and otherwise `of_classes`.
     """
     from semcal_cli.files.point_clouds import SweepCache
-    from semcal_cli.observations.cues.cue_table import chosen, load_cues, maximised
+    from semcal_cli.observations.cues.cue_table import choose_cues, load_cues, policy_of
     from semcal_cli.observations.reading import load_points
+    from semcal_cli.report.colors import coloring_of
 
     sweeps = SweepCache()
     if by in ("depth", "segment"):
@@ -124,6 +125,6 @@ def _observe(
     # Classes mean labels: without any, the error says what is missing.
     is_of_labels = by == "class" and cues == AUTO
     # Pixels of one cue share no information with points of another: the first one is shown.
-    shown = maximised(LABELS if is_of_labels else chosen(cues, drive, sweeps))[:1]
-    by = by or ("edge" if shown == ("edges",) else of_classes)
-    return by, load_cues(drive, shown, sweeps, is_raw=True)
+    shown = policy_of(LABELS if is_of_labels else choose_cues(cues, drive, sweeps)).refined[:1]
+    observations = load_cues(drive, shown, sweeps, is_raw=True)
+    return by or ("edge" if coloring_of(observations) == "edge" else of_classes), observations

@@ -85,11 +85,8 @@ class Method:
     """Colour of the method in plots."""
     is_slow: bool = False
     """Whether it runs only on some drives and settings."""
-
-    @property
-    def is_by_labels(self) -> bool:
-        """Whether it compares labels; otherwise wrong labels have no effect on it."""
-        return self.source in ("labels", "raw_labels")
+    is_by_labels: bool = True
+    """Whether it compares labels; otherwise wrong labels have no effect on it."""
 
     def prepare(self, scene: Scene) -> Observations:
         """Read what the method uses; the time of that counts for no method.
@@ -132,10 +129,10 @@ METHODS: dict[str, Method] = {
     "paper": Method("raw_labels", _published, PURPLE),
     "paper, own start": Method("raw_labels", _published_from_nothing, ORANGE),
     "SOIC": Method("labels", _soic, VERMILION),
-    "PMI": Method("intensity", _exact, GREEN),
-    "PMI as published": Method("raw_intensity", _published, SKY),
+    "PMI": Method("intensity", _exact, GREEN, is_by_labels=False),
+    "PMI as published": Method("raw_intensity", _published, SKY, is_by_labels=False),
     "semcal, MINE and polish": Method("labels", _mine, INK, is_slow=True),
-    "PMI, MINE and polish": Method("intensity", _mine, GREY, is_slow=True),
+    "PMI, MINE and polish": Method("intensity", _mine, GREY, is_slow=True, is_by_labels=False),
 }
 """Methods by name. `paper` is Jiang et al.'s as published. PMI follows Pandey et al., mutual information of
 reflectivity and grey values: with semcal's levels and polish, or by MINE on raw values as in Jiang et al."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
@@ -22,7 +23,15 @@ from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.observations.cues.cue_table import choose_frames, chosen, files_of, load_cues, maximised
+from semcal_cli.observations.cues.cue_table import (
+    choose_cues,
+    choose_frames,
+    files_of,
+    is_default,
+    load_cues,
+    policy_of,
+)
+from semcal_cli.observations.cues.policy import Policy
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.observations import Observations
 from semcal_cli.observations.scenes import copied_frames
@@ -37,8 +46,8 @@ class LoadedDrive:
     observations: Observations
     """Points and pixels of these frames, for each cue by which a pose is refined."""
     cues: tuple[CueName, ...] = LABELS
-    guide: Observations | None = None
-    """Points and pixels by segments, which bring a pose near where edges then make it exact; otherwise None."""
+    coarse_cue: Observations | None = None
+    """Points and pixels by cues that bring a pose near, as segments do for edges; None without such a cue."""
     max_frames: int = MAX_FRAMES
     """Requested maximum number of frames."""
     num_copies: int = 0
@@ -51,12 +60,17 @@ class LoadedDrive:
         frames = tuple(self.drive.frames[index] for index in indices)
         drive = self.drive.model_copy(update={"frames": frames})
         observations = self.observations.of_frames(indices)
-        guide, recorded = self.guide and self.guide.of_frames(indices), self.recorded
+        coarse_cue, recorded = self.coarse_cue and self.coarse_cue.of_frames(indices), self.recorded
         if recorded is not None and frames:
             first, last = (recorded.frames.index(frame) for frame in (frames[0], frames[-1]))
             recorded = recorded.model_copy(update={"frames": recorded.frames[first : last + 1]})
         return replace(
-            self, drive=drive, observations=observations, guide=guide, num_copies=0, recorded=recorded
+            self,
+            drive=drive,
+            observations=observations,
+            coarse_cue=coarse_cue,
+            num_copies=0,
+            recorded=recorded,
         )
 
     def with_camera(self, camera: Camera) -> LoadedDrive:
@@ -73,8 +87,8 @@ class LoadedDrive:
             other = replace(seen, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
             return seen if other.shared_settings == seen.shared_settings else other
 
-        guide = None if self.guide is None else with_both(self.guide)
-        return replace(self, observations=with_both(self.observations), guide=guide)
+        coarse_cue = None if self.coarse_cue is None else with_both(self.coarse_cue)
+        return replace(self, observations=with_both(self.observations), coarse_cue=coarse_cue)
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
         """Move the points as a rolling shutter sees them at a pose (4, 4): see `motion`."""
@@ -109,39 +123,28 @@ class LoadedDrive:
         """Observations of the first cue by which a pose is refined."""
         return self.observations.of_cue(0)
 
-    @property
-    def for_checks(self) -> Observations:
-        """Observations by which a pose is checked: by one cue, since pixels of one say nothing about points of another.
-
-        Labels show most, then edges. Segments bring a pose near; next to them, intensity shows small offsets.
-        """
-        return self.of_cue(self.cues[-1]) if self.cues == ("segments", "intensity") else self.first_cue
+    @cached_property
+    def policy(self) -> Policy:
+        """What the cues state together."""
+        return policy_of(self.cues)
 
     @property
-    def is_refined_by_edges(self) -> bool:
-        """Whether edges and no labels refine a pose, from several starts around it."""
-        return "edges" in self.cues and "labels" not in self.cues
+    def checked_by(self) -> Observations:
+        """Observations by which a pose is checked, of one cue."""
+        return self.of_cue(self.policy.checked_by)
 
     @property
-    def tells_mountings(self) -> bool:
-        """Whether mounting directions can be told apart; edges alone only work near the right pose."""
-        return not self.is_refined_by_edges or "segments" in self.cues
-
-    @property
-    def for_search(self) -> Observations:
-        """Observations by which mounting directions are told apart, in classes that all frames share.
-
-        Edges and intensity only show small offsets, but would weigh as much as segments.
-        """
-        if "labels" in self.cues and {"segments", "edges"} & {*self.cues}:
-            return self.of_cue("labels")
-        return self.of_cue("segments").of_classes if "segments" in self.cues else self.observations
+    def searched_by(self) -> Observations:
+        """Observations by which mounting directions are told apart, in classes that all frames share."""
+        cue = self.policy.searched_by
+        return self.observations if cue is None else self.of_cue(cue).of_classes
 
     def of_cue(self, cue: CueName) -> Observations:
         """Observations of one of the cues by which the drive was loaded."""
-        if self.guide is not None and cue == "segments":
-            return self.guide
-        return self.observations.of_cue(maximised(self.cues).index(cue))
+        refined, coarse = self.policy.refined, self.policy.coarse
+        if self.coarse_cue is not None and cue in coarse:
+            return self.coarse_cue.of_cue(coarse.index(cue))
+        return self.observations.of_cue(refined.index(cue))
 
 
 def load(
@@ -172,13 +175,13 @@ def load(
     whole = whole.model_copy(update={"camera": with_sigma(whole.camera, config.refinement.jointly)})
     on_event(Progress(f"choosing from {len(whole.frames)} frames"))
     sweeps = sweeps or SweepCache()
-    cues = chosen(config.cues, whole, sweeps)
+    cues = choose_cues(config.cues, whole, sweeps)
     used = choose_frames(whole, cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    refined_by = maximised(cues)
-    observations = load_cues(used, refined_by, sweeps, is_raw=config.is_raw).with_scenes
-    guide = None if refined_by == cues else load_cues(used, ("segments",), sweeps)
-    data = LoadedDrive(used, observations, cues, guide, config.max_frames, recorded=whole)
+    policy = policy_of(cues)
+    observations = load_cues(used, policy.refined, sweeps, is_raw=config.is_raw).with_scenes
+    coarse_cue = load_cues(used, policy.coarse, sweeps) if policy.coarse else None
+    data = LoadedDrive(used, observations, cues, coarse_cue, config.max_frames, recorded=whole)
     data = data.with_settings(config.refinement)
     # Copies of frames add no evidence.
     seen = data.first_cue
@@ -186,7 +189,7 @@ def load(
         kept = [index for index in range(seen.num_frames) if index not in copies]
         data = replace(data.of_frames(kept), num_copies=len(copies))
     note = _describe(data, len(whole.frames))
-    if config.cues == AUTO and cues != LABELS:
+    if config.cues == AUTO and not is_default(cues):
         note += ", the best that its files allow"
     speckle = data.observations.speckle
     details = f"{speckle:.2%} isolated pixels corrected" if speckle > 0.0 else ""
@@ -206,7 +209,7 @@ def _describe(data: LoadedDrive, num_frames: int) -> str:
     )
     if data.num_copies:
         note += f", {data.num_copies} copies left out"
-    if data.cues != LABELS:
+    if not is_default(data.cues):
         note += f", by {' and '.join(data.cues)}"
     if motion is None:
         return note

@@ -31,7 +31,7 @@ MIN_SWEEP_S = 0.005
 MAX_POSES = 1_000_000
 """Largest number of poses in a file. Reading them takes about ten seconds."""
 A_POSE = "needed seconds x y z qx qy qz qw"
-LEAST_DIFFERENCE = 1e-3
+MIN_DIFFERENCE = 1e-3
 """Smallest difference of two velocities that counts, m/s or rad/s: in 50 ms it amounts to 0.05 mm."""
 MEAN_SHARE = 0.25
 """Mean time between a line and the middle one, as a share of the readout."""
@@ -104,14 +104,14 @@ def displacements(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[Po
     motion = drive.motion
     assert motion is not None
     trajectory = None if motion.poses is None else read_trajectory(drive, motion.poses)
-    found: list[Pose | None] = []
+    moved: list[Pose | None] = []
     for pair in pairs:
         start_s, end_s = (_moment(drive, frame) for frame in pair)
         try:
-            found.append(displacement(trajectory or _steady(motion, start_s), start_s, end_s))
+            moved.append(displacement(trajectory or _steady(motion, start_s), start_s, end_s))
         except ValueError:
-            found.append(None)
-    return found
+            moved.append(None)
+    return moved
 
 
 def displacement(trajectory: core.Trajectory, start_s: float, end_s: float) -> Pose:
@@ -168,7 +168,7 @@ def have_times(clouds: Sequence[SweepCloud]) -> bool:
 
 
 def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> npt.NDArray[np.float64]:
-    """Give the time of each point (N,), in seconds on the clock of the stamps."""
+    """Return the time of each point (N,), in seconds on the clock of the stamps."""
     path = drive.resolve(frame.points)
     if frame.points_stamp is None:
         raise InputError(
@@ -191,7 +191,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: SweepCloud) -> npt
 
 
 def _moment(drive: Drive, frame: Frame) -> float:
-    """Give the time of the image's middle line, in seconds; its stamp must be within `MAX_SWEEP_S` of the sweep's."""
+    """Return the time of the image's middle line, in seconds; its stamp must be within `MAX_SWEEP_S` of the sweep's."""
     if frame.image_stamp is None:
         raise InputError(
             f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed a time for the motion"
@@ -296,7 +296,7 @@ def unrolled(observations: Observations, T_camera_lidar: Pose) -> Observations:
 
 
 def points_at(observations: Observations, frame: int, T_camera_lidar: Pose) -> npt.NDArray[np.float32]:
-    """Give the points (N, 3) of a frame as `unrolled` moves them at a pose (4, 4), metres."""
+    """Return the points (N, 3) of a frame as `unrolled` moves them at a pose (4, 4), metres."""
     (cloud,) = unrolled(observations.of_cue(0).of_frames([frame]), T_camera_lidar).clouds
     return cloud.points
 
@@ -343,7 +343,7 @@ def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
 
 def differs(twists_per_s: Sequence[Sequence[float]]) -> bool:
     """Whether frames move differently: if all move alike, a delay looks like another camera position."""
-    return bool(np.ptp(twists_per_s, axis=0).max() > LEAST_DIFFERENCE)
+    return bool(np.ptp(twists_per_s, axis=0).max() > MIN_DIFFERENCE)
 
 
 def delayed(observations: Observations, delay_s: float) -> Observations:

@@ -127,7 +127,7 @@ class Observations:
     starts: StartsConfig | None = None
     """How a pose is refined from several starts, if the information has many maxima near the right one."""
     by_classes: bool = False
-    """Whether to use the classes of points that have segments."""
+    """Whether to use the classes of points that have partitions."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among other classes, and got the class around them."""
     known_scenes: Sequence[int] | None = None
@@ -164,24 +164,29 @@ class Observations:
         return all(cloud.vectors is not None for cloud in self.clouds)
 
     @property
-    def has_segments(self) -> bool:
-        """Whether poses are refined by segments of points instead of their classes."""
+    def is_multimodal(self) -> bool:
+        """Whether the information has many maxima near the right one, so that a pose is refined from several starts."""
+        return self.starts is not None
+
+    @property
+    def has_partitions(self) -> bool:
+        """Whether poses are refined by partitions of the points, such as segments, instead of their classes."""
         return not self.by_classes and any(cloud.partitions is not None for cloud in self.clouds)
 
     @property
     def is_local(self) -> bool:
-        """Whether points show only small offsets of the pose: edges or intensity alone."""
-        return self.starts is not None and not self.has_segments
+        """Whether points show only small offsets of the pose, as edges or intensity alone do."""
+        return self.is_multimodal and not self.has_partitions
 
     @property
     def unit(self) -> str:
-        """Unit of the information: nats, or for segments the adjusted mutual information (AMI), a share."""
-        return "AMI" if self.has_segments else "nats"
+        """Unit of the information: nats, or for partitions the adjusted mutual information (AMI), a share."""
+        return "AMI" if self.has_partitions else "nats"
 
     @cached_property
     def of_classes(self) -> Observations:
-        """The same without segments: with the classes of points, which all frames share."""
-        return replace(self, by_classes=True) if self.has_segments else self
+        """The same without partitions: with the classes of points, which all frames share."""
+        return replace(self, by_classes=True) if self.has_partitions else self
 
     @cached_property
     def without_edge_band(self) -> Observations:
@@ -221,8 +226,11 @@ class Observations:
         return self._with(replace(observed, image=image) for observed, image in pairs)
 
     def weighed(self, weight: float) -> Observations:
-        """Copy in which all points have this weight when a pose is refined."""
-        return self._with(replace(observed, weight=weight) for observed in self.frame_observations)
+        """Copy in which each point weighs so many times as much when a pose is refined."""
+        if weight == 1.0:
+            return self
+        frames = self.frame_observations
+        return self._with(replace(observed, weight=weight * observed.weight) for observed in frames)
 
     def _with(self, frame_observations: Iterable[FrameObservation]) -> Observations:
         return replace(self, frame_observations=tuple(frame_observations))
@@ -248,7 +256,7 @@ class Observations:
         """
         return core.Observations(
             core_camera(self.camera),
-            [(each.cloud.core, each.image.core, each.weight) for each in self.frame_observations],
+            [(frame.cloud.core, frame.image.core, frame.weight) for frame in self.frame_observations],
             len(self.point_class_names),
             len(self.image_class_names),
             self.max_baseline_m,

@@ -64,7 +64,7 @@ def class_table(
         ValueError: there are more than 255 classes.
     """
     ids = (labels.ids if isinstance(labels, core.ClassShares) else labels for labels in raw)
-    seen = core.seen_ids([np.ascontiguousarray(each) for each in ids])
+    seen = core.seen_ids([np.ascontiguousarray(frame_ids) for frame_ids in ids])
     seen[list(ignored)] = False
     groups = named or {str(value): (int(value),) for value in np.flatnonzero(seen)}
     listed = {name: [i for i in ids if seen[i]] for name, ids in groups.items()}
@@ -184,8 +184,8 @@ def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]
     """
     label_images = read_label_images(drive)
     table, shape = _class_table(drive, "image", label_images), (drive.camera.height, drive.camera.width)
-    found = [table(labels) for labels in label_images]
-    return [LabelledImage(classes.reshape(shape), shares) for classes, shares in found], table.names
+    looked_up = [table(labels) for labels in label_images]
+    return [LabelledImage(classes.reshape(shape), shares) for classes, shares in looked_up], table.names
 
 
 def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
@@ -230,13 +230,13 @@ def read_thumbnails(drive: Drive, columns: int, rows: int) -> npt.NDArray[np.uin
     place = np.ix_(
         *((2 * np.arange(n) + 1) * size // (2 * n) for n, size in ((rows, height), (columns, width)))
     )
-    found = []
+    thumbnails = []
     for labels in (_labels_of_array(drive, frame, place) for frame in drive.frames):
         if isinstance(labels, core.ClassShares):
             classes = labels.classes
             labels = np.where(classes == NO_CLASS, MAX_ID, classes).astype(np.uint16)
-        found.append(labels.reshape(rows, columns))
-    return np.array(found)
+        thumbnails.append(labels.reshape(rows, columns))
+    return np.array(thumbnails)
 
 
 def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None:
@@ -257,7 +257,7 @@ def read_needed_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
 
 
 def mend(observations: Observations) -> Observations:
-    """Give isolated pixels of the label images the class around them: see `rust/speckle.rs`.
+    """Replace the class of isolated pixels of the label images by the one around them: see `rust/speckle.rs`.
 
     Label images with probabilities stay unchanged.
     """
@@ -282,7 +282,7 @@ def read_clouds(drive: Drive, sweeps: SweepCache | None = None) -> list[SweepClo
     if arrays is not None:
         keys = [((arrays, frame.points), frame.point_labels) for frame in drive.frames]
         return sweeps.get(
-            keys, drive.frames, lambda frames: [_cloud_of_arrays(arrays, each) for each in frames]
+            keys, drive.frames, lambda frames: [_cloud_of_arrays(arrays, frame) for frame in frames]
         )
     labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
     points = [drive.resolve(frame.points) for frame in drive.frames]
@@ -298,14 +298,14 @@ def _cloud_of_arrays(arrays: HeldArrays, frame: Frame) -> SweepCloud:
 
 def _point_labels(drive: Drive, clouds: Sequence[SweepCloud]) -> list[Labels]:
     labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
-    found = [each for each in labels if each is not None]
-    if len(found) < len(clouds):
-        frame = next(f for f, each in zip(drive.frames, labels, strict=True) if each is None)
+    known = [of_cloud for of_cloud in labels if of_cloud is not None]
+    if len(known) < len(clouds):
+        frame = next(f for f, of_cloud in zip(drive.frames, labels, strict=True) if of_cloud is None)
         needed = "needed a file of class ids, or a field of the cloud named label, class or semantic"
-        if not found:
+        if not known:
             needed += "; edges need none: leave out --cue, or use --cue edges"
         raise InputError(f"{drive.path}: {frame.key('point_labels')}: found nothing, {needed}")
-    return found
+    return known
 
 
 def image_label_paths(drive: Drive) -> list[Path]:
@@ -327,12 +327,12 @@ def count_labels(drive: Drive, side: Side, labels: Labels) -> tuple[dict[str, in
         counts = np.bincount(labels.ravel())
     named = _named_ids(drive, side)
     names = {value: name for name, values in named.items() for value in values}
-    found: dict[str, int] = {}
+    by_name: dict[str, int] = {}
     for value in np.flatnonzero(counts).tolist():
         name = names.get(value, "" if named else str(value))
         if value not in ignored and name:
-            found[name] = found.get(name, 0) + int(counts[value])
-    return found, int(counts.sum()) - sum(found.values())
+            by_name[name] = by_name.get(name, 0) + int(counts[value])
+    return by_name, int(counts.sum()) - sum(by_name.values())
 
 
 def _named_ids(drive: Drive, side: Side) -> Mapping[str, Sequence[int]]:

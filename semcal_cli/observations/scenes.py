@@ -41,7 +41,7 @@ def alike_frames(ranges: Sequence[npt.NDArray[np.float32]]) -> list[int]:
         return first
     for later, earlier in np.argwhere(np.tril(shares_alike(ranges) >= MIN_ALIKE, -1)).tolist():
         joined, kept = sorted((first[earlier], first[later]), reverse=True)
-        first = [kept if each == joined else each for each in first]
+        first = [kept if scene == joined else scene for scene in first]
     return first
 
 
@@ -81,7 +81,7 @@ def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]
     kept: dict[int, list[int]] = {}
     for frame, scene in enumerate(scenes):
         earlier = kept.setdefault(scene, [])
-        if any(float(np.mean(images[frame] == images[each])) >= MIN_COPIED for each in earlier):
+        if any(float(np.mean(images[frame] == images[other])) >= MIN_COPIED for other in earlier):
             copies.append(frame)
         else:
             earlier.append(frame)

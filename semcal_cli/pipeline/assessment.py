@@ -60,7 +60,7 @@ def assess(
 ) -> Stages:
     """Estimate the uncertainty of a polished or fused pose and look for findings.
 
-    With several cues, rivals are searched for by all of them, and the other checks use `LoadedDrive.for_checks`.
+    With several cues, rivals are searched for by all of them, and the other checks use `LoadedDrive.checked_by`.
 
     A pose whose polish was rejected is not at a maximum: it gets no uncertainty, but is checked. A pose that was not
     polished is returned unchanged.
@@ -72,13 +72,13 @@ def assess(
     seen, T = replace(data, observations=stages.seen or data.observations), stages.T_camera_lidar
     pose = _AssessedPose(seen, stages, config.polish, ClockUncertainty.of(seen, T, config.polish))
     if stages.is_rejected:
-        measured = check_consistency(seen.for_checks, T, with_clock=pose.tells_clock)
+        measured = check_consistency(seen.checked_by, T, with_clock=pose.tells_clock)
         assessment = _compare_frames(pose).with_measured(*measured)
     else:
-        can_bleed = with_label_bleed and {*data.cues} <= {"labels", "segments"}
+        can_bleed = with_label_bleed and data.policy.has_label_bleed
         assessment = _judge(pose, with_label_bleed=can_bleed)
-    if data.guide is not None and data.is_refined_by_edges:
-        assessment = assessment.with_measured(check_guide(data.guide, T, stages.initial.T_camera_lidar))
+    if data.coarse_cue is not None and data.policy.needs_near_start:
+        assessment = assessment.with_measured(check_guide(data.coarse_cue, T, stages.initial.T_camera_lidar))
     stages = replace(stages, assessment=assessment)
     doubts = counted(len(stages.findings), "doubt") if stages.findings else "no doubts"
     on_event(StageDone("assessed", perf_counter() - start, f"{doubts} about the pose"))
@@ -182,7 +182,7 @@ class _AssessedPose:
 def _judge(pose: _AssessedPose, *, with_label_bleed: bool) -> Assessment:
     """Estimate the uncertainty of a maximum of the mutual information, and run all checks."""
     data, T, with_priors = pose.data, pose.stages.T_camera_lidar, pose.stages.fused is not None
-    checked, camera, budget = data.for_checks, data.observations.camera, pose.budget
+    checked, camera, budget = data.checked_by, data.observations.camera, pose.budget
     cost = None if pose.shift is None else intrinsics_cost(pose.shift, camera)
     around = pose.around if checked is data.observations else around_intrinsics(checked, T)
     # While one check runs Python code, the core works on another one.
@@ -256,12 +256,12 @@ def _advice(pose: _AssessedPose, uncertainty: Uncertainty) -> str | None:
 def _compare_frames(pose: _AssessedPose) -> Assessment:
     """Look for findings about single frames and labels, and say what could not be checked."""
     data, T, frames = pose.data, pose.stages.T_camera_lidar, pose.data.drive.frames
-    observations, names = data.for_checks, [frame.points for frame in frames]
+    observations, names = data.checked_by, [frame.points for frame in frames]
     check = check_frames(observations, T, names)
     measured = [*check.measured, *check_pairs(observations, T, pose.stages.last.agreement, names)]
     num_scenes = len(set(observations.scenes))
-    if data.is_refined_by_edges:
-        measured.append(check_scenes(num_scenes))
+    if cues := data.policy.wanting_scenes:
+        measured.append(check_scenes(num_scenes, cues))
     notes = [*data.notes]
     if num_scenes < observations.num_frames:
         same = "the others show the same scenes"
@@ -276,9 +276,10 @@ def _compare_frames(pose: _AssessedPose) -> Assessment:
     has_labels = any(frame.image_labels is not None for frame in frames)
     if has_labels and all(frame.image is None for frame in frames):
         notes.append("labels were not checked against images: the drive has no images")
-    if "labels" in data.cues:
-        measured += check_leaks(data.of_cue("labels"), T)
-    if data.cues[0] in ("labels", "segments"):
+    for name, cue in data.policy.cues.items():
+        if cue.has_point_labels:
+            measured += check_leaks(data.of_cue(name), T)
+    if data.policy.cues[data.cues[0]].has_image_labels:
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
         measured += aligned.measured
         notes += aligned.notes

@@ -21,7 +21,6 @@ from semcal_cli.checks.other_mounting import check_mountings, describe_mountings
 from semcal_cli.checks.seeds import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
-    LABELS,
     CalibrationConfig,
     InitializationConfig,
     PyramidConfig,
@@ -39,14 +38,14 @@ from semcal_cli.estimation.refine.pyramid import Level, Refinement, refine_pose
 from semcal_cli.estimation.refine.several_starts import pyramid_of
 from semcal_cli.estimation.search.initial_pose import InitialPose
 from semcal_cli.estimation.search.mounting_search import GIVEN, Initialization, as_given, search_mountings
-from semcal_cli.estimation.search.start_by_motion import NO_START, start_by_motion
+from semcal_cli.estimation.search.start_by_motion import needed_start, start_by_motion
 from semcal_cli.estimation.stage import StageResult, announced
 from semcal_cli.estimation.uncertainty.motion_error import covariance_of_motion
 from semcal_cli.estimation.uncertainty.sensitivity import sum_of
 from semcal_cli.events import Listener, Progress, StageDone, ignore, movement
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses
-from semcal_cli.observations.cues.cue_table import files_of, find_cue
+from semcal_cli.observations.cues.cue_table import files_of, recorded_options
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import can_be_unrolled, twists_per_s
 from semcal_cli.observations.observations import Observations
@@ -120,19 +119,21 @@ def initialize(
         InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search by edges is
             requested without image labels, and motion does not determine the mounting.
     """
-    if initial_pose is None and not data.tells_mountings:
-        start = partial(start_by_motion, data.observations, data.recorded or data.drive, config)
+    if initial_pose is None and not data.policy.can_find_mounting:
+        start = partial(
+            start_by_motion, data.observations, data.recorded or data.drive, config, data.policy.near_only
+        )
         return announced("initial", "comparing the motion of camera and LiDAR", start, on_event)
     T_given = None if initial_pose is None else initial_pose.T_camera_lidar
     is_searched = T_given is None or config.search_deg is not None
-    if is_searched and not data.tells_mountings:
-        raise InputError(f"{data.drive.path}: {NO_START}")
+    if is_searched and not data.policy.can_find_mounting:
+        raise InputError(f"{data.drive.path}: {needed_start(data.policy.near_only, data.drive)}")
 
     def is_possible(T_camera_lidar: Pose) -> bool:
         return all(prior.allows(T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for prior in priors)
 
-    search = partial(search_mountings, data.for_search, config, seed, T_given, is_possible)
-    if T_given is not None and not is_searched and data.is_refined_by_edges:
+    search = partial(search_mountings, data.searched_by, config, seed, T_given, is_possible)
+    if T_given is not None and not is_searched and data.policy.needs_near_start:
         search = partial(as_given, data.observations, T_given, config)
     doing = "searching all mounting directions"
     if initial_pose is not None:
@@ -188,7 +189,7 @@ def refine_and_polish(
     T_initial = initial.T_camera_lidar
     refined = again(data, T_initial, on_event=on_event, from_afar=from_afar, others=others)
     of_search = check_mountings(initial) if isinstance(initial, Initialization) else ()
-    if data.observations.starts is not None and isinstance(initial, Initialization) and of_search:
+    if data.observations.is_multimodal and isinstance(initial, Initialization) and of_search:
         initial, refined, is_clear = decide_in_full(
             data, initial, refined, partial(again, data), seed, on_event
         )
@@ -271,8 +272,8 @@ def refine(
     """
     observations = data.observations
     pyramid = PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
-    if observations.starts is not None:
-        pyramid = pyramid_of(observations.starts)
+    if (starts := observations.starts) is not None:
+        pyramid = pyramid_of(starts)
 
     def on_level(level: Level, num_levels: int) -> None:
         moved = compare_poses(level.T_camera_lidar, T_init)
@@ -378,9 +379,7 @@ def make_calibration(
         CalibrationError: the pose is not finite or not rigid.
     """
     findings, assessment, joint = stages.findings, stages.assessment, stages.joint
-    options: dict[str, object] = {"max_frames": data.max_frames}
-    if data.cues != LABELS:
-        options["cues"] = {cue: find_cue(cue).settings for cue in data.cues}
+    options = {"max_frames": data.max_frames, **recorded_options(data.cues)}
     source = None if initial_pose is None else initial_pose.source
     if initial_pose is not None and source is None:
         options["given"] = initial_pose.name

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-from semcal_cli.checks.few_scenes import check_scenes
+from semcal_cli.checks.few_scenes import FEW_SCENES
 from semcal_cli.checks.other_mounting import is_rival
 from semcal_cli.checks.other_pose import OTHER_POSE
 from semcal_cli.config import ExactConfig, InitializationConfig, PolishConfig
@@ -46,7 +46,7 @@ def decide_in_full(
     """
     observations, starts = data.observations, data.observations.starts
     assert starts is not None
-    if not data.is_refined_by_edges and check_scenes(len(set(observations.scenes))).findings:
+    if not data.policy.needs_near_start and len(set(observations.scenes)) < FEW_SCENES.limit():
         # Segments of few scenes make no mounting clear, and take minutes for that.
         return initial, refined, False
     best = taken = initial.hypotheses[0]
@@ -59,7 +59,7 @@ def decide_in_full(
         # A mounting in which sweeps and images do not overlap is none.
         with suppress(CalibrationError):
             several = SeveralStarts(observations, ExactConfig(), seed, starts)
-            T_coarse = newton(observations, several.coarse_top(rival.pose), PolishConfig()).T_camera_lidar
+            T_coarse = newton(observations, several.coarse_maximum(rival.pose), PolishConfig()).T_camera_lidar
             if sigmas_behind(observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
                 continue
             found = refine(rival.pose)
@@ -69,4 +69,4 @@ def decide_in_full(
             is_clear &= abs(behind) >= least
         if not is_clear:
             break  # The mounting is doubted, whichever of the others is best.
-    return led_by(initial, taken, data.for_search), refined, is_clear
+    return led_by(initial, taken, data.searched_by), refined, is_clear

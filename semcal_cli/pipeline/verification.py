@@ -180,7 +180,7 @@ def _estimate(
         return assess(data, stages, config, on_event, with_label_bleed=False)
 
     start = start_at(data, stated, on_event)
-    if not data.tells_mountings:
+    if not data.policy.can_find_mounting:
         return assessed(start)
     with suppress(CalibrationError):
         nearby = assessed(start, is_nearby=True)

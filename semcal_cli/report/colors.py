@@ -166,7 +166,7 @@ def coloring_of(observations: Observations) -> Literal["class", "edge"]:
 
 def first_coloring(observations: Observations) -> ColorMeaning:
     """Choose what a page shows first: depth for segments, whose two classes say nothing about a pose."""
-    return "depth" if observations.has_segments else coloring_of(observations)
+    return "depth" if observations.has_partitions else coloring_of(observations)
 
 
 def is_edge(classes: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
@@ -219,7 +219,7 @@ def page_colors(observations: Observations, classes: npt.NDArray[np.uint8]) -> P
     coloring, page = coloring_of(observations), PageColors({}, {})
     present = classes[classes != NO_EDGE] if coloring == "edge" else classes
     choices: tuple[ColorMeaning, ...] = (coloring, "depth", "agreement")
-    if observations.has_segments:  # the share that agrees falls as the pose improves
+    if observations.has_partitions:  # the share that agrees falls as the pose improves
         choices = ("depth", coloring)
     for by in choices:
         palette = palette_of(observations, by)

@@ -16,7 +16,7 @@ from semcal_cli.errors import InputError, listed
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.arrays import Pose
-from semcal_cli.observations.cues.cue_table import choose_frames, chosen, load_cues, maximised
+from semcal_cli.observations.cues.cue_table import choose_cues, choose_frames, load_cues, policy_of
 from semcal_cli.observations.frame_selection import evenly_spaced, with_frames
 from semcal_cli.observations.motion import unrolled
 from semcal_cli.observations.observations import Observations
@@ -140,7 +140,7 @@ def make_report_input(
     # Only the first cue that refined the pose is read: pixels of one cue share no information with points of another.
     sweeps = SweepCache()
     cues = cues_applied(record, AUTO, drive, with_features=True)
-    cues = maximised(chosen(cues, drive, sweeps))[:1]
+    cues = policy_of(choose_cues(cues, drive, sweeps)).refined[:1]
     used_drive = used_drive or choose_frames(drive, cues, MAX_FRAMES)
     return ReportInput(
         name=name,

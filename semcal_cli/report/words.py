@@ -11,7 +11,7 @@ from semcal_cli.checks.other_mounting import MIN_RUNNER_UP_MARGIN
 from semcal_cli.drive.camera import Camera
 from semcal_cli.errors import listed
 from semcal_cli.estimation.adjust.frame_offsets import FrameOffsets
-from semcal_cli.observations.cues.cue_table import maximised, recorded
+from semcal_cli.observations.cues.cue_table import cues_of_options, policy_of
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.template import PageVerdict, link_reasons
 from semcal_cli.result.calibration_document import Calibration
@@ -199,7 +199,7 @@ def _held_out(record: Calibration, sign: float) -> str:
     """Return the gain of the polish on held-out data with its standard error; empty if that is unknown."""
     assert record.polish is not None
     sigma = record.polish.held_out_sigma_nats
-    unit = "AMI" if "segments" in maximised(recorded(record.settings.options.get("cues"))) else "nats"
+    unit = policy_of(cues_of_options(record.settings.options)).unit
     gain = sign * record.polish.held_out_gain_nats
     return "" if sigma is None else f"{gain:.4f} +- {sigma:.4f} {unit}"
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from semcal_cli.config import AUTO, CueName
 from semcal_cli.drive.camera import Camera
 from semcal_cli.drive.document import Drive
-from semcal_cli.observations.cues.cue_table import allowed, recorded
+from semcal_cli.observations.cues.cue_table import cues_of_options, cues_with_files, policy_of
 from semcal_cli.observations.motion import delayed, twists_per_s
 from semcal_cli.observations.observations import Observations
 from semcal_cli.result.calibration_document import Calibration, with_estimates
@@ -62,8 +62,9 @@ def cues_applied(
     """
     if record is None or cues != AUTO:
         return cues
-    before = recorded(record.settings.options.get("cues"))
-    return AUTO if "features" in before and not with_features else allowed(before, drive)
+    before = cues_of_options(record.settings.options)
+    has_vectors = any(cue.has_vectors for cue in policy_of(before).cues.values())
+    return AUTO if has_vectors and not with_features else cues_with_files(before, drive)
 
 
 def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:

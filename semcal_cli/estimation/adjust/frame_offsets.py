@@ -106,7 +106,7 @@ def frame_offsets(
 
     def fit(frame: int) -> Part | None:
         # Segments have no sharp top, so they climb the same blocks as in a calibration.
-        is_near = not observations.has_segments and _is_near(observations.of_frames([frame]), starts[frame])
+        is_near = not observations.has_partitions and _is_near(observations.of_frames([frame]), starts[frame])
         pyramid = NEAR_PYRAMID if is_near else FAR_PYRAMID
         return fit_part(observations, range(frame, frame + 1), starts[frame], pyramid)
 

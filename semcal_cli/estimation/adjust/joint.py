@@ -189,7 +189,7 @@ def _held_out_gain(problem: Problem, T: Pose, fit: Fit) -> core.InformationGain:
     if part is None or part.variables != fit.variables:
         return core.held_out_gain(kept.core, held_out.core, before, before)
     seen = seen_by(held_out, part.variables, part.changes)
-    if problem.observations.has_segments:
+    if problem.observations.has_partitions:
         return paired_gain(
             information_by_squares(held_out, before), information_by_squares(seen, part.T_camera_lidar)
         )

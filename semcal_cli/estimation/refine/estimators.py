@@ -34,19 +34,19 @@ def make_estimator(
         raise InputError(
             "--estimator exact: found features, which have no histogram, needed --estimator mine"
         )
-    if observations.has_segments and config.estimator == "mine":
+    if observations.has_partitions and config.estimator == "mine":
         raise InputError(
             "--estimator mine: found segments, which differ from frame to frame, needed --estimator exact"
         )
     if config.estimator == "exact":
-        if observations.starts is None:
+        if (starts := observations.starts) is None:
             estimator = ExactEstimator(observations, ExactConfig(), seed)
             return estimator, {"exact": asdict(estimator.config) | shared}
-        several = SeveralStarts(observations, ExactConfig(), seed, observations.starts, others)
-        starts = asdict(several.starts)
+        several = SeveralStarts(observations, ExactConfig(), seed, starts, others)
+        recorded_starts = asdict(several.starts)
         if several.starts.coarse is not None:
-            starts["coarse"] |= shared
-        return several, {"exact": asdict(several.config) | shared, "starts": starts}
+            recorded_starts["coarse"] |= shared
+        return several, {"exact": asdict(several.config) | shared, "starts": recorded_starts}
     check_torch("--estimator mine")
     on_event(Progress("loading torch"))
     with torch_import():

@@ -138,7 +138,7 @@ class FeaturePoints:
         self.block_px = given_px * pooled
         maps = [block_means(pixel_vectors, pooled) for _, pixel_vectors in vectors]
         self.rows, self.columns, channels = maps[0].shape
-        self.y = torch.from_numpy(np.concatenate([each.reshape(-1, channels) for each in maps]))
+        self.y = torch.from_numpy(np.concatenate([pixels.reshape(-1, channels) for pixels in maps]))
         points, x, frames = [], [], []
         for frame, (cloud, (point_vectors, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
             projected = core.project_points(core_camera(observations.camera), cloud.points, anchor)
@@ -191,7 +191,7 @@ class FeaturePoints:
 
 def feature_vectors(observations: Observations) -> list[tuple[Features, Features]]:
     """List the features of points (N, C_x) and of blocks of pixels (H / s, W / s, C_y) of each frame that has them."""
-    pairs = ((each.cloud.vectors, each.image.vectors) for each in observations.frame_observations)
+    pairs = ((frame.cloud.vectors, frame.image.vectors) for frame in observations.frame_observations)
     return [(points, pixels) for points, pixels in pairs if points is not None and pixels is not None]
 
 

@@ -53,9 +53,9 @@ def polish_pose(observations: Observations, T_camera_lidar: Pose, config: Polish
     """
     kept, held_out = split(observations, config)
     polished = newton(kept, T_camera_lidar, config)
-    found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar)
-    gain, sigma = found.gain, found.sigma
-    max_loss = config.max_loss if observations.starts is None else config.max_loss_among_maxima
+    held_out_gain = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar)
+    gain, sigma = held_out_gain.gain, held_out_gain.sigma
+    max_loss = config.max_loss_among_maxima if observations.is_multimodal else config.max_loss
     # Without a standard error, there is no evidence for the polish.
     is_accepted = math.isfinite(sigma) and gain >= -max_loss * sigma
     T_polished = T_camera_lidar
@@ -93,7 +93,7 @@ def _held_out_gain(
     Classes are compared by the table of the other data. Segments, which differ from frame to frame, have their own
     table at each pose, so that only the pose is held out.
     """
-    if held_out.has_segments:
+    if held_out.has_partitions:
         (gain,) = core.information_gains(held_out.core, T_before, [T_after])
         return gain
     return core.held_out_gain(kept.core, held_out.core, T_before, T_after)

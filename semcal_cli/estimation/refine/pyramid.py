@@ -169,7 +169,7 @@ class ExactEstimator:
 
 def exact_config(observations: Observations, config: ExactConfig) -> ExactConfig:
     """Adapt settings to the cue: a mini-batch has too few points of a segment, so each step takes all points."""
-    if not observations.has_segments:
+    if not observations.has_partitions:
         return config
     num_points = config.max_points // SEGMENT_SHARE
     return replace(config, batch_size=num_points, max_points=num_points)

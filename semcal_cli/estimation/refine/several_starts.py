@@ -18,15 +18,15 @@ from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import Observations
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
-"""An end within this distance of a better one has found the same maximum, and is dropped."""
+"""An end within this distance of a better one is at the same maximum, and is dropped."""
 JOINING = 4
 """Side of the blocks, pixels, from which the given poses join at each level; coarser blocks may lead away."""
 TIED_SIGMAS = 2.0
 """Standard errors by which a farther maximum must be better than a nearer one. With one frame, maxima differ by
 chance."""
-NUM_FINISHED = 3
+NUM_POLISHED = 3
 """Number of the best ends that are polished."""
-NEAR_A_TOP = 0.5
+NEAR_A_MAXIMUM = 0.5
 """A pose is polished if its mutual information is at least this fraction of the best end's. Others are not on the slope
 of a comparable maximum."""
 
@@ -65,39 +65,41 @@ class SeveralStarts:
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
         observations, starts = self.observations, self.starts
-        if not self.poses:
-            self.given = [T_start, *self.given]
-            self.given = [pose for pose in self.given if self._is_near(pose)]
-            rng = np.random.default_rng(self.seed)
-            distances = zip(
-                np.linspace(*starts.spread_deg, starts.num_starts[0] - 1),
-                np.linspace(*starts.spread_m, starts.num_starts[0] - 1),
-                strict=True,
-            )
-            self.poses = [T_start, *(displace(T_start, *distance, rng) for distance in distances)]
+        if self.poses:
+            self.poses[0] = T_start  # The best pose, moved to where priors allow it.
+        else:
+            self._spread_around(T_start)
             if starts.first_frames is not None and observations.num_cues == 1:
                 observations = few_frames(observations, starts.first_frames)
-        else:
-            self.poses[0] = T_start  # The best pose, moved to where priors allow it.
         self.poses = self.poses[: starts.num_starts[min(self._num_levels, len(starts.num_starts) - 1)]]
         if factor <= JOINING:
             self.poses += self.given
         self._num_levels += 1
         for _ in range(starts.num_rounds):
             ends = self._align(observations, self.poses, factor, visible_only=visible_only)
-            found = [end for end in ends if self._is_near(end.T_camera_lidar)]
-            if not found:
+            near = [end for end in ends if self._is_near(end.T_camera_lidar)]
+            if not near:
                 # The level has no maximum within reach; finer levels may have one.
                 return Level(factor, T_start, 0.0, ends[0].num_points)
-            self.poses = [end.T_camera_lidar for end in _tops(found)]
+            self.poses = [end.T_camera_lidar for end in _distinct(near)]
             if len(self.poses) < 2:
                 break
-        drift = found[0].drift
-        if factor == 1:
-            found = self._finished(visible_only=visible_only)
-        return Level(factor, found[0].T_camera_lidar, drift, found[0].num_points)
+        best, *_ = self._polished(visible_only=visible_only) if factor == 1 else near
+        return Level(factor, best.T_camera_lidar, near[0].drift, best.num_points)
 
-    def coarse_top(self, T_start: Pose) -> Pose:
+    def _spread_around(self, T_start: Pose) -> None:
+        """Choose the starts of the first level around a pose (4, 4), and keep the given poses near it."""
+        starts, rng = self.starts, np.random.default_rng(self.seed)
+        self.given = [T_start, *self.given]
+        self.given = [pose for pose in self.given if self._is_near(pose)]
+        distances = zip(
+            np.linspace(*starts.spread_deg, starts.num_starts[0] - 1),
+            np.linspace(*starts.spread_m, starts.num_starts[0] - 1),
+            strict=True,
+        )
+        self.poses = [T_start, *(displace(T_start, *distance, rng) for distance in distances)]
+
+    def coarse_maximum(self, T_start: Pose) -> Pose:
         """Ascend from several starts around a pose (4, 4) on coarse blocks only, which is fast."""
         for factor in pyramid_factors(self.observations.camera, pyramid_of(self.starts)):
             if factor >= JOINING:
@@ -124,7 +126,7 @@ class SeveralStarts:
         )
         return sorted(ends, key=lambda end: -end.mutual_information)
 
-    def _finished(self, *, visible_only: bool) -> list[core.Aligned]:
+    def _polished(self, *, visible_only: bool) -> list[core.Aligned]:
         """Polish the best ends and the given poses near a maximum, and sort the result, the chosen pose first.
 
         The chosen pose is the nearest to the start among those that are not significantly worse than the best, and no
@@ -134,23 +136,23 @@ class SeveralStarts:
         def compared(poses: Sequence[Pose]) -> list[core.Aligned]:
             return self._align(self.observations, poses, 1, visible_only=visible_only, steps=0)
 
-        def finished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
+        def polished(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
             poses = [
                 newton(self.observations, end.T_camera_lidar, PolishConfig()).T_camera_lidar for end in ends
             ]
-            near = [each for each in poses if self._is_near(each)]
+            near = [pose for pose in poses if self._is_near(pose)]
             return compared(near) if near else []
 
-        def near_a_top(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
-            return [end for end in ends if end.mutual_information >= NEAR_A_TOP * most]
+        def near_a_maximum(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
+            return [end for end in ends if end.mutual_information >= NEAR_A_MAXIMUM * highest]
 
         ends, given = compared(self.poses), compared(self.given)
-        most = ends[0].mutual_information
-        ends = near_a_top(ends)[:NUM_FINISHED]
-        of_given = [*given, *finished(near_a_top(given))]
-        least = max(each.mutual_information for each in of_given)
-        tops = _tops(sorted([*finished(ends), *ends, *of_given], key=lambda end: -end.mutual_information))
-        best, *others = [top for top in tops if top.mutual_information >= least]
+        highest = ends[0].mutual_information
+        ends = near_a_maximum(ends)[:NUM_POLISHED]
+        of_given = [*given, *polished(near_a_maximum(given))]
+        needed = max(end.mutual_information for end in of_given)
+        ranked = sorted([*polished(ends), *ends, *of_given], key=lambda end: -end.mutual_information)
+        best, *others = [maximum for maximum in _distinct(ranked) if maximum.mutual_information >= needed]
         gains = core.information_gains(
             self.observations.core,
             best.T_camera_lidar,
@@ -159,7 +161,7 @@ class SeveralStarts:
         as_good = [
             other for other, gain in zip(others, gains, strict=True) if -gain.gain < TIED_SIGMAS * gain.sigma
         ]
-        return sorted([best, *as_good], key=lambda top: self._distance(top.T_camera_lidar))
+        return sorted([best, *as_good], key=lambda maximum: self._distance(maximum.T_camera_lidar))
 
     def _distance(self, T_camera_lidar: Pose) -> float:
         """Distance from the start, relative to the farthest starts."""
@@ -173,11 +175,11 @@ class SeveralStarts:
 
 
 def pyramid_of(starts: StartsConfig) -> PyramidConfig:
-    """The pyramid of the several starts."""
+    """Return the pyramid of the several starts."""
     return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
 
 
-def _tops(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
+def _distinct(ends: Sequence[core.Aligned]) -> list[core.Aligned]:
     """Drop the ends that are at the same maximum as a better one, best first."""
     kept: list[core.Aligned] = []
     for end in ends:

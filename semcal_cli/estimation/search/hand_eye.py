@@ -94,7 +94,7 @@ class HandEye(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Say how well the rotation is known, and from what."""
+        """Describe how well the rotation is known, and from what."""
         return (
             f"the motion of camera and LiDAR gives the rotation to +- {self.half_width_deg:.2f} degrees (95 %), from "
             f"{self.num_pairs} pairs of images that turn by {self.turned_deg:.0f} degrees in all"
@@ -137,15 +137,15 @@ def hand_eye(drive: Drive) -> HandEye | NotDetermined:
         return NotDetermined(missing)
     from semcal_cli.estimation.search.visual_motion import camera_motions
 
-    found = []
+    seen = []
     for motion, (_, T_B) in zip(camera_motions(drive, [frames for frames, _ in pairs]), pairs, strict=True):
         if motion is not None:
             covariance = np.linalg.inv(motion.information) + _least_covariance(T_B)
-            found.append(Pair(motion.R, motion.direction, motion.across, covariance, T_B))
-    if len(found) < MIN_PAIRS:
-        matched = f"features match in {len(found)} of {len(pairs)} pairs of images"
+            seen.append(Pair(motion.R, motion.direction, motion.across, covariance, T_B))
+    if len(seen) < MIN_PAIRS:
+        matched = f"features match in {len(seen)} of {len(pairs)} pairs of images"
         return NotDetermined(f"{matched}, needed {MIN_PAIRS}: give sharp consecutive images")
-    solved = solve(found)
+    solved = solve(seen)
     if solved.half_width_deg > MAX_HALF_WIDTH_DEG:
         return NotDetermined(
             f"{solved.num_pairs} pairs of images determine the rotation only to +- {solved.half_width_deg:.1f} "
@@ -169,8 +169,8 @@ def choose_pairs(drive: Drive) -> list[tuple[tuple[Frame, Frame], Pose]]:
         for second in range(first + 1, len(frames))
         if 0.0 < stamps[second] - stamps[first] <= MAX_GAP_S
     ]
-    found = displacements(drive, [(frames[first], frames[second]) for first, second in steps])
-    moved = {step: T for step, T in zip(steps, found, strict=True) if T is not None}
+    motions = displacements(drive, [(frames[first], frames[second]) for first, second in steps])
+    moved = {step: T for step, T in zip(steps, motions, strict=True) if T is not None}
     pairs, first = list[tuple[tuple[Frame, Frame], Pose]](), 0
     while first < len(frames):
         ends = [second for second in range(first + 1, len(frames)) if (first, second) in moved]
@@ -269,7 +269,7 @@ def _fit(pair: Pair, R: Matrix, c: Vector) -> tuple[Vector, Matrix]:
 
 
 def _missing(motions: Sequence[Pose]) -> str | None:
-    """Say what is missing if LiDAR motions (4, 4) leave the rotation undetermined, however well a camera sees them."""
+    """Describe what LiDAR motions (4, 4) lack to determine the rotation, however well a camera sees them."""
     turned_deg = math.degrees(sum(map(_turn, motions)))
     if len(motions) < MIN_PAIRS:
         return f"{len(motions)} pairs of consecutive images are in motion, needed {MIN_PAIRS}"

@@ -203,19 +203,24 @@ def _align_given(
     The exact mutual information ranks the three later. If the two ascents end apart, at least one has not found the
     optimum, and the directions around the pose are searched as well.
     """
-    found = [given]
+    candidates = [given]
     for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
         levels = replace(config.alignment, blocks_across=blocks_across, num_kept=(1,) * len(blocks_across))
-        found += _align(observations, [given], replace(config, alignment=levels), seed)
-    _, *ascended = found
+        candidates += _align(observations, [given], replace(config, alignment=levels), seed)
+    _, *ascended = candidates
     if _angle_deg(ascended[0], ascended[-1]) > config.meeting_deg:
         around = given.T_camera_lidar, math.radians(config.around_given_deg)
         with suppress(CalibrationError):
-            found += _align(observations, register(observations, config, seed, around), config, seed)
+            candidates += _align(observations, register(observations, config, seed, around), config, seed)
     if not observations.by_classes:
-        return found
-    moved_cm = [compare_poses(each.T_camera_lidar, given.T_camera_lidar).camera_center_cm for each in found]
-    return [each for each, by_cm in zip(found, moved_cm, strict=True) if by_cm <= 100.0 * FARTHEST_M]
+        return candidates
+    T_given = given.T_camera_lidar
+    moved_cm = [compare_poses(candidate.T_camera_lidar, T_given).camera_center_cm for candidate in candidates]
+    return [
+        candidate
+        for candidate, by_cm in zip(candidates, moved_cm, strict=True)
+        if by_cm <= 100.0 * FARTHEST_M
+    ]
 
 
 def _align(

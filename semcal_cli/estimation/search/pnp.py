@@ -30,7 +30,7 @@ MAX_VIEWS = 4
 MAX_STEPS = 20
 """Maximum number of steps of the joint refinement; it takes about five from a good start."""
 
-LEAST_RANGE = 1e-6
+MIN_RANGE = 1e-6
 """Minimum range of a point, in metres, because a point at the camera centre has no direction."""
 
 SETTLED = 1e-10
@@ -73,7 +73,7 @@ def solve_pnp(
 
 def _solve_wide(points_lidar: npt.NDArray[np.float64], rays: Rays, config: PnpConfig) -> tuple[Pose, int]:
     """Solve PnP in virtual pinhole cameras, refine each pose over all pairs, and take the one with the most inliers."""
-    found: list[tuple[Pose, int]] = []
+    poses: list[tuple[Pose, int]] = []
     failure = f"PnP: found {counted(len(rays), 'pair')}, needed {config.min_inliers}"
     for R_virtual_camera in _views(rays, config):
         T_camera_lidar = np.eye(4)
@@ -82,12 +82,12 @@ def _solve_wide(points_lidar: npt.NDArray[np.float64], rays: Rays, config: PnpCo
                 points_lidar, rays @ R_virtual_camera.T, VIRTUAL_MIN_DEPTH, config
             )
             T_camera_lidar[:3] = R_virtual_camera.T @ T_virtual_lidar[:3]
-            found.append(_refine_angles(points_lidar, rays, T_camera_lidar, config))
+            poses.append(_refine_angles(points_lidar, rays, T_camera_lidar, config))
         except CalibrationError as error:
             failure = str(error)
-    if not found:
+    if not poses:
         raise CalibrationError(failure)
-    return max(found, key=lambda pose_and_inliers: pose_and_inliers[1])
+    return max(poses, key=lambda pose_and_inliers: pose_and_inliers[1])
 
 
 def _solve_pinhole(
@@ -101,7 +101,7 @@ def _solve_pinhole(
     image = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
     identity, no_distortion = np.eye(3), np.zeros(4)
     try:
-        found, rotation, translation, inliers = cv2.solvePnPRansac(
+        is_solved, rotation, translation, inliers = cv2.solvePnPRansac(
             points,
             image,
             identity,
@@ -114,7 +114,7 @@ def _solve_pinhole(
     except cv2.error:
         raise CalibrationError("PnP: the points do not determine a pose") from None
     num_inliers = 0 if inliers is None else len(inliers)
-    if not found or num_inliers < config.min_inliers:
+    if not is_solved or num_inliers < config.min_inliers:
         raise CalibrationError(f"PnP: found {counted(num_inliers, 'inlier')}, needed {config.min_inliers}")
     kept = inliers[:, 0]
     rotation, translation = cv2.solvePnPRefineLM(
@@ -158,7 +158,7 @@ def _refine_angles(
     T_camera_lidar = T_start
     for _ in range(MAX_STEPS):
         points_camera = points_lidar @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3]
-        ranges = np.maximum(np.linalg.norm(points_camera, axis=1, keepdims=True), LEAST_RANGE)
+        ranges = np.maximum(np.linalg.norm(points_camera, axis=1, keepdims=True), MIN_RANGE)
         directions = points_camera / ranges
         chords = rays - directions
         kept = np.linalg.norm(chords, axis=1) <= max_chord

@@ -77,11 +77,11 @@ def register(
     # OpenCV solves each problem on one core.
     with thread_pool() as pool:
         solved = list(pool.map(solve, placements, samples))
-    found = [each for each in solved if isinstance(each, Candidate)]
-    if not found:
+    candidates = [answer for answer in solved if isinstance(answer, Candidate)]
+    if not candidates:
         failure = solved[-1] if solved else "no placement of the image"
         raise CalibrationError(f"no initial calibration: {failure}")
-    return found
+    return candidates
 
 
 def _grid(observations: Observations) -> core.Grid:

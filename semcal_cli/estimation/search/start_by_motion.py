@@ -1,7 +1,8 @@
-"""A start for edges, which cannot find the mounting: the rotation from the motion of camera and LiDAR."""
+"""A start for cues that cannot find the mounting, such as edges, from the motion of camera and LiDAR."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from semcal_cli.config import InitializationConfig
@@ -11,31 +12,38 @@ from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
 from semcal_cli.estimation.search.mounting_search import Initialization, as_given
 from semcal_cli.observations.observations import Observations
 
-NO_START = (
-    "edges cannot find the mounting, needed a start within 5 degrees and 0.3 m (--init or --init-rpy-xyz, without "
-    "--search-deg; `semcal view` makes one by hand), or {}"
-)
-"""Error of a search by edges alone if motion gives no start; what segments lack follows."""
-WITH_LABELS, WITHOUT_LABELS = "segments (--cue segments,edges)", "image labels (--image-model cityscapes)"
+NEEDED_LABELS = "image labels (--image-model cityscapes)"
+"""What brings the pose near where there are no labels of images."""
 
 
-def start_by_motion(observations: Observations, drive: Drive, config: InitializationConfig) -> Initialization:
+def needed_start(cues: Sequence[str], drive: Drive) -> str:
+    """Describe what cues need that cannot find the mounting of a drive."""
+    are_labelled = all(frame.image_labels is not None for frame in drive.frames)
+    needed = f"segments (--cue segments,{','.join(cues)})" if are_labelled else NEEDED_LABELS
+    return (
+        f"{' and '.join(cues)} cannot find the mounting, needed a start within 5 degrees and 0.3 m (--init or "
+        f"--init-rpy-xyz, without --search-deg; `semcal view` makes one by hand), or {needed}"
+    )
+
+
+def start_by_motion(
+    observations: Observations, drive: Drive, config: InitializationConfig, cues: Sequence[str]
+) -> Initialization:
     """Start at the rotation and position that the motion of camera and LiDAR determines.
 
     Args:
         observations: Points and pixels of the frames that are used.
         drive: The drive with all frames, for the motion between them.
         config: Settings of the search, which is skipped.
+        cues: Names of the cues that cannot find the mounting.
 
     Raises:
         InputError: motion does not determine the rotation, or an image or the file of the poses is wrong.
     """
-    found = hand_eye(drive)
-    if isinstance(found, NotDetermined):
+    by_motion = hand_eye(drive)
+    if isinstance(by_motion, NotDetermined):
         none = "the motion of camera and LiDAR gives no start"
-        are_labelled = all(frame.image_labels is not None for frame in drive.frames)
-        start = NO_START.format(WITH_LABELS if are_labelled else WITHOUT_LABELS)
-        raise InputError(f"{drive.path}: {start}; {none}: {found.why}")
-    given = as_given(observations, found.T_camera_lidar, config)
-    settings = {**given.settings, "hand_eye": found.record}
-    return replace(given, note=found.sentence, settings=settings, by_motion=found)
+        raise InputError(f"{drive.path}: {needed_start(cues, drive)}; {none}: {by_motion.why}")
+    given = as_given(observations, by_motion.T_camera_lidar, config)
+    settings = {**given.settings, "hand_eye": by_motion.record}
+    return replace(given, note=by_motion.sentence, settings=settings, by_motion=by_motion)

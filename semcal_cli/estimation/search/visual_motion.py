@@ -23,7 +23,7 @@ from semcal_cli.threads import thread_pool
 MAX_WIDTH = 640
 """Wider images are scaled down to this, which takes 4 s of CPU time for a drive instead of 14 s. SIFT doubles each
 image first, so little is lost on most drives; docs/calibrating.md has the figures."""
-MAX_FEATURES, LEAST_CONTRAST = 3000, 0.02
+MAX_FEATURES, MIN_CONTRAST = 3000, 0.02
 MAX_RATIO = 0.8
 """Largest distance of a match over that of the second best (Lowe, section 7.1)."""
 MIN_Z = 0.35
@@ -35,9 +35,9 @@ MIN_INLIERS = 40
 CONFIDENCE = 0.999
 ROUNDS = 8
 """Largest number of steps of the refinement, which needs about four."""
-LEAST_SINE = 1e-3
+MIN_SINE = 1e-3
 """Sine of the angle between a ray and the translation, below which the ray carries no information."""
-LEAST_SIGMA_PX = 0.1
+MIN_SIGMA_PX = 0.1
 """Smallest standard deviation of a feature: SIFT is not more accurate."""
 
 
@@ -73,8 +73,8 @@ def camera_motions(drive: Drive, pairs: Sequence[tuple[Frame, Frame]]) -> list[C
     camera = drive.camera
     frames = {frame.image: frame for pair in pairs for frame in pair}
     with thread_pool() as pool:
-        found = pool.map(lambda frame: _features(camera, read_needed_image(drive, frame)), frames.values())
-        features = dict(zip(frames, found, strict=True))
+        by_frame = pool.map(lambda frame: _features(camera, read_needed_image(drive, frame)), frames.values())
+        features = dict(zip(frames, by_frame, strict=True))
 
         def between(pair: tuple[Frame, Frame]) -> CameraMotion | None:
             first, second = (features[frame.image] for frame in pair)
@@ -101,7 +101,7 @@ def refined(first: Rays, second: Rays, R: Matrix, direction: Vector, sigma: floa
         by_first, by_second = np.cross(direction, turned), np.cross(first, direction)
         epipolar = np.einsum("ni,ni->n", first, by_first)
         slope = np.sqrt(
-            np.maximum((by_first**2).sum(1) + (by_second**2).sum(1) - 2.0 * epipolar**2, LEAST_SINE**2)
+            np.maximum((by_first**2).sum(1) + (by_second**2).sum(1) - 2.0 * epipolar**2, MIN_SINE**2)
         )
         errors = epipolar / slope
         by_turn, by_way = np.cross(turned, by_second), np.cross(turned, first) @ basis.T
@@ -132,10 +132,10 @@ def _features(camera: Camera, image: npt.NDArray[np.uint8]) -> _Features:
         size = MAX_WIDTH, round(camera.height * MAX_WIDTH / camera.width)
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
     scale = np.array([camera.width, camera.height]) / grey.shape[::-1]
-    keypoints, descriptors = cv2.SIFT_create(MAX_FEATURES, 3, LEAST_CONTRAST).detectAndCompute(grey, None)  # type: ignore[attr-defined]
+    keypoints, descriptors = cv2.SIFT_create(MAX_FEATURES, 3, MIN_CONTRAST).detectAndCompute(grey, None)  # type: ignore[attr-defined]
     if not keypoints:
         return _Features(np.empty((0, 3)), np.empty((0, 128), np.float32))
-    pixels = (np.array([each.pt for each in keypoints]) + 0.5) * scale - 0.5
+    pixels = (np.array([keypoint.pt for keypoint in keypoints]) + 0.5) * scale - 0.5
     rays = core_camera(camera).unproject(np.ascontiguousarray(pixels))
     is_seen = rays[:, 2] > MIN_Z  # False for NaN, where the lens does not reach.
     return _Features(rays[is_seen], descriptors[is_seen])
@@ -147,7 +147,7 @@ def _motion(camera: Camera, first: _Features, second: _Features) -> CameraMotion
     matches = cv2.BFMatcher().knnMatch(first.descriptors, second.descriptors, k=2)
     kept = [a for a, b in matches if a.distance < MAX_RATIO * b.distance]
     best: dict[int, cv2.DMatch] = {}
-    for match in sorted(kept, key=lambda each: -each.distance):
+    for match in sorted(kept, key=lambda match: -match.distance):
         best[match.trainIdx] = match  # A feature of the second image keeps only its best match.
     if len(best) < MIN_INLIERS:
         return None
@@ -166,4 +166,4 @@ def _motion(camera: Camera, first: _Features, second: _Features) -> CameraMotion
         return None
     R = np.asarray(R_second_first.T, np.float64)
     direction = np.asarray(-(R @ t_second_first).ravel(), np.float64)
-    return refined(f1[is_inlier], f2[is_inlier], R, direction, LEAST_SIGMA_PX * pixel)
+    return refined(f1[is_inlier], f2[is_inlier], R, direction, MIN_SIGMA_PX * pixel)

@@ -53,7 +53,7 @@ def estimate_uncertainty(
         The uncertainty; None if the labels do not determine the pose.
     """
     # Cues with many tops are rough at full resolution, where tops are as wide as a pixel.
-    measure = sensitivity if observations.starts is None else determined_sensitivity
+    measure = determined_sensitivity if observations.is_multimodal else sensitivity
     around = measure(observations, T_camera_lidar, SensitivityConfig())
     if around is None or not around.is_determined:
         return None

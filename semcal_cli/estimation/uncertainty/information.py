@@ -22,7 +22,7 @@ from semcal_cli.observations.observations import Observations
 
 def compared_by(observations: Observations) -> str:
     """Name what points are compared by, as in the names of limits: `segments` or `labels`."""
-    return "segments" if observations.has_segments else "labels"
+    return "segments" if observations.has_partitions else "labels"
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,7 +20,10 @@ Observe: TypeAlias = Callable[[Drive, SweepCache | None, bool], Observations]
 
 @dataclass(frozen=True, kw_only=True)
 class Cue:
-    """A way to give points and pixels classes whose mutual information depends on the pose."""
+    """A way to classify points and pixels, so that their mutual information depends on the pose, and its policy.
+
+    Stages and checks never ask for a cue by name: they ask what the cue states here.
+    """
 
     observe: Callable[[Drive, SweepCache | None, bool], Observations]
     """Loads every frame of a drive with the classes of the cue, or, if the last argument is true, with its unprocessed
@@ -31,6 +34,36 @@ class Cue:
     """Settings of the cue, a dataclass that results record; None if there are none."""
     starts: StartsConfig | None = None
     """Starts from which a pose is refined, if the information has many maxima; None if one start is enough."""
+    can_find_mounting: bool = True
+    """Whether mounting directions can be told apart; otherwise the cue only works near the right pose."""
+    finds_mounting_alone: bool = False
+    """Whether mountings are searched for by this cue alone beside one that is coarse or cannot find them. If such a cue
+    needs no several starts, its maximum is the right one, and it refines the pose from afar."""
+    is_coarse: bool = False
+    """Whether the cue only brings a pose near: beside one that cannot find mountings, it does not refine the pose, but
+    has to agree with it in the end."""
+    weight_beside_local: float = 1.0
+    """Weight of each point when a pose is refined together with a local cue."""
+    min_scenes: int = 1
+    """Minimum number of scenes from which a pose is trusted."""
+    has_point_labels: bool = False
+    """Whether the classes of points are labels, which may have been copied from the pixels."""
+    has_image_labels: bool = False
+    """Whether the classes of pixels are labels, whose borders may be off, and which may belong to other pixels."""
+    has_partitions: bool = False
+    """Whether clouds have partitions. The information is then adjusted for chance and has no unit."""
+    has_vectors: bool = False
+    """Whether points and pixels have feature vectors, which need the estimator MINE."""
+
+    @property
+    def is_multimodal(self) -> bool:
+        """Whether the information has many maxima near the right one, so that a pose is refined from several starts."""
+        return self.starts is not None
+
+    @property
+    def is_local(self) -> bool:
+        """Whether the cue shows only small offsets of the pose."""
+        return self.is_multimodal and not self.has_partitions
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -51,44 +84,74 @@ def checked(cue: Cue, guarded: Callable[[Observe], Observe]) -> Cue:
     """
     if not isinstance(cue.files, tuple) or not set(cue.files) <= Frame.model_fields.keys():
         raise ValueError(f"files: found {cue.files!r}, needed a tuple of: {', '.join(Frame.model_fields)}")
-    if not isinstance(cue.starts, StartsConfig | None):
-        raise TypeError(f"starts: found {describe(cue.starts)}, needed a StartsConfig or None")
+    _check_policy(cue)
     try:
         json.dumps(cue.settings)
     except TypeError as error:
         raise TypeError(f"config: {error}; needed a dataclass of numbers and text") from None
 
     def observe(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observations:
-        found = cue.observe(drive, sweeps, is_raw)
-        _check(found, drive)
-        return found
+        observations = cue.observe(drive, sweeps, is_raw)
+        _check(observations, drive)
+        if not is_raw:
+            _check_stated(cue, observations)
+        return observations
 
     return replace(cue, observe=guarded(observe))
 
 
-def _check(found: Observations, drive: Drive) -> None:
-    """Check observations, whose counts would otherwise fail far from here, or not at all."""
-    if not isinstance(found, Observations):
-        raise TypeError(f"observe: found {describe(found)}, needed Observations")
-    if len(found.frame_observations) != len(drive.frames) or found.num_cues != 1:
+def _check_policy(cue: Cue) -> None:
+    """Check what a cue states of itself: the types of its fields, and that they do not contradict one another."""
+    if not isinstance(cue.starts, StartsConfig | None):
+        raise TypeError(f"starts: found {describe(cue.starts)}, needed a StartsConfig or None")
+    for name in (field.name for field in fields(cue) if isinstance(field.default, bool)):
+        if not isinstance(value := getattr(cue, name), bool):
+            raise TypeError(f"{name}: found {describe(value)}, needed True or False")
+    weight, scenes = cue.weight_beside_local, cue.min_scenes
+    if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0.0 < weight <= 1.0:
         raise ValueError(
-            f"observe: found {counted(len(found.frame_observations), 'frame')}, needed {len(drive.frames)}, by one cue"
+            f"weight_beside_local: found {describe(weight)}, needed a number above 0 and up to 1"
+        )
+    if isinstance(scenes, bool) or not isinstance(scenes, int) or scenes < 1:
+        raise ValueError(f"min_scenes: found {describe(scenes)}, needed a whole number of at least 1")
+    for name in ("finds_mounting_alone", "is_coarse"):
+        if getattr(cue, name) and not cue.can_find_mounting:
+            raise ValueError(f"can_find_mounting: found False beside {name}=True, needed True")
+
+
+def _check_stated(cue: Cue, observations: Observations) -> None:
+    """Check that a cue observes what it states."""
+    for name in ("has_partitions", "has_vectors"):
+        if (observed := getattr(observations, name)) != (stated := getattr(cue, name)):
+            raise ValueError(
+                f"{name}: found {observed} in what it observes, needed {stated}, as the cue states"
+            )
+
+
+def _check(observations: Observations, drive: Drive) -> None:
+    """Check observations, whose counts would otherwise fail far from here, or not at all."""
+    if not isinstance(observations, Observations):
+        raise TypeError(f"observe: found {describe(observations)}, needed Observations")
+    num_frames = len(observations.frame_observations)
+    if num_frames != len(drive.frames) or observations.num_cues != 1:
+        raise ValueError(
+            f"observe: found {counted(num_frames, 'frame')}, needed {len(drive.frames)}, by one cue"
         )
     for side in ("point_class_names", "image_class_names"):
-        names = getattr(found, side)
+        names = getattr(observations, side)
         if not 0 < len(names) <= NO_CLASS or not all(isinstance(name, str) for name in names):
             raise ValueError(f"{side}: found {listed(names)}, needed 1 to {NO_CLASS} names")
-    for index, frame in enumerate(found.frame_observations):
+    for index, frame in enumerate(observations.frame_observations):
         _check_frame(f"frame {index}", frame, (drive.camera.height, drive.camera.width))
 
 
 def _check_frame(where: str, frame: FrameObservation, size: tuple[int, int]) -> None:
     count = len(frame.cloud.points)
-    for name, found, dtype, shape in (
+    for name, array, dtype, shape in (
         ("points", frame.cloud.points, np.float32, (count, 3)),
         ("classes of points", frame.cloud.classes, np.uint8, (count,)),
         ("classes of pixels", frame.image.classes, np.uint8, size),
     ):
-        if found.dtype != dtype or found.shape != shape:
+        if array.dtype != dtype or array.shape != shape:
             needed = f"{np.dtype(dtype)} of shape {shape}"
-            raise ValueError(f"{where}: {name}: found {found.dtype} of shape {found.shape}, needed {needed}")
+            raise ValueError(f"{where}: {name}: found {array.dtype} of shape {array.shape}, needed {needed}")

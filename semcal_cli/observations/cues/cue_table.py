@@ -2,39 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
-from typing import TypeVar
+from importlib import import_module
+from typing import TypeVar, get_args
 
 import numpy as np
 
 from semcal_cli.config import AUTO, LABELS, CueName
-from semcal_cli.config.cues import PLUGINS, cue_names
+from semcal_cli.config.cues import PLUGINS, BuiltInCue, cue_names
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import CalibrationError, InputError, one_of
 from semcal_cli.files.point_clouds import SweepCache
-from semcal_cli.observations.cues import edges, features, intensity, segments
 from semcal_cli.observations.cues.cue import Cue, checked
+from semcal_cli.observations.cues.policy import Policy
 from semcal_cli.observations.frame_selection import select_frames, with_few_frames
 from semcal_cli.observations.observations import NO_CLASS, LabelledCloud, LabelledImage, Observations
-from semcal_cli.observations.reading import load_observations, read_clouds, read_observations
+from semcal_cli.observations.reading import read_clouds
 
 Labelled = TypeVar("Labelled", LabelledCloud, LabelledImage)
 
 
-def _observe_labels(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observations:
-    return read_observations(drive, sweeps) if is_raw else load_observations(drive, sweeps)
-
-
 CUES: dict[CueName, Cue] = {
-    "labels": Cue(observe=_observe_labels, files=("image_labels",)),
-    "segments": segments.CUE,
-    "edges": edges.CUE,
-    "intensity": intensity.CUE,
-    "features": features.CUE,
+    name: import_module(f"{__package__}.{name}").CUE for name in get_args(BuiltInCue) if name not in AUTO
 }
-"""semcal's own cues, by name; `auto` stands for those that `chosen` returns."""
+"""semcal's own cues: `CUE` of the module of each name; `auto` stands for those that `choose_cues` returns."""
 
 
 def find_cue(name: CueName) -> Cue:
@@ -52,33 +45,44 @@ def find_cue(name: CueName) -> Cue:
         return checked(cue, partial(PLUGINS.guard, name))
 
 
-def maximised(cues: Sequence[CueName]) -> tuple[CueName, ...]:
-    """Name the cues by which a pose is refined: together with edges, segments only bring it near."""
-    return tuple(cue for cue in cues if cue != "segments" or "edges" not in cues)
+def policy_of(cues: Iterable[CueName]) -> Policy:
+    """Combine what cues state."""
+    return Policy({name: find_cue(name) for name in cues})
 
 
-def recorded(settings: object) -> tuple[CueName, ...]:
-    """Name the cues that the settings of a calibration record under `cues`: labels if there are none.
+def is_default(cues: Sequence[CueName]) -> bool:
+    """Whether the cues are labels alone, the default, which results and messages do not mention."""
+    return tuple(cues) == LABELS
+
+
+def recorded_options(cues: Sequence[CueName]) -> dict[str, object]:
+    """Record cues and their settings among the options of a calibration; nothing for labels alone."""
+    return {} if is_default(cues) else {"cues": {name: find_cue(name).settings for name in cues}}
+
+
+def cues_of_options(options: Mapping[str, object]) -> tuple[CueName, ...]:
+    """Name the cues that the options of a calibration record: labels if there are none.
 
     Cues of plugins that are not installed here are left out.
     """
+    settings = options.get("cues")
     if not isinstance(settings, dict) or not settings:
         return LABELS
     others = PLUGINS.names if settings.keys() - CUES.keys() else ()
     return tuple(cue for cue in (*CUES, *others) if cue in settings)
 
 
-def allowed(cues: tuple[CueName, ...], drive: Drive) -> tuple[CueName, ...]:
+def cues_with_files(cues: tuple[CueName, ...], drive: Drive) -> tuple[CueName, ...]:
     """Keep the cues whose files a drive has; `auto` if none is left, and for labels, which `auto` prefers anyway."""
 
     def has_files(cue: CueName) -> bool:
         return all(any(getattr(frame, key) for frame in drive.frames) for key in find_cue(cue).files)
 
-    return AUTO if cues == LABELS else tuple(filter(has_files, cues)) or AUTO
+    return AUTO if is_default(cues) else tuple(filter(has_files, cues)) or AUTO
 
 
-def chosen(cues: Sequence[CueName], drive: Drive, sweeps: SweepCache) -> tuple[CueName, ...]:
-    """Replace `auto` by the best cues that the files of a drive allow.
+def choose_cues(cues: Sequence[CueName], drive: Drive, sweeps: SweepCache) -> tuple[CueName, ...]:
+    """Replace `auto` by the best of semcal's own cues that the files of a drive allow.
 
     On real drives, the error is a tenth of a degree with edges, and a degree with segments, which need no start. If the
     files allow neither, labels are chosen, whose error says what is missing.
@@ -100,8 +104,8 @@ def chosen(cues: Sequence[CueName], drive: Drive, sweeps: SweepCache) -> tuple[C
             has_point_labels = cloud.labels is not None or cloud.label_shares is not None
         if has_point_labels:
             return LABELS
-    found: dict[CueName, bool] = {"segments": has_image_labels, "edges": has_images}
-    return tuple(cue for cue, is_there in found.items() if is_there) or LABELS
+    has_files: dict[CueName, bool] = {"segments": has_image_labels, "edges": has_images}
+    return tuple(cue for cue, is_there in has_files.items() if is_there) or LABELS
 
 
 def choose_frames(drive: Drive, cues: Sequence[CueName], max_frames: int) -> Drive:
@@ -134,14 +138,11 @@ def load_cues(
         CalibrationError: the points or the pixels carry no information.
     """
     sweeps = SweepCache() if sweeps is None else sweeps
-    found = [find_cue(cue).observe(drive, sweeps, is_raw) for cue in cues]
-    if "intensity" in cues:
-        weight = segments.SEGMENTS.weight_by_intensity
-        found = [each.weighed(weight) if each.has_segments else each for each in found]
-    # The farthest starts of any cue; a cue without starts brings the pose near on its own, and no others are needed.
-    starts = [start for cue in cues if (start := find_cue(cue).starts) is not None]
-    farthest = max(starts, key=lambda each: each.farthest_deg) if len(starts) == len(cues) else None
-    return replace(reduce(summed, found), starts=farthest)
+    policy = policy_of(cues)
+    observed = [
+        cue.observe(drive, sweeps, is_raw).weighed(policy.weight(name)) for name, cue in policy.cues.items()
+    ]
+    return replace(reduce(summed, observed), starts=policy.starts)
 
 
 def summed(first: Observations, second: Observations) -> Observations:
@@ -158,8 +159,10 @@ def summed(first: Observations, second: Observations) -> Observations:
     if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
         raise CalibrationError(f"found more than {NO_CLASS} classes in all cues together, needed fewer")
     shifted = [
-        replace(each, cloud=_shifted(each.cloud, num_point), image=_shifted(each.image, num_image))
-        for each in second.frame_observations
+        replace(
+            observed, cloud=_shifted(observed.cloud, num_point), image=_shifted(observed.image, num_image)
+        )
+        for observed in second.frame_observations
     ]
     return replace(
         first,

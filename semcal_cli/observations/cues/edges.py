@@ -34,7 +34,7 @@ from semcal_cli.threads import thread_pool
 
 NO_EDGE = 0
 """Class of a point next to which nothing changes."""
-LEAST_GRADIENT = 2.0
+MIN_GRADIENT = 2.0
 """Gradient of grey values, per pixel, that is added to that of the surroundings: less is sensor noise."""
 
 
@@ -82,18 +82,18 @@ def observe_edges(
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
-    found = edges_of_sweeps(clouds, config)
-    if not any((each[each != NO_CLASS] != NO_EDGE).any() for each in found.classes):
+    edges = edges_of_sweeps(clouds, config)
+    if not any((classes[classes != NO_CLASS] != NO_EDGE).any() for classes in edges.classes):
         raise CalibrationError(
             f"{drive.path}: found no edges in any sweep, needed steps in range or intensity"
         )
-    if found.spacing == 0.0:
+    if edges.spacing == 0.0:
         raise CalibrationError(
             f"{drive.path}: found no rays within 1.1 degrees of each other along the scans"
         )
     seen = lens_mask(drive.camera)
     blur_px = max(
-        config.blur_rays * found.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
+        config.blur_rays * edges.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
     )
 
     def levels_of(frame: Frame) -> ClassIds:
@@ -109,12 +109,12 @@ def observe_edges(
         )
     labelled = [
         LabelledCloud(sweep.points + to_step, classes)
-        for sweep, to_step, classes in zip(moved, found.to_steps_m, found.classes, strict=True)
+        for sweep, to_step, classes in zip(moved, edges.to_steps_m, edges.classes, strict=True)
     ]
     # Certain, but as shares: levels have no borders whose pixels are in doubt.
     certain = [LabelledImage(image, core.ClassShares.certain(image.ravel())) for image in images]
     levels = [f"gradient {level}" for level in range(config.num_levels)]
-    return make_observations(drive, clouds, moved, labelled, certain, (found.names, levels))
+    return make_observations(drive, clouds, moved, labelled, certain, (edges.names, levels))
 
 
 class SweepEdges(NamedTuple):
@@ -134,13 +134,13 @@ class SweepEdges(NamedTuple):
 def edges_of_sweeps(clouds: Sequence[SweepCloud], config: EdgesConfig = EDGES) -> SweepEdges:
     """Find the edges of sweeps, in the order of the scan."""
     given = [cloud.intensity for cloud in clouds]
-    found = [np.nan_to_num(each.astype(np.float32)) for each in given if each is not None]
-    has_intensity = len(found) == len(clouds)
-    intensities = found if has_intensity else [None] * len(clouds)
+    known = [np.nan_to_num(values.astype(np.float32)) for values in given if values is not None]
+    has_intensity = len(known) == len(clouds)
+    intensities = known if has_intensity else [None] * len(clouds)
     steps = core.edge_steps([cloud.points for cloud in clouds], intensities, config.same_surface_m)
     limits: list[float] = []
     if has_intensity:
-        values = np.concatenate([each.intensity for each in steps if each.intensity is not None])
+        values = np.concatenate([sweep.intensity for sweep in steps if sweep.intensity is not None])
         values = values[np.isfinite(values)]
         if values.size and values.max() > 0.0:
             limits = np.quantile(values, 1.0 - np.array(config.intensity_shares)).tolist()
@@ -150,14 +150,14 @@ def edges_of_sweeps(clouds: Sequence[SweepCloud], config: EdgesConfig = EDGES) -
         *(f"range step {level + 1}" for level in range(len(config.range_steps_m))),
     ]
     classes, to_steps_m = [], []
-    for cloud, each in zip(clouds, steps, strict=True):
-        of_points = _classes(cloud, each, limits, config)
+    for cloud, sweep in zip(clouds, steps, strict=True):
+        of_points = _classes(cloud, sweep, limits, config)
         is_edge = (of_points != NO_CLASS) & (of_points != NO_EDGE)
         steps_in_range = is_edge & (of_points > len(limits))
-        to_steps = np.where(steps_in_range[:, None], each.to_range_step_m, each.to_intensity_step_m)
+        to_steps = np.where(steps_in_range[:, None], sweep.to_range_step_m, sweep.to_intensity_step_m)
         classes.append(of_points)
         to_steps_m.append(np.asarray(np.where(is_edge[:, None], to_steps, 0.0), np.float32))
-    return SweepEdges(classes, to_steps_m, names, float(np.median([each.spacing for each in steps])))
+    return SweepEdges(classes, to_steps_m, names, float(np.median([sweep.spacing for sweep in steps])))
 
 
 def _classes(cloud: SweepCloud, steps: core.Steps, limits: Sequence[float], config: EdgesConfig) -> ClassIds:
@@ -217,7 +217,7 @@ def gradients(
     strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside
     mean_around = surroundings(camera, config.surroundings_deg)
     weights = np.maximum(mean_around(is_inside), np.finfo(np.float32).tiny)
-    beside = strength / (mean_around(strength) / weights + LEAST_GRADIENT)
+    beside = strength / (mean_around(strength) / weights + MIN_GRADIENT)
     return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px, sigmaY=across_px), np.float32), is_inside
 
 
@@ -233,4 +233,13 @@ STARTS = StartsConfig(
 )
 """On blocks of 2.6 degrees, single ascents on three real drives converged from 2 degrees and 0.2 m in 75 to 97 % of 40
 runs, and from 5 degrees and 0.3 m in 15 to 65 %; the one that ended highest was always right."""
-CUE = Cue(observe=observe_edges, files=("image",), config=EDGES, starts=STARTS)
+MIN_SCENES = 4
+"""Minimum number of scenes from which a pose by edges is trusted: the limit of `few-scenes`, which has the source."""
+CUE = Cue(
+    observe=observe_edges,
+    files=("image",),
+    config=EDGES,
+    starts=STARTS,
+    can_find_mounting=False,
+    min_scenes=MIN_SCENES,
+)

@@ -61,11 +61,11 @@ def observe_features(
     of_points = [_of_points(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
     of_images = [_of_image(drive, frame) for frame in drive.frames]
     for key, vectors in (("point_features", of_points), ("image_features", of_images)):
-        for frame, found in zip(drive.frames, vectors, strict=True):
-            if found.shape[-1] != vectors[0].shape[-1]:
+        for frame, of_frame in zip(drive.frames, vectors, strict=True):
+            if of_frame.shape[-1] != vectors[0].shape[-1]:
                 where = drive.resolve(str(getattr(frame, key)))
                 raise InputError(
-                    f"{where}: found {counted(found.shape[-1], 'channel')}, needed {vectors[0].shape[-1]}"
+                    f"{where}: found {counted(of_frame.shape[-1], 'channel')}, needed {vectors[0].shape[-1]}"
                 )
     labelled = [
         LabelledCloud(sweep.points, codes, vectors=scaled)
@@ -122,8 +122,8 @@ def _coded(
 
     rng = np.random.default_rng(0)
     share = max(1, SAMPLES // len(vectors))
-    flat = [each.reshape(-1, each.shape[-1]) for each in vectors]
-    some = np.concatenate([each[rng.integers(len(each), size=share)] for each in flat]).astype(np.float64)
+    flat = [of_frame.reshape(-1, of_frame.shape[-1]) for of_frame in vectors]
+    some = np.concatenate([rows[rng.integers(len(rows), size=share)] for rows in flat]).astype(np.float64)
     if not np.isfinite(some).all():
         raise InputError(f"features of {side}: found values that are not finite, needed numbers")
     mean, spread = some.mean(axis=0), some.std(axis=0)
@@ -137,15 +137,20 @@ def _coded(
             some, some[rng.permutation(len(some))[: config.num_codes]], config.iterations, minit="matrix"
         )
 
-    def of_frame(each: Features) -> tuple[Features, npt.NDArray[np.uint8]]:
-        scaled = ((each - mean) / spread).astype(np.float16)
+    def coded(of_frame: Features) -> tuple[Features, npt.NDArray[np.uint8]]:
+        scaled = ((of_frame - mean) / spread).astype(np.float16)
         if not np.isfinite(scaled).all():
             raise InputError(f"features of {side}: found values that are not finite, needed numbers")
         codes, _ = vq(scaled.reshape(-1, scaled.shape[-1]).astype(np.float32), centres.astype(np.float32))
         return scaled, codes.astype(np.uint8).reshape(scaled.shape[:-1])
 
     with thread_pool() as pool:
-        return list(pool.map(of_frame, vectors))
+        return list(pool.map(coded, vectors))
 
 
-CUE = Cue(observe=observe_features, files=("point_features", "image_features"), config=FEATURES)
+CUE = Cue(
+    observe=observe_features,
+    files=("point_features", "image_features"),
+    config=FEATURES,
+    has_vectors=True,
+)

@@ -36,7 +36,7 @@ BLOCKS_A_SIGMA = 8.0
 """Blocks per standard deviation of the blur with which the surroundings of pixels are summed."""
 MASK_STEP = 4
 """Step, in pixels, at which the reach of the lens is tested."""
-LEAST_SPREAD = 0.02
+MIN_SPREAD = 0.02
 """Smallest spread of the surroundings, relative to the spread of all values. Smaller spreads are noise."""
 SAMPLES = 200_000
 """Number of values from which the limits of the levels are computed."""
@@ -97,17 +97,17 @@ def observe_intensity(
         # Certain, but as shares: levels have no borders whose pixels are in doubt.
         images.append(LabelledImage(classes, None if is_raw else core.ClassShares.certain(classes.ravel())))
     labelled = [
-        LabelledCloud(sweep.points, np.digitize(each, point_limits).astype(np.uint8))
-        for sweep, each in zip(moved, of_points, strict=True)
+        LabelledCloud(sweep.points, np.digitize(values, point_limits).astype(np.uint8))
+        for sweep, values in zip(moved, of_points, strict=True)
     ]
     if is_raw:
         labelled = [
-            replace(each, vectors=vectors)
-            for each, vectors in zip(labelled, _standardized(of_points), strict=True)
+            replace(cloud, vectors=vectors)
+            for cloud, vectors in zip(labelled, _standardized(of_points), strict=True)
         ]
         images = [
-            replace(each, vectors=vectors)
-            for each, vectors in zip(images, _standardized(of_pixels), strict=True)
+            replace(image, vectors=vectors)
+            for image, vectors in zip(images, _standardized(of_pixels), strict=True)
         ]
     names = [str(level) for level in range(config.num_levels)]
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
@@ -115,9 +115,9 @@ def observe_intensity(
 
 def _standardized(values: Sequence[Numbers]) -> list[npt.NDArray[np.float16]]:
     """Scale the values of all frames to zero mean and unit variance, each as a vector of one channel."""
-    joined = np.concatenate([each.ravel() for each in values])
+    joined = np.concatenate([of_frame.ravel() for of_frame in values])
     mean, spread = joined.mean(), joined.std()
-    return [((each - mean) / spread)[..., None].astype(np.float16) for each in values]
+    return [((of_frame - mean) / spread)[..., None].astype(np.float16) for of_frame in values]
 
 
 def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
@@ -196,7 +196,7 @@ def _contrast(values: Numbers, weights: Numbers, sums: Numbers, squares: Numbers
     """Compute the deviation from the mean of the surroundings, in standard deviations of the surroundings."""
     weights = np.maximum(weights, np.finfo(np.float64).tiny)
     mean = sums / weights
-    variance = np.maximum(squares / weights - mean**2, (LEAST_SPREAD * spread) ** 2)
+    variance = np.maximum(squares / weights - mean**2, (MIN_SPREAD * spread) ** 2)
     return np.asarray((values - mean) / np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny)))
 
 

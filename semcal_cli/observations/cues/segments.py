@@ -85,14 +85,14 @@ def observe_segments(
         raise CalibrationError(f"{drive.path}: found no segments in any sweep, needed ground or objects")
     partitions = core.turned_partitions(points, segmented, config.num_turns)
     labelled = []
-    for each, sweep, partition in zip(points, segmented, partitions, strict=True):
+    for in_sweep, sweep, partition in zip(points, segmented, partitions, strict=True):
         # The last kind is for points without a segment.
         kinds = np.append(sweep.kinds, NO_CLASS).astype(np.uint8)
         classes = kinds[np.minimum(sweep.ids, sweep.num_segments)]
-        labelled.append(LabelledCloud(each, classes, partitions=partition))
+        labelled.append(LabelledCloud(in_sweep, classes, partitions=partition))
     names = (list(KINDS.values()), image_class_names)
-    found = make_observations(drive, clouds, moved, labelled, images, names)
-    return found if is_raw else mend(found)
+    observations = make_observations(drive, clouds, moved, labelled, images, names)
+    return observations if is_raw else mend(observations)
 
 
 def kinds_of_segments(points: npt.NDArray[np.float32]) -> tuple[str, ...]:
@@ -113,4 +113,14 @@ STARTS = StartsConfig(
 """The initial calibration, by kinds of segments, ends up to 3 degrees off. Of ten runs in a real traffic jam by
 segments and intensity, from 2 degrees and 0.2 m, 8 converged with six first starts, and 6 with one. Intensity alone
 uses the same starts, but was not measured with them."""
-CUE = Cue(observe=observe_segments, files=("image_labels",), config=SEGMENTS, starts=STARTS)
+CUE = Cue(
+    observe=observe_segments,
+    files=("image_labels",),
+    config=SEGMENTS,
+    starts=STARTS,
+    finds_mounting_alone=True,
+    is_coarse=True,
+    weight_beside_local=SEGMENTS.weight_by_intensity,
+    has_image_labels=True,
+    has_partitions=True,
+)

@@ -118,7 +118,7 @@ class Session:
     @property
     def observations(self) -> Observations:
         """Observations that are shown and scored: of one cue, by classes that all frames share."""
-        return self.data.for_checks.of_classes
+        return self.data.checked_by.of_classes
 
     @cached_property
     def page(self) -> dict[str, Any]:

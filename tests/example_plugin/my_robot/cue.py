@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from semcal_cli.config import StartsConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.point_clouds import SweepCache
 from semcal_cli.observations.cues.cue import Cue
@@ -21,4 +22,12 @@ def observe(drive: Drive, sweeps: SweepCache | None, is_raw: bool) -> Observatio
     return make_observations(drive, clouds, moved, points, images, (["near", "far"], ["dark", "bright"]))
 
 
-CUE = Cue(observe=observe, files=("image",))
+STARTS = StartsConfig(
+    coarsest_block_deg=2.0,
+    min_blocks=8,
+    num_starts=(8, 4, 2),
+    spread_deg=(0.5, 2.0),
+    spread_m=(0.05, 0.2),
+    farthest_deg=5.0,
+)
+CUE = Cue(observe=observe, files=("image",), starts=STARTS, can_find_mounting=False, min_scenes=3)
