@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from semcal_cli.cli import EXIT_STOPPED
-from semcal_cli.cli.calibrate import CalibrateSettings, calibrate
+from semcal_cli.cli.calibrate import calibrate
+from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import MAX_THREADS, QuietSettings
 from semcal_cli.cli.rules import given, refuse

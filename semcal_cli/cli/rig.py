@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.calibrate import Job, calibrate_each, failure_sentence
+from semcal_cli.cli.jobs import Job, calibrate_each, failure_sentence
 from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code, files_read
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
@@ -33,7 +33,7 @@ from semcal_cli.result.uncertainty import intervals
 from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
-    from semcal_cli.cli.calibrate import CalibrateSettings
+    from semcal_cli.cli.calibrate_options import CalibrateSettings
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import Drive
     from semcal_cli.many.rig.rig_calibration import Pair
