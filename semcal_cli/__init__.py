@@ -12,7 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from semcal_cli.api.calibration import Calibration as Calibration, read_calibration as read_calibration
     from semcal_cli.api.calls import (
         assess as assess,
         calibrate as calibrate,
@@ -20,10 +19,11 @@ if TYPE_CHECKING:
         verify as verify,
     )
     from semcal_cli.api.many import batch as batch
+    from semcal_cli.api.results import Calibration as Calibration, read_calibration as read_calibration
     from semcal_cli.config import (
+        AdjustmentConfig as AdjustmentConfig,
         CalibrationConfig as CalibrationConfig,
         InitializationConfig as InitializationConfig,
-        JointlyConfig as JointlyConfig,
         Limits as Limits,
         RefinementConfig as RefinementConfig,
     )
@@ -50,8 +50,9 @@ if TYPE_CHECKING:
     __version__: str
 
 _MODULES = {
+    "AdjustmentConfig": "config",
     "ArrayInput": "drive.held_arrays",
-    "Calibration": "api.calibration",
+    "Calibration": "api.results",
     "CalibrationConfig": "config",
     "CalibrationError": "errors",
     "Camera": "drive.camera",
@@ -60,7 +61,6 @@ _MODULES = {
     "InitialPose": "estimation.search.initial_pose",
     "InitializationConfig": "config",
     "InputError": "errors",
-    "JointlyConfig": "config",
     "Limits": "config",
     "Prior": "estimation.adjust.priors",
     "RefinementConfig": "config",
@@ -71,7 +71,7 @@ _MODULES = {
     "compare_poses": "geometry.poses",
     "convert": "formats",
     "load": "observations.loading",
-    "read_calibration": "api.calibration",
+    "read_calibration": "api.results",
     "read_drive": "drive.document",
     "read_transform": "formats",
     "refine": "api.calls",

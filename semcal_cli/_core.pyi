@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from semcal_cli.config import (
     AlignmentConfig,
+    AscentConfig,
     ExactConfig,
     InitializationConfig,
-    JointConfig,
     PolishConfig,
     SensitivityConfig,
 )
@@ -504,7 +504,7 @@ class JointMaximum:
 def maximise(
     observations: Observations,
     t_camera_lidar: _Float64,
-    config: JointConfig,
+    config: AscentConfig,
     intrinsics: Sequence[str] = ...,
     twists_per_s: Sequence[Sequence[float]] | None = None,
 ) -> JointMaximum:

@@ -8,9 +8,9 @@ import pytest
 from semcal_cli import core
 from semcal_cli.config import (
     AlignmentConfig,
+    AscentConfig,
     ExactConfig,
     InitializationConfig,
-    JointConfig,
     PolishConfig,
     SensitivityConfig,
 )
@@ -61,7 +61,7 @@ def test_wrong_arguments_are_errors(street_observations: Observations, street_tr
     observations, config = street_observations.core, InitializationConfig()
     images = core.SphericalImages(observations, core.estimate_grid([street_observations.clouds[0].points]))
     cloud = core.LabelledCloud(np.zeros((50, 3), np.float32), np.zeros(5, np.uint8))
-    joint = JointConfig(factors=(1,), changes=(0.0,), sigmas=(1.0,), evidence=1.0)
+    joint = AscentConfig(factors=(1,), changes=(0.0,), sigmas=(1.0,), evidence=1.0)
     for factor in (0, 1000):
         with pytest.raises(ValueError, match="does not fit the image"):
             core.sensitivity(observations, street_truth, SensitivityConfig(factor=factor))
@@ -79,7 +79,7 @@ CONFIGS: dict[str, tuple[type, ...]] = {
     "AlignmentConfig": (AlignmentConfig, ExactConfig),
     "PolishConfig": (PolishConfig,),
     "SensitivityConfig": (SensitivityConfig,),
-    "JointConfig": (JointConfig,),
+    "JointConfig": (AscentConfig,),
     "RegistrationConfig": (InitializationConfig,),
     "SegmentationConfig": (SegmentationConfig,),
     "DescentConfig": (SoicConfig,),

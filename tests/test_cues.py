@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from conftest import SMALL_DRIVE
 
+from semcal_cli.api.calls import calibrate
 from semcal_cli.config import (
+    AdjustmentConfig,
     CalibrationConfig,
     CueName,
-    JointlyConfig,
     PolishConfig,
     RefinementConfig,
     SensitivityConfig,
@@ -25,7 +26,6 @@ from semcal_cli.observations import observations
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.synthesis import synthesize
 
 PAIRS: tuple[tuple[CueName, CueName], ...] = (("labels", "segments"), ("segments", "intensity"))
@@ -113,7 +113,7 @@ def test_frames_are_compared_once(drives: dict[int, Path], monkeypatch: pytest.M
 def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case) -> None:
     data, truth = loaded(drives, case), read_transform(drives[case[1]])
     wrong = replace(data.observations, camera=data.observations.camera.zoomed(WRONG_FOCAL))
-    found = fit_jointly(wrong, truth, JointlyConfig(("fx", "fy")), PolishConfig())
+    found = fit_jointly(wrong, truth, AdjustmentConfig(("fx", "fy")), PolishConfig())
     assert found.camera is not None
     # What segments and intensities tell of so few and small images is not always enough.
     assert found.is_kept or "labels" not in case[0]
@@ -124,7 +124,7 @@ def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case)
 
 def test_a_whole_calibration_of_intrinsics_with_two_cues(drives: dict[int, Path]) -> None:
     """From the truth: what follows the search is looked at."""
-    cues, refinement = ("labels", "intensity"), RefinementConfig(jointly=JointlyConfig(("fx", "fy")))
+    cues, refinement = ("labels", "intensity"), RefinementConfig(jointly=AdjustmentConfig(("fx", "fy")))
     start = InitialPose(read_transform(drives[8]), "the truth")
     found = calibrate(drives[8], CalibrationConfig(cues=cues, refinement=refinement), initial_pose=start)
     assert found.polish is not None

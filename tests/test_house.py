@@ -13,6 +13,10 @@ PLANTED: dict[house.Rule, dict[str, str]] = {
     },
     house.core_imports: {"checks/a.py": "from planted import _core"},
     house.array_aliases: {"checks/a.py": "import numpy.typing as npt\nMatrix = npt.NDArray[float]"},
+    house.paths_in_the_pipeline: {
+        "pipeline/a.py": "def verify(drive: Drive | Path | str) -> None: ...",
+        "report/a.py": "def write(path: Path) -> None: ...",
+    },
     house.crowded_rooms: {
         "files/a.py": "",
         "checks/a.py": f"from planted.files.a import {', '.join(f'name_{n}' for n in range(26))}",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import with_twists
 
-from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig
+from semcal_cli.config import AdjustmentConfig, CalibrationConfig, PolishConfig, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.camera import Camera, IntrinsicsSigma, intrinsic_names, intrinsic_value, with_intrinsics
 from semcal_cli.errors import InputError
@@ -66,7 +66,7 @@ def moving(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
 def late(moving: LoadedDrive) -> Joint:
     """What is found where images are 20 ms late, of the clock alone."""
     seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
-    return fit_jointly(seen, truth, JointlyConfig(with_delay=True), PolishConfig())
+    return fit_jointly(seen, truth, AdjustmentConfig(with_delay=True), PolishConfig())
 
 
 def spoiled(camera: Camera, share: float, pixels: float) -> Camera:
@@ -76,7 +76,7 @@ def spoiled(camera: Camera, share: float, pixels: float) -> Camera:
 
 
 def estimate(observations: Observations, T: Pose, names: tuple[str, ...] = K_NAMES) -> Joint:
-    return fit_jointly(observations, T, JointlyConfig(names), PolishConfig())
+    return fit_jointly(observations, T, AdjustmentConfig(names), PolishConfig())
 
 
 @pytest.mark.parametrize(("share", "pixels"), [(0.03, -8.0), (-0.03, 8.0)])
@@ -108,7 +108,7 @@ def test_right_intrinsics_and_their_pose_stay(observed: Observations, truth: Pos
 
 def test_a_camera_that_is_known_exactly_stays(observed: Observations, truth: Pose) -> None:
     wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 8.0))
-    exact = JointlyConfig(K_NAMES, focal_sigma=1e-9, center_sigma_px=1e-9)
+    exact = AdjustmentConfig(K_NAMES, focal_sigma=1e-9, center_sigma_px=1e-9)
     found = fit_jointly(wrong, truth, exact, PolishConfig())
     assert not found.is_kept
     assert np.array_equal(found.T_camera_lidar, truth)
@@ -127,7 +127,7 @@ def test_coarse_blocks_that_lead_away_are_not_followed(
 
     monkeypatch.setattr(Problem, "_climb", astray)
     found = Problem(
-        moving.observations, Variables((), True), JointlyConfig(with_delay=True), PolishConfig()
+        moving.observations, Variables((), True), AdjustmentConfig(with_delay=True), PolishConfig()
     ).fit_determined(truth)
     assert found.variables.with_delay
     assert abs(found.changes[0]) < MAX_CLOCK_S
@@ -139,7 +139,7 @@ def test_late_images_are_found(moving: LoadedDrive, late: Joint, late_s: float) 
     found = late
     if late_s < 0.0:
         seen, truth = delayed(moving.observations, -late_s), np.array(moving.drive.T_camera_lidar)
-        found = fit_jointly(seen, truth, JointlyConfig(with_delay=True), PolishConfig())
+        found = fit_jointly(seen, truth, AdjustmentConfig(with_delay=True), PolishConfig())
     assert found.is_kept
     assert found.clock is not None
     assert abs(found.clock.time_offset_s - late_s) < MAX_CLOCK_S
@@ -154,7 +154,7 @@ def test_a_clock_tells_how_it_goes_with_the_pose(
     found = late
     if names:
         seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
-        found = fit_jointly(seen, truth, JointlyConfig(names, with_delay=True), PolishConfig())
+        found = fit_jointly(seen, truth, AdjustmentConfig(names, with_delay=True), PolishConfig())
     assert found.clock is not None
     assert found.uncertainty is not None
     covariance = np.array(found.clock.joint_covariance)
@@ -170,14 +170,14 @@ def test_a_clock_tells_how_it_goes_with_the_pose(
 
 def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive, late: Joint) -> None:
     seen, truth = delayed(moving.observations, -0.02), np.array(moving.drive.T_camera_lidar)
-    added = fit_jointly(seen, truth, JointlyConfig(with_delay=True), PolishConfig(), 0.3).clock
+    added = fit_jointly(seen, truth, AdjustmentConfig(with_delay=True), PolishConfig(), 0.3).clock
     assert late.clock is not None
     assert added is not None
     assert added.time_offset_s == pytest.approx(late.clock.time_offset_s + 0.3)
     assert (late.clock.given_s, added.given_s) == (0.0, 0.3)
 
 
-def assessed(data: LoadedDrive, T: Pose, jointly: JointlyConfig) -> Stages:
+def assessed(data: LoadedDrive, T: Pose, jointly: AdjustmentConfig) -> Stages:
     config = RefinementConfig(jointly=jointly)
     return assess(data, refine_and_polish(data, start_at(data, InitialPose(T, "start")), config), config)
 
@@ -195,7 +195,7 @@ def test_the_interval_holds_what_stays_open_of_the_intrinsics(
     changes = {"camera": camera, "frames": synthetic_eight.drive.frames[4:5]}
     observations = replace(synthetic_eight.observations.of_frames([4]), camera=camera)
     data = LoadedDrive(synthetic_eight.drive.model_copy(update=changes), observations)
-    sure, open_ = (assessed(data, truth, JointlyConfig(names)) for names in ((), K_NAMES))
+    sure, open_ = (assessed(data, truth, AdjustmentConfig(names)) for names in ((), K_NAMES))
     assert not open_.is_joint
     assert np.array_equal(open_.T_camera_lidar, sure.T_camera_lidar)
     off = np.abs(compare_poses(sure.T_camera_lidar, truth).rotation_xyz_deg)
@@ -208,7 +208,7 @@ def test_what_was_found_and_not_kept_is_in_the_interval(synthetic_eight: LoadedD
     names = ("cx", "cy")
     known, free = (
         fit_jointly(
-            synthetic_eight.observations, truth, JointlyConfig(names, center_sigma_px=px), PolishConfig()
+            synthetic_eight.observations, truth, AdjustmentConfig(names, center_sigma_px=px), PolishConfig()
         )
         for px in (1e-9, 20.0)
     )
@@ -233,15 +233,15 @@ def test_a_drive_states_how_well_its_camera_is_known(observed: Observations) -> 
     camera = observed.camera.model_copy(update={"intrinsics_sigma": stated})
     variables = Variables(K_NAMES, with_delay=False)
     fy = intrinsic_value(camera, "fy")
-    assert variables.sigmas(camera, JointlyConfig()) == pytest.approx([0.5, 0.02 * fy, 0.4, 10.0])
-    asked = JointlyConfig(focal_sigma=0.01, center_sigma_px=3.0)
+    assert variables.sigmas(camera, AdjustmentConfig()) == pytest.approx([0.5, 0.02 * fy, 0.4, 10.0])
+    asked = AdjustmentConfig(focal_sigma=0.01, center_sigma_px=3.0)
     assert variables.sigmas(camera, asked) == pytest.approx([0.01 * fy, 0.01 * fy, 3.0, 3.0])
 
 
 def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) -> None:
     steady = [(12.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * moving.observations.num_frames
     data = replace(moving, observations=with_twists(moving.observations, steady))
-    stages = assessed(data, np.array(moving.drive.T_camera_lidar), JointlyConfig(with_delay=True))
+    stages = assessed(data, np.array(moving.drive.T_camera_lidar), AdjustmentConfig(with_delay=True))
     # A tenth of a second, which is what is known of the clock, at 12 m/s.
     assert half_widths(stages)[:3].max() == pytest.approx(1.96 * 1.2, rel=0.05)
     (finding,) = (each for each in stages.findings if each.topic == "wide-interval")
@@ -250,7 +250,7 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     )
     assert finding.advice == advice
     # What the clock may be off is recorded, though the pose is that of the drive's.
-    assert stages.settings["jointly"] == asdict(JointlyConfig(with_delay=True))
+    assert stages.settings["jointly"] == asdict(AdjustmentConfig(with_delay=True))
     assert stages.joint is not None
     assert stages.joint.clock is not None
     assert not stages.joint.is_kept
@@ -264,11 +264,11 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     ("jointly", "complaint"),
     [
         (
-            JointlyConfig(("fx", "k9")),
+            AdjustmentConfig(("fx", "k9")),
             r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy",
         ),
         (
-            JointlyConfig(with_delay=True),
+            AdjustmentConfig(with_delay=True),
             r"motion: found no direction of motion, needed poses or a twist for --estimate-delay",
         ),
     ],
@@ -277,7 +277,7 @@ def test_what_the_drive_does_not_allow_for_is_refused_before_the_search(
     synthetic_eight: LoadedDrive,
     truth: Pose,
     monkeypatch: pytest.MonkeyPatch,
-    jointly: JointlyConfig,
+    jointly: AdjustmentConfig,
     complaint: str,
 ) -> None:
     monkeypatch.setattr(calibration, "initialize", lambda *_: pytest.fail("searched"))
@@ -303,7 +303,7 @@ def test_every_number_of_a_lens_has_a_name(lens: str) -> None:
 def test_a_parked_rig_tells_intrinsics_and_no_clock(observed: Observations, truth: Pose) -> None:
     parked = with_twists(observed, [(0.0,) * 6] * observed.num_frames)
     wrong = replace(parked, camera=spoiled(observed.camera, 0.03, 0.0))
-    found = fit_jointly(wrong, truth, JointlyConfig(("fx", "fy"), with_delay=True), PolishConfig())
+    found = fit_jointly(wrong, truth, AdjustmentConfig(("fx", "fy"), with_delay=True), PolishConfig())
     assert found.is_kept
     assert found.camera is not None
     assert found.clock is not None

@@ -12,10 +12,11 @@ from conftest import make_pose
 
 import semcal_cli
 from semcal_cli import core
+from semcal_cli.api.calls import calibrate, verify
 from semcal_cli.config import (
+    AdjustmentConfig,
     CalibrationConfig,
     InitializationConfig,
-    JointlyConfig,
     RefinementConfig,
     check_config,
 )
@@ -28,9 +29,7 @@ from semcal_cli.events import Event, Progress, StageDone
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.observations.loading import LoadedDrive
 from semcal_cli.observations.observations import Observations
-from semcal_cli.pipeline import calibrate
-from semcal_cli.pipeline.verification import verify
-from semcal_cli.result.calibration_document import Calibration, calibration_text
+from semcal_cli.result.calibration_document import CalibrationDocument, calibration_text
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +39,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def calibrated(street: Path, folder: Path) -> tuple[Calibration, list[Event]]:
+def calibrated(street: Path, folder: Path) -> tuple[CalibrationDocument, list[Event]]:
     """A calibration by the library with every default, and what it told."""
     events: list[Event] = []
     return calibrate(street, relative_to=folder, on_event=events.append), events
 
 
 def test_the_library_gives_the_bytes_of_the_command_line(
-    street: Path, folder: Path, calibrated: tuple[Calibration, list[Event]]
+    street: Path, folder: Path, calibrated: tuple[CalibrationDocument, list[Event]]
 ) -> None:
     output = folder / "calibration.yaml"
     done = invoke("calibrate", street, "-o", output, "-q")
@@ -55,7 +54,7 @@ def test_the_library_gives_the_bytes_of_the_command_line(
     assert output.read_bytes() == calibration_text(calibrated[0], "yaml").encode()
 
 
-def test_every_stage_tells_a_listener(calibrated: tuple[Calibration, list[Event]]) -> None:
+def test_every_stage_tells_a_listener(calibrated: tuple[CalibrationDocument, list[Event]]) -> None:
     calibration, events = calibrated
     done = [event for event in events if isinstance(event, StageDone)]
     assert [event.name for event in done] == ["load", "initial", "refined", "polished", "assessed"]
@@ -100,7 +99,7 @@ def test_stages_that_are_asked_for_tell_as_well(
             f"max_baseline_m: found {10**400}, needed a number above 0",
         ),
         (
-            {"refinement": RefinementConfig(jointly=JointlyConfig(intrinsics=(1,)))},  # type: ignore[arg-type]
+            {"refinement": RefinementConfig(jointly=AdjustmentConfig(intrinsics=(1,)))},  # type: ignore[arg-type]
             "intrinsics: found (1,), needed a tuple of str",
         ),
         ({"max_frames": 0}, "max_frames: found 0, needed a whole number from 1 on"),
@@ -120,7 +119,7 @@ def test_stages_that_are_asked_for_tell_as_well(
             "estimator: found 'x', needed one of: exact, mine",
         ),
         (
-            {"refinement": RefinementConfig(jointly=JointlyConfig(intrinsics=None))},  # type: ignore[arg-type]
+            {"refinement": RefinementConfig(jointly=AdjustmentConfig(intrinsics=None))},  # type: ignore[arg-type]
             "intrinsics: found None, needed a tuple of str",
         ),
     ],

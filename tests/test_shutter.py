@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from semcal_cli import core
+from semcal_cli.api.calls import calibrate
 from semcal_cli.checks.inspection import inspect
 from semcal_cli.checks.pose_checks import check_shutter, check_unstated
-from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
 from semcal_cli.config.synthetic import ReadoutDirection, SynthConfig
 from semcal_cli.drive.camera import Camera, core_camera
 from semcal_cli.drive.document import Drive, Motion
@@ -22,7 +23,7 @@ from semcal_cli.observations.loading import LoadedDrive, load
 from semcal_cli.observations.motion import delayed, exposed_as, points_at, unrolled
 from semcal_cli.observations.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.observations.reading import load_observations, read_clouds
-from semcal_cli.pipeline import calibrate, refine_and_polish, start_at
+from semcal_cli.pipeline import refine_and_polish, start_at
 from semcal_cli.pipeline.stages import Stages
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.overlays import Overlays
@@ -181,7 +182,7 @@ def test_lines_can_be_taken_from_a_later_clock(rolling: LoadedDrive) -> None:
 
 def test_a_late_clock_is_found_with_the_lines_that_it_tells(tmp_path: Path) -> None:
     data = made(replace(ROLLING, delay_ms=40.0), tmp_path)
-    joint = found(data, RefinementConfig(jointly=JointlyConfig((), with_delay=True))).joint
+    joint = found(data, RefinementConfig(jointly=AdjustmentConfig((), with_delay=True))).joint
     assert joint is not None
     assert joint.clock is not None
     assert joint.is_kept

@@ -12,7 +12,7 @@ from refined import clock, of_another_drive
 
 import semcal_cli as semcal_package
 from semcal_cli import core
-from semcal_cli.config import CalibrationConfig, JointlyConfig, Limits, RefinementConfig
+from semcal_cli.config import AdjustmentConfig, CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.config.synthetic import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.errors import InputError
@@ -22,7 +22,7 @@ from semcal_cli.observations.loading import load
 from semcal_cli.pipeline.verdict import CLOCK, figures, judge_clock, overall_offsets
 from semcal_cli.report import read_report_input
 from semcal_cli.report.page import both_overlays
-from semcal_cli.result.calibration_document import Calibration, write_calibration
+from semcal_cli.result.calibration_document import CalibrationDocument, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
@@ -61,7 +61,7 @@ def exactly_triggered(drive: Path, folder: Path) -> Path:
 
 def test_other_estimates_leave_the_clock_as_open(moving: Path) -> None:
     """Intrinsics that are estimated and not kept say nothing of it."""
-    jointly = JointlyConfig(intrinsics=("fx", "fy"))
+    jointly = AdjustmentConfig(intrinsics=("fx", "fy"))
     config = CalibrationConfig(cues=("labels",), refinement=RefinementConfig(jointly=jointly))
     start = InitialPose(read_transform(moving / "steady"), "truth")
     found = semcal_package.calibrate(moving / "steady", config, initial_pose=start)
@@ -174,9 +174,9 @@ def test_an_interval_about_the_limit_decides_nothing() -> None:
 
 
 @pytest.fixture(scope="module")
-def estimated(moving: Path) -> Calibration:
+def estimated(moving: Path) -> CalibrationDocument:
     """A calibration whose clock was estimated and kept."""
-    jointly = JointlyConfig(with_delay=True)
+    jointly = AdjustmentConfig(with_delay=True)
     found = semcal_package.calibrate(
         moving / "late", CalibrationConfig(refinement=RefinementConfig(jointly=jointly))
     )
@@ -186,7 +186,7 @@ def estimated(moving: Path) -> Calibration:
 
 
 def test_each_stage_is_shown_by_the_clock_that_it_was_found_with(
-    moving: Path, estimated: Calibration, tmp_path: Path
+    moving: Path, estimated: CalibrationDocument, tmp_path: Path
 ) -> None:
     drive = read_drive(moving / "late")
     write_calibration(estimated, tmp_path / "c.yaml")
@@ -214,7 +214,7 @@ def test_the_estimate_of_a_verification_is_shown_by_its_clock(moving: Path) -> N
 
 
 def test_the_clock_of_a_result_is_what_is_judged(
-    moving: Path, estimated: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    moving: Path, estimated: CalibrationDocument, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """What remains is judged."""
     result = tmp_path / "calibration.yaml"

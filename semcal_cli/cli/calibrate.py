@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from functools import partial
 
 from semcal_cli.cli.calibrate_options import CalibrateSettings
 from semcal_cli.cli.label import label_on_the_way
@@ -43,7 +42,8 @@ def _calibrate_drive(settings: CalibrateSettings) -> int:
     from semcal_cli.cli.outputs import loaded_drive
 
     outputs, initial_pose = settings.outputs, settings.initial_pose
-    run = partial(settings.calibration(), relative_to=outputs.folder)
+    run = settings.calibration()
     with loaded_drive(settings, settings.config, outputs, initial_pose) as (data, terminal):
         calibration = run(data, on_event=terminal.on_event)
+        calibration = outputs.with_provenance(calibration, data, initial_pose)
     return outputs.write(calibration, terminal, settings.threads, data.drive)

@@ -24,7 +24,7 @@ from semcal_cli.errors import check_torch
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.config.paper_config import PaperConfig
-    from semcal_cli.result.calibration_document import Calibration
+    from semcal_cli.result.calibration_document import CalibrationDocument
 
 BEYOND_LABELS = ("--cue segments", "--cue edges", "--cue intensity", "--cue features")
 of_paper = partial(setting_of, help="{} Only with --method paper.", is_open=True)
@@ -155,7 +155,7 @@ class CalibrateSettings(
         to = None if self.to is None else (self.to, self.written())
         return replace(Outputs.of_result(self), to=to, page=self.page, images=self.images)
 
-    def calibration(self) -> Callable[..., Calibration]:
+    def calibration(self) -> Callable[..., CalibrationDocument]:
         """Choose the function that calibrates a drive by the chosen method, with all settings."""
         start: dict[str, Any] = {"config": self.config, "initial_pose": self.initial_pose}
         if (paper := self.paper) is not None:

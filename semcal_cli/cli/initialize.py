@@ -30,9 +30,8 @@ def initialize(settings: InitializeSettings) -> None:
     start, outputs = settings.initial_pose, Outputs.of_result(settings)
     config = CalibrationConfig(settings.seed, settings.cues, settings.max_frames, settings.initialization)
     with loaded_drive(settings, config, outputs, start) as (data, terminal):
-        found = search(data, config.initialization, config.seed, start, on_event=terminal.on_event)
-        terminal.print(*hypothesis_lines(found.hypotheses, verbose=settings.verbose))
-        calibration = make_calibration(
-            data, Stages(found), config, initial_pose=start, relative_to=outputs.folder
-        )
+        initial = search(data, config.initialization, config.seed, start, on_event=terminal.on_event)
+        terminal.print(*hypothesis_lines(initial.hypotheses, verbose=settings.verbose))
+        calibration = make_calibration(data, Stages(initial), config, initial_pose=start)
+        calibration = outputs.with_provenance(calibration, data, start)
     sys.exit(outputs.write(calibration, terminal, settings.threads))

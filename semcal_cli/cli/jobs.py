@@ -10,15 +10,14 @@ from semcal_cli.errors import SemcalError
 if TYPE_CHECKING:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.result.calibration_document import Calibration
+    from semcal_cli.result.calibration_document import CalibrationDocument
 
 
 class Job(NamedTuple):
     """The calibration of one camera of a rig."""
 
     name: str
-    title: str
-    run: Callable[..., Calibration]
+    run: Callable[..., CalibrationDocument]
     """Calibrates, and reports its progress to `on_event`."""
     outputs: Outputs
     terminal: Terminal
@@ -26,7 +25,7 @@ class Job(NamedTuple):
 
 def calibrate_each(
     jobs: Sequence[Job], num_threads: int | None
-) -> tuple[dict[str, Calibration], dict[str, str]]:
+) -> tuple[dict[str, CalibrationDocument], dict[str, str]]:
     """Run jobs one after another, and write and show the result of each.
 
     Returns:
@@ -34,15 +33,15 @@ def calibrate_each(
     """
     from semcal_cli.cli.tables import labelled
 
-    calibrations: dict[str, Calibration] = {}
+    calibrations: dict[str, CalibrationDocument] = {}
     failures: dict[str, str] = {}
-    for name, title, run, outputs, terminal in jobs:
-        terminal.print(f"[{title}]")
+    for name, run, outputs, terminal in jobs:
+        terminal.print(f"[{name}]")
         try:
             with terminal:
-                found = run(on_event=terminal.on_event)
-            outputs.write(found, terminal, num_threads)
-            calibrations[name] = found
+                calibration = run(on_event=terminal.on_event)
+            outputs.write(calibration, terminal, num_threads)
+            calibrations[name] = calibration
         except SemcalError as error:
             failures[name] = " ".join(str(error).splitlines())
             terminal.print(labelled("failed", failures[name]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from semcal_cli.cli.outputs import Outputs, check_outputs, check_page, exit_code
 from semcal_cli.cli.rules import FOR_ONE_CAMERA, refuse
 from semcal_cli.cli.tables import labelled, matrix_lines, wrapped
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.events import Event
+from semcal_cli.events import Listener
 from semcal_cli.files.documents import FORMATS, document_text
 from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
@@ -27,7 +27,7 @@ from semcal_cli.many.rig.rig_document import RESULT, Rig, read_rig
 from semcal_cli.many.rig.rig_page import rig_page_html
 from semcal_cli.observations.loading import load
 from semcal_cli.result.applied import apply_result
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.result.uncertainty import intervals
 from semcal_cli.threads import set_num_threads
@@ -76,15 +76,14 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
             outputs[name].check(drive)
     set_num_threads(settings.threads)
     sweeps, hashes, config = Sweeps(), dict[str, str](), settings.config
-    calibrate = partial(settings.calibration(), relative_to=folder, hashes=hashes)
+    calibrate = settings.calibration()
 
-    def run(drive: Drive, on_event: Callable[[Event], None]) -> Calibration:
-        return calibrate(load(drive, config, on_event, sweeps), on_event=on_event)
+    def run(name: str, on_event: Listener) -> CalibrationDocument:
+        data = load(drives[name], config, on_event, sweeps)
+        calibration = calibrate(data, on_event=on_event)
+        return outputs[name].with_provenance(calibration, data, hashes=hashes)
 
-    jobs = [
-        Job(name, name, partial(run, drive), outputs[name], settings.terminal())
-        for name, drive in drives.items()
-    ]
+    jobs = [Job(name, partial(run, name), outputs[name], settings.terminal()) for name in drives]
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives)))

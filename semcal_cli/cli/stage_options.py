@@ -16,12 +16,12 @@ from semcal_cli.cli.settings import KNOWN_TRANSFORMS, FiniteNumber, FiniteRange,
 from semcal_cli.config import (
     AUTO,
     LABELS,
+    AdjustmentConfig,
     AlignmentConfig,
     CueName,
     Device,
     Estimator,
     InitializationConfig,
-    JointlyConfig,
     RefinementConfig,
     Zoom,
 )
@@ -248,7 +248,7 @@ class RefinementSettings(StartSettings):
         Raises:
             click.UsageError: intrinsics are to be estimated and are stated to be exact.
         """
-        jointly = JointlyConfig(self.intrinsics, with_delay=self.estimate_delay)
+        jointly = AdjustmentConfig(self.intrinsics, with_delay=self.estimate_delay)
         if self.intrinsics_sigma is not None:
             focal_percent, center_px = self.intrinsics_sigma
             if self.intrinsics and min(self.intrinsics_sigma) < LEAST_SIGMA:
@@ -257,7 +257,7 @@ class RefinementSettings(StartSettings):
                     "both with --refine-intrinsics."
                 )
             sigmas = 0.01 * focal_percent, center_px
-            jointly = JointlyConfig(self.intrinsics, *sigmas, with_delay=self.estimate_delay)
+            jointly = AdjustmentConfig(self.intrinsics, *sigmas, with_delay=self.estimate_delay)
         return RefinementConfig(
             self.estimator,
             self.device,

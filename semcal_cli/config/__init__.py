@@ -245,7 +245,7 @@ class SensitivityConfig:
 
 
 @dataclass(frozen=True)
-class JointConfig:
+class AscentConfig:
     """How the mutual information is maximised over pose, intrinsics and time offset together."""
 
     factors: tuple[int, ...]
@@ -279,7 +279,7 @@ SIGMA: dict[str, Any] = {"least": 1e-11, "most": 1e3}
 
 
 @dataclass(frozen=True)
-class JointlyConfig:
+class AdjustmentConfig:
     """What is estimated with the pose, and its priors."""
 
     intrinsics: tuple[str, ...] = ()
@@ -299,9 +299,9 @@ class JointlyConfig:
     delay_sigma_s: float = setting(0.1, "Standard deviation of the time offset, in seconds.", **SIGMA)
 
     @property
-    def is_asked(self) -> bool:
-        """Whether anything besides the pose is estimated."""
-        return bool(self.intrinsics) or self.with_delay
+    def is_empty(self) -> bool:
+        """Whether the pose alone is estimated."""
+        return not self.intrinsics and not self.with_delay
 
 
 @dataclass(frozen=True)
@@ -327,7 +327,7 @@ class RefinementConfig:
         option="--edge-band",
         metavar="PX",
     )
-    jointly: JointlyConfig = field(default_factory=JointlyConfig)
+    jointly: AdjustmentConfig = field(default_factory=AdjustmentConfig)
     """What is estimated with the pose."""
 
     @property

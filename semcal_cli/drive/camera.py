@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
 from semcal_cli import core
-from semcal_cli.config import MAX_PIXELS, JointlyConfig
+from semcal_cli.config import MAX_PIXELS, AdjustmentConfig
 from semcal_cli.config.synthetic import ReadoutDirection
 from semcal_cli.errors import InputError, counted, describe, mismatch
 from semcal_cli.files.validation import StrictModel, input_error, length
@@ -327,7 +327,7 @@ def default_sigma(camera: Camera) -> IntrinsicsSigma:
     return _of_shares(camera, DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX)
 
 
-def stating(camera: Camera, jointly: JointlyConfig) -> Camera:
+def stating(camera: Camera, jointly: AdjustmentConfig) -> Camera:
     """Set the standard deviations of a camera from settings; the K of an equirectangular one stays exact."""
     share, center_px = jointly.focal_sigma, jointly.center_sigma_px
     if (share is None and center_px is None) or camera.model == "equirectangular":

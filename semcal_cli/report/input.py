@@ -21,8 +21,8 @@ from semcal_cli.observations.observations import Observations
 from semcal_cli.report.colors import first_coloring
 from semcal_cli.report.overlays import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, cues_applied, seen_as
-from semcal_cli.result.calibration_document import Calibration
-from semcal_cli.result.provenance import describe_input
+from semcal_cli.result.calibration_document import CalibrationDocument
+from semcal_cli.result.provenance import hash_input
 from semcal_cli.result.sections import InputFrame
 
 
@@ -44,7 +44,7 @@ class ReportInput:
     name: str
     """Name of the transform's file."""
     T_camera_lidar: Pose
-    record: Calibration | None
+    record: CalibrationDocument | None
     """Calibration that semcal wrote with the transform; None if the file holds nothing else."""
     before: Before | None
     """Another transform to compare with."""
@@ -105,7 +105,7 @@ def make_report_input(
     drive: Drive,
     name: str,
     T_camera_lidar: Pose,
-    record: Calibration | None,
+    record: CalibrationDocument | None,
     before: Before | None = None,
 ) -> ReportInput:
     """Read the frames that a transform was computed from, or else those that differ most.
@@ -153,7 +153,7 @@ def make_report_input(
     )
 
 
-def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
+def _used(drive: Drive, record: CalibrationDocument) -> tuple[Drive | None, list[str]]:
     """Take the frames that a calibration was computed from, if the drive has them, and name what has changed."""
     keys = [key for key in InputFrame.model_fields if any(getattr(each, key) for each in record.input.frames)]
 
@@ -166,8 +166,8 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
         if files(frame) in names:
             named.setdefault(files(frame), frame)
     used, known = drive.model_copy(update={"frames": tuple(named.values())}), record.input.sha256
-    found = describe_input(used, None, Path(), keys).sha256
-    changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
+    hashes = hash_input(used, keys)
+    changed = {name for name, digest in hashes.items() if known.get(name, digest) != digest}
     if all(changed & set(filter(None, each)) for each in named):
         notice = (
             f"The calibration was computed from other frames, those of {record.input.drive}; figures and images show "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -157,23 +156,6 @@ class Hypothesis(StrictModel):
     def pose(self) -> Pose:
         """T_camera_lidar as an array (4, 4) of float64, in metres."""
         return np.array(self.T_camera_lidar)
-
-    @property
-    def corrected_nats(self) -> float:
-        """Mutual information minus its bias, by which hypotheses are ranked."""
-        return self.mutual_information_nats - self.bias_nats
-
-    def margin(self, other: Hypothesis) -> float:
-        """Compute how much worse another hypothesis is, in standard errors of the difference of mutual information.
-
-        The two errors are assumed to be independent. If the views overlap, they are not, and the margin is too small,
-        which is on the safe side.
-        """
-        if self.sigma_nats is None or other.sigma_nats is None:
-            return 0.0
-        sigma = math.hypot(self.sigma_nats, other.sigma_nats)
-        # Without scatter the error is unknown, so there is no margin.
-        return (self.corrected_nats - other.corrected_nats) / sigma if sigma > 0.0 else 0.0
 
 
 class Repeatability(StrictModel):

@@ -21,7 +21,7 @@ from benchmark import OUTPUT, KeptTable, run_experiment, script
 from laboratory.rates import Rate
 from laboratory.rigs import Case, Degrade, consecutive, row_cases, wrong
 
-from semcal_cli.config import InitializationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.config import AdjustmentConfig, InitializationConfig, RefinementConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_intrinsics
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import SemcalError
@@ -45,7 +45,7 @@ from semcal_cli.observations.observations import NO_CLASS, Observations
 from semcal_cli.observations.reading import mend, read_observations
 from semcal_cli.pipeline import initialize
 from semcal_cli.pipeline.stages import Stages
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
 FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02
@@ -155,7 +155,7 @@ def run(pool: Pool, case: Case) -> list[Result]:
     row, rng = ROWS[case.row], case.rng(ROWS)
     drive, truth = pool.read(row.rig, row.changes, case.seed)
     data = _load(consecutive(drive, row.num_pairs, case.seed), row, rng)
-    refinement = RefinementConfig(jointly=JointlyConfig(row.intrinsics, with_delay=row.with_delay))
+    refinement = RefinementConfig(jointly=AdjustmentConfig(row.intrinsics, with_delay=row.with_delay))
     start = perf_counter()
     try:
         stages, found = calibrate_from(initialize(data, InitializationConfig()), data, refinement)
@@ -184,7 +184,9 @@ def _spoiled(camera: Camera, rng: np.random.Generator) -> Camera:
     return with_intrinsics(camera, changed)
 
 
-def _compared(result: Result, found: Calibration, stages: Stages, camera: Camera, truth: Pose) -> Result:
+def _compared(
+    result: Result, found: CalibrationDocument, stages: Stages, camera: Camera, truth: Pose
+) -> Result:
     """Add the errors of a result, and how many true values its intervals contain."""
     error = compare_poses(found.pose, truth)
     *_, before_joint = (stage for name, stage in stages.poses.items() if name != "joint")

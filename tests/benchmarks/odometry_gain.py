@@ -21,13 +21,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmark import script, table
 from moving_street import MovingStreet
 
-from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.config import AdjustmentConfig, CalibrationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive, Motion, MotionSigma, read_drive
 from semcal_cli.geometry.poses import compare_poses
 from semcal_cli.importing.sweep_odometry import SIGMA, drive_motion, tum_text
 from semcal_cli.observations.loading import load
 from semcal_cli.pipeline import calibrate
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 
 STREETS = {
     "5 m/s": (5.0, 0.3, 0.0, 0.0),
@@ -41,7 +41,7 @@ CHANGING = 10.0, 0.2
 LATE_S = 0.03
 TRUE = Motion(poses="true.txt")
 ESTIMATED = Motion(poses="estimated.txt", sigma=MotionSigma(**SIGMA))
-JOINTLY = CalibrationConfig(refinement=RefinementConfig(jointly=JointlyConfig(with_delay=True)))
+JOINTLY = CalibrationConfig(refinement=RefinementConfig(jointly=AdjustmentConfig(with_delay=True)))
 
 
 def drive_of(street: MovingStreet, folder: Path, late_s: float = 0.0) -> Drive:
@@ -51,7 +51,7 @@ def drive_of(street: MovingStreet, folder: Path, late_s: float = 0.0) -> Drive:
     return drive
 
 
-def calibrated(drive: Drive, motion: Motion | None, config: CalibrationConfig) -> Calibration:
+def calibrated(drive: Drive, motion: Motion | None, config: CalibrationConfig) -> CalibrationDocument:
     return calibrate(load(drive.model_copy(update={"motion": motion}), config), config)
 
 

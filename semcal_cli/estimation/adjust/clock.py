@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import JointlyConfig, PolishConfig
+from semcal_cli.config import AdjustmentConfig, PolishConfig
 from semcal_cli.drive.document import DEFAULT_CLOCK_SIGMA_S
 from semcal_cli.estimation.adjust.joint_fit import Problem, Variables
 from semcal_cli.geometry.arrays import Matrix, Pose
@@ -85,7 +85,7 @@ class UnknownClock(NamedTuple):
 def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tuple[float, float] | None:
     """Estimate the offset and its standard error from the frames; None if they do not determine it."""
     few, sigma_s = few_frames(data.observations, NUM_FRAMES), data.drive.time_offset_sigma_s
-    known = JointlyConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
+    known = AdjustmentConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
     fit = Problem(few, Variables((), True), known, polish).fit_determined(T_camera_lidar)
     if not fit.variables.with_delay or fit.covariance is None:
         return None

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from semcal_cli import core
-from semcal_cli.config import JointlyConfig, PolishConfig
+from semcal_cli.config import AdjustmentConfig, PolishConfig
 from semcal_cli.drive.camera import Camera, intrinsic_value, with_all_coefficients
 from semcal_cli.errors import told_apart
 from semcal_cli.estimation.adjust.joint_fit import Fit, Problem, Variables, seen_by
@@ -71,7 +71,7 @@ class Joint(StageResult):
 def fit_jointly(
     observations: Observations,
     T_camera_lidar: Pose,
-    config: JointlyConfig,
+    config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float = 0.0,
 ) -> Joint:
@@ -96,7 +96,7 @@ def fit_jointly(
 def _estimate(
     observations: Observations,
     T_camera_lidar: Pose,
-    config: JointlyConfig,
+    config: AdjustmentConfig,
     polish: PolishConfig,
     time_offset_s: float,
 ) -> Joint:
@@ -146,7 +146,7 @@ def _estimate(
 
 
 def _left_open(
-    fit: Fit, observations: Observations, T: Pose, asked: Variables, config: JointlyConfig
+    fit: Fit, observations: Observations, T: Pose, asked: Variables, config: AdjustmentConfig
 ) -> Matrix | None:
     """Compute the covariance (6, 6) of a pose from errors of variables that keep the drive's values.
 

@@ -22,8 +22,8 @@ from semcal_cli import core
 from semcal_cli.config import (
     CENTER_SIGMA_PX,
     FOCAL_SIGMA,
-    JointConfig,
-    JointlyConfig,
+    AdjustmentConfig,
+    AscentConfig,
     PolishConfig,
     SensitivityConfig,
 )
@@ -89,7 +89,7 @@ class Variables(NamedTuple):
         """List the twist of each frame if the time offset is a variable."""
         return twists_per_s(observations) if self.with_delay else None
 
-    def sigmas(self, camera: Camera, config: JointlyConfig) -> Numbers:
+    def sigmas(self, camera: Camera, config: AdjustmentConfig) -> Numbers:
         """Prior standard deviations of the variables, for the drive's camera."""
 
         def sigma(name: str) -> float:
@@ -160,7 +160,7 @@ class Problem:
     """Labelled points and label images, as the drive's camera sees them."""
     asked: Variables
     """Variables that are to be estimated."""
-    config: JointlyConfig
+    config: AdjustmentConfig
     """What is known of the variables beforehand."""
     polish: PolishConfig
     """Settings of the polish."""
@@ -257,7 +257,7 @@ class Problem:
         self, T: Pose, variables: Variables, changes: Numbers, levels: range, evidence: float
     ) -> core.JointMaximum:
         """Climb some levels of the pyramid, whose blocks have sides of two to the power of their number."""
-        settings = JointConfig(
+        settings = AscentConfig(
             factors=tuple(2**level for level in levels),
             changes=tuple(changes.tolist()),
             sigmas=tuple(self._known(variables).tolist()),

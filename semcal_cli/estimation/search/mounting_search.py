@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 
@@ -13,6 +13,7 @@ from semcal_cli import core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.errors import CalibrationError
 from semcal_cli.estimation.search.hand_eye import HandEye
+from semcal_cli.estimation.search.mounting import Mounting, describe, measured_from, runner_up
 from semcal_cli.estimation.search.registration import Candidate, register
 from semcal_cli.estimation.stage import StageResult
 from semcal_cli.findings.check import NOTHING_TO_COMPARE, OTHER_MOUNTING, fit_of_rival
@@ -21,7 +22,6 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import compare_poses, rotation_error_deg
 from semcal_cli.observations.frame_selection import few_frames
 from semcal_cli.observations.observations import NO_CLASS, Observations
-from semcal_cli.result.sections import Hypothesis
 
 MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
 """Standard errors of mutual information by which other mountings must be behind a trusted answer."""
@@ -49,7 +49,7 @@ MIN_POINTS_OF_MOST = 0.02
 class Initialization(StageResult):
     """Result of the initial calibration. Its pose is that of the first hypothesis."""
 
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[Mounting, ...]
     """Hypotheses, best first."""
     runner_up_margin: float | None
     """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
@@ -134,7 +134,7 @@ def _note(count: int, margin: float | None) -> str:
     return f"{count} mountings compared, another one fits {'almost as well' if margin >= 0.0 else 'better'}"
 
 
-def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
+def unsearched(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
     """Take a given pose (4, 4) unchanged, for cues whose refinement starts from several poses around it."""
     agreement = core.agreement(observations.core, T_given)
     return Initialization(
@@ -147,44 +147,29 @@ def as_given(observations: Observations, T_given: Pose, config: InitializationCo
     )
 
 
-def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
-    """Find the best hypothesis that is rotated by at least `least_deg` from the first; None if there is none."""
-    return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
-
-
-def is_rival(best: Hypothesis, other: Hypothesis, least_deg: float) -> bool:
+def is_rival(best: Mounting, other: Mounting, least_deg: float) -> bool:
     """Whether a hypothesis is another mounting that is not far enough behind the best one."""
     return other.rotation_from_best_deg >= least_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
 
 
-def seen_from(hypotheses: Iterable[Hypothesis], T_best: Pose) -> tuple[Hypothesis, ...]:
-    """Measure the rotations of hypotheses from another best pose (4, 4)."""
-    return tuple(
-        each.model_copy(update={"rotation_from_best_deg": rotation_error_deg(each.pose, T_best)})
-        for each in hypotheses
-    )
-
-
-def led_by(found: Initialization, first: Hypothesis, observations: Observations) -> Initialization:
-    """Put one of the hypotheses first that was chosen by something other than the search."""
-    if first is found.hypotheses[0]:
-        return found
-    ordered = (first, *(other for other in found.hypotheses if other is not first))
-    hypotheses = seen_from(ordered, first.pose)
+def with_best(initial: Initialization, best: Mounting, observations: Observations) -> Initialization:
+    """Put the mounting first that something other than the search has chosen."""
+    if best is initial.hypotheses[0]:
+        return initial
+    T, others = best.T_camera_lidar, (other for other in initial.hypotheses if other is not best)
+    hypotheses = measured_from(T, (best, *others))
     other = runner_up(hypotheses, InitializationConfig.runner_up_deg)
-    margin = None if other is None else hypotheses[0].margin(other)
     few = few_frames(observations, InitializationConfig.max_frames)
-    agreement = core.agreement(few.core, first.pose)
     return replace(
-        found,
-        T_camera_lidar=first.pose,
-        agreement=agreement,
+        initial,
+        T_camera_lidar=T,
+        agreement=core.agreement(few.core, T),
         hypotheses=hypotheses,
-        runner_up_margin=margin,
+        runner_up_margin=None if other is None else hypotheses[0].margin(other),
     )
 
 
-def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
+def check_runner_up(best: Mounting, other: Mounting | None) -> tuple[Finding, ...]:
     """Check that the runner-up is far enough behind the best hypothesis."""
     if other is None:
         return ()
@@ -203,20 +188,6 @@ def _rank(
     scored = [(each, core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
     covering = [(each, agreement) for each, agreement in scored if agreement.overlap >= min_overlap]
     return sorted(covering or scored, key=lambda pair: pair[1].bias - pair[1].mutual_information)
-
-
-def describe(candidate: Candidate, agreement: core.Agreement, T_best: Pose) -> Hypothesis:
-    """Describe a candidate by the agreement of the labels at its pose, and by its rotation from the best pose."""
-    return Hypothesis(
-        T_camera_lidar=candidate.T_camera_lidar.tolist(),
-        mutual_information_nats=agreement.mutual_information,
-        bias_nats=agreement.bias,
-        sigma_nats=agreement.sigma if math.isfinite(agreement.sigma) else None,
-        overlap=agreement.overlap,
-        num_pairs=candidate.num_pairs,
-        num_inliers=candidate.num_inliers,
-        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, T_best),
-    )
 
 
 def _align_given(

@@ -8,7 +8,7 @@ from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.hand_eye import NotDetermined, hand_eye
-from semcal_cli.estimation.search.mounting_search import Initialization, as_given
+from semcal_cli.estimation.search.mounting_search import Initialization, unsearched
 from semcal_cli.observations.observations import Observations
 
 NO_START = (
@@ -36,6 +36,6 @@ def start_by_motion(observations: Observations, drive: Drive, config: Initializa
         are_labelled = all(frame.image_labels is not None for frame in drive.frames)
         start = NO_START.format(WITH_LABELS if are_labelled else WITHOUT_LABELS)
         raise InputError(f"{drive.path}: {start}; {none}: {found.why}")
-    given = as_given(observations, found.T_camera_lidar, config)
+    given = unsearched(observations, found.T_camera_lidar, config)
     settings = {**given.settings, "hand_eye": found.record}
     return replace(given, note=found.sentence, settings=settings, by_motion=found)

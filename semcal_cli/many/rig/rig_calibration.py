@@ -26,7 +26,7 @@ from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import PoseError, compare_poses, inverse, quaternion_xyzw
 from semcal_cli.geometry.twists import adjoint
 from semcal_cli.many.rig.rig_document import Rig
-from semcal_cli.result.calibration_document import Calibration, Status
+from semcal_cli.result.calibration_document import CalibrationDocument, Status
 from semcal_cli.result.provenance import versions
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -116,7 +116,7 @@ class Pair:
 class RigCalibration:
     """Calibrations of the cameras of a rig, and of its pairs of cameras."""
 
-    cameras: Mapping[str, Calibration]
+    cameras: Mapping[str, CalibrationDocument]
     """Calibration of each camera that has one."""
     failures: Mapping[str, str]
     """Error of each camera that has no calibration."""
@@ -156,7 +156,7 @@ class RigCalibration:
 def combine(
     rig: Rig,
     drives: Mapping[str, Drive],
-    cameras: Mapping[str, Calibration],
+    cameras: Mapping[str, CalibrationDocument],
     failures: Mapping[str, str],
     num_sweeps: int,
 ) -> RigCalibration:
@@ -181,7 +181,7 @@ def combine(
 
 
 def make_pair(
-    a: str, of_a: Calibration, b: str, of_b: Calibration, reference: Reference | None = None
+    a: str, of_a: CalibrationDocument, b: str, of_b: CalibrationDocument, reference: Reference | None = None
 ) -> Pair:
     """Compute the transform between two cameras and its uncertainty.
 

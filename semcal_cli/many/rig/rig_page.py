@@ -24,7 +24,7 @@ from semcal_cli.report.page_images import MAX_BYTES, MAX_IMAGE_BYTES, data_uri
 from semcal_cli.report.points import at_pixels, points_in_image, thinned
 from semcal_cli.report.template import Reason, Verdict, linked, render_page
 from semcal_cli.report.words import NOT_BELIEVED
-from semcal_cli.result.calibration_document import Calibration
+from semcal_cli.result.calibration_document import CalibrationDocument
 from semcal_cli.result.uncertainty import intervals, widest
 from semcal_cli.threads import thread_pool
 
@@ -120,7 +120,7 @@ def _statuses(found: RigCalibration) -> dict[str, str]:
     return dict.fromkeys(found.failures, "failed") | {name: each.status for name, each in calibrated}
 
 
-def _how_sure(calibration: Calibration) -> str:
+def _how_sure(calibration: CalibrationDocument) -> str:
     """Say how accurate the transform of a camera is."""
     if calibration.believed_uncertainty is not None:
         return f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
