@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy.typing as npt
 
 from semcal_cli.config import CalibrationConfig, CueName
-from semcal_cli.drive.document import Drive
+from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.drive.held_arrays import ArrayInput
 from semcal_cli.errors import InputError
 from semcal_cli.estimation.search.initial_pose import InitialPose
@@ -62,7 +62,9 @@ def as_initial_pose(transform: GivenTransform | None) -> InitialPose:
         return InitialPose(transform.T_camera_lidar, "calibration", record=transform)
     if isinstance(transform, Path | str):
         extrinsic = read_extrinsic(transform)
-        return InitialPose(extrinsic.T_camera_lidar, str(transform), Path(transform), record=extrinsic.record)
+        return InitialPose(
+            extrinsic.T_camera_lidar, str(transform), drive_file(Path(transform)), record=extrinsic.record
+        )
     return InitialPose(as_transform(transform, "transform"), "transform")
 
 

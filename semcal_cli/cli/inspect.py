@@ -51,11 +51,11 @@ def inspect(settings: InspectSettings) -> None:
     from semcal_cli.checks.inspection import inspect as look_through
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.many.rig.rig_document import find_rig, read_rig
+    from semcal_cli.many.rig.rig_document import find_rig
 
     path, max_points = settings.drive, settings.max_points
     rig = find_rig(path)
-    drives = {"": read_drive(path, max_points)} if rig is None else read_rig(rig).read_drives(max_points)
+    drives = {"": read_drive(path, max_points)} if rig is None else rig.read_drives(max_points)
     reports = {}
     with Terminal(quiet=settings.as_json) as terminal:
         for name, each in drives.items():

@@ -23,7 +23,7 @@ from semcal_cli.files.input_files import is_folder
 from semcal_cli.files.output_files import make_folder, write_text
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.many.rig.rig_calibration import RigCalibration, combine, describe_rig
-from semcal_cli.many.rig.rig_document import RESULT, Rig, read_rig
+from semcal_cli.many.rig.rig_document import RESULT, Rig
 from semcal_cli.many.rig.rig_page import rig_page_html
 from semcal_cli.observations.loading import load
 from semcal_cli.result.applied import apply_result
@@ -45,11 +45,11 @@ OF_ONE_CAMERA = (
 """Options of `calibrate` that make sense for a single camera only."""
 
 
-def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
+def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     """Calibrate the cameras of a rig one after another, reading each sweep once, and write the results.
 
     Args:
-        path: File of the rig, rig.yaml.
+        rig: The rig.
         settings: Settings of the command; the output is a folder.
 
     Returns:
@@ -60,12 +60,12 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(path))
+    refuse(click.get_current_context(), OF_ONE_CAMERA, FOR_ONE_CAMERA.format(rig.path))
     if (folder := settings.output) is None:
         raise click.UsageError(
-            f"-o: {path} is a rig, whose results are several files; give a folder for them"
+            f"-o: {rig.path} is a rig, whose results are several files; give a folder for them"
         )
-    rig, page, result = read_rig(path), settings.page, folder / f"{RESULT}.yaml"
+    page, result = settings.page, folder / f"{RESULT}.yaml"
     drives = rig.read_drives(settings.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
@@ -97,7 +97,7 @@ def calibrate_rig(path: Path, settings: CalibrateSettings) -> int:
     if page is not None:
         seen = {name: apply_result(cameras.get(name), each, name).drive for name, each in drives.items()}
         with terminal:
-            write_text(rig_page_html(found, seen, (str(path), str(result)), terminal.show), page)
+            write_text(rig_page_html(found, seen, (str(rig.path), str(result)), terminal.show), page)
         terminal.print_paths("report", [page])
     _print_verdict(found, terminal)
     if failures:

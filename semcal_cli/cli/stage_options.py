@@ -63,6 +63,7 @@ def read_initial_pose(
     Raises:
         InputError: the file is not a transform, is ambiguous, or is standard input.
     """
+    from semcal_cli.drive.document import drive_file
     from semcal_cli.estimation.search.initial_pose import InitialPose
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.formats.format import FormatOptions
@@ -70,9 +71,13 @@ def read_initial_pose(
     if path == Path("-") or descriptor(path) == 0:
         raise InputError(f"{path}: found standard input, needed a file: the result records its name and hash")
     options = None if direction_option is None else FormatOptions(direction=direction)
-    found = read_extrinsic(path, None, options, direction_option=direction_option)
+    extrinsic = read_extrinsic(path, None, options, direction_option=direction_option)
     return InitialPose(
-        found.T_camera_lidar, name=str(path), source=path, direction=direction, record=found.record
+        extrinsic.T_camera_lidar,
+        name=str(path),
+        source=drive_file(path),
+        direction=direction,
+        record=extrinsic.record,
     )
 
 

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from semcal_cli.drive.camera import Camera, without_last_zeros
-from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.networks import LabelNetworks
 from semcal_cli.files.array_forms import hash_array
 from semcal_cli.files.input_files import hash_file
@@ -52,7 +52,7 @@ def with_provenance(
     Args:
         calibration: The calibration.
         data: The drive that it was computed from.
-        start: File or drive of the initial pose, if any.
+        start: File of the initial pose, if any.
         relative_to: Folder of the result. Paths are relative to it, except those of the drive's own files.
         hashes: SHA-256 by the real paths of files; new ones are added.
 
@@ -62,7 +62,7 @@ def with_provenance(
     drive, hashes = data.drive, {} if hashes is None else hashes
     sha256 = hash_input(drive, files_of(data.cues), hashes)
     if start is not None:
-        sha256 |= hash_files([drive_file(start)], relative_to, hashes)
+        sha256 |= hash_files([start], relative_to, hashes)
     name = os.path.relpath(drive.path, relative_to) if drive.arrays is None else str(drive.path)
     described = calibration.input.model_copy(update={"drive": name, "sha256": sha256})
     return calibration.model_copy(update={"input": described})

@@ -19,7 +19,7 @@ class InitialPose:
     name: str
     """Name in messages."""
     source: Path | None = None
-    """File of the transform; None if it was given on the command line."""
+    """File of the transform; None if no file states it."""
     direction: str | None = None
     """Direction of the matrix in the file, if the user had to state it."""
     record: CalibrationDocument | None = None
