@@ -54,11 +54,15 @@ def calibrate(
     given, config = as_data(drive, arrays), with_cue(config, cue)
     start = None if initial_pose is None else as_initial_pose(initial_pose)
     data = load(given, config, on_event)
-    found = pipeline.calibrate(data, config, initial_pose=start, priors=priors, on_event=on_event)
-    found = with_provenance(
-        found, data, start=None if start is None else start.source, relative_to=relative_to, hashes=hashes
+    calibration = pipeline.calibrate(data, config, initial_pose=start, priors=priors, on_event=on_event)
+    calibration = with_provenance(
+        calibration,
+        data,
+        start=None if start is None else start.source,
+        relative_to=relative_to,
+        hashes=hashes,
     )
-    return Calibration.of(found, given.drive if isinstance(given, LoadedDrive) else given)
+    return Calibration.of(calibration, given.drive if isinstance(given, LoadedDrive) else given)
 
 
 def refine(
@@ -93,9 +97,9 @@ def refine(
     """
     config, start = with_cue(config, cue), as_initial_pose(transform)
     data = load(as_data(drive, arrays), config, on_event)
-    found = refine_given(data, start, config, priors, on_event)
+    calibration = refine_given(data, start, config, priors, on_event)
     return Calibration.of(
-        with_provenance(found, data, start=start.source, relative_to=relative_to), data.drive
+        with_provenance(calibration, data, start=start.source, relative_to=relative_to), data.drive
     )
 
 
@@ -130,9 +134,9 @@ def assess(
     """
     config, given = with_cue(config, cue), as_initial_pose(transform)
     data = load(as_data(drive, arrays), config, on_event)
-    found = assess_given(data, given, config, on_event)
+    calibration = assess_given(data, given, config, on_event)
     return Calibration.of(
-        with_provenance(found, data, start=given.source, relative_to=relative_to), data.drive
+        with_provenance(calibration, data, start=given.source, relative_to=relative_to), data.drive
     )
 
 

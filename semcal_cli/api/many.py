@@ -97,5 +97,5 @@ def _calibrate(
     """Calibrate a drive in this process, with `num_threads` threads."""
     set_num_threads(num_threads)
     data = load(drive, config)
-    found = pipeline.calibrate(data, config, initial_pose=initial_pose)
-    return with_provenance(found, data, start=None if initial_pose is None else initial_pose.source)
+    calibration = pipeline.calibrate(data, config, initial_pose=initial_pose)
+    return with_provenance(calibration, data, start=None if initial_pose is None else initial_pose.source)

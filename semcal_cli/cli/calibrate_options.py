@@ -102,8 +102,8 @@ class CalibrateSettings(
     @property
     def refinement(self) -> RefinementConfig:
         """Settings of the refinement."""
-        found = super().refinement
-        return replace(found, estimator="mine") if self.method == "paper" else found
+        config = super().refinement
+        return replace(config, estimator="mine") if self.method == "paper" else config
 
     def known_cues(self, cues: tuple[CueName, ...]) -> tuple[CueName, ...]:
         """Return the cues to compare; the paper's method and MINE default to labels."""

@@ -92,7 +92,7 @@ class ImportSettings(QuietSettings):
 
 
 def _tell(written: Written, details: str, lines: tuple[str, ...] = ()) -> None:
-    """Say what was written, what to know about it, and which command comes next."""
+    """Describe what was written, what to know about it, and which command comes next."""
     from semcal_cli.cli.tables import wrapped
     from semcal_cli.result.next_steps import after_import
 

@@ -222,7 +222,7 @@ def _report(calibration: CalibrationDocument, written_to: str) -> CiReport:
 
 
 def exit_code(result: CalibrationDocument | RigCalibration) -> int:
-    """Give the exit code of a written result: 3 if it is not trusted."""
+    """Return the exit code of a written result: 3 if it is not trusted."""
     return EXIT_NOT_TRUSTED if result.status == "not_trusted" else 0
 
 

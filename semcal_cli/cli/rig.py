@@ -87,22 +87,22 @@ def calibrate_rig(rig: Rig, settings: CalibrateSettings) -> int:
     cameras, failures = calibrate_each(jobs, settings.threads)
     if not cameras:
         raise CalibrationError(failure_sentence(failures, len(drives)))
-    found = combine(rig, drives, cameras, failures, sweeps.num_different)
-    _write(found, rig, drives, result, hashes)
+    result_of_rig = combine(rig, drives, cameras, failures, sweeps.num_different)
+    _write(result_of_rig, rig, drives, result, hashes)
     if settings.log is not None:
         logs = {job.name: job.terminal.log_document(settings.threads) for job in jobs}
         write_text(json.dumps(logs, indent=2) + "\n", settings.log)
     terminal = settings.terminal()
-    terminal.print(*_lines(found, result))
+    terminal.print(*_lines(result_of_rig, result))
     if page is not None:
         seen = {name: apply_result(cameras.get(name), each, name).drive for name, each in drives.items()}
         with terminal:
-            write_text(rig_page_html(found, seen, (str(rig.path), str(result)), terminal.show), page)
+            write_text(rig_page_html(result_of_rig, seen, (str(rig.path), str(result)), terminal.show), page)
         terminal.print_paths("report", [page])
-    _print_verdict(found, terminal)
+    _print_verdict(result_of_rig, terminal)
     if failures:
         raise CalibrationError(failure_sentence(failures, len(drives)))
-    return exit_code(found)
+    return exit_code(result_of_rig)
 
 
 @contextmanager
@@ -126,22 +126,22 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def _write(
-    found: RigCalibration, rig: Rig, drives: Mapping[str, Drive], result: Path, hashes: dict[str, str]
+    calibration: RigCalibration, rig: Rig, drives: Mapping[str, Drive], result: Path, hashes: dict[str, str]
 ) -> None:
     files = {name: f"{name}.yaml" for name in drives}
     read = [rig.path, *(drive.path for drive in drives.values())]
     source = os.path.relpath(rig.path, result.parent)
-    document = describe_rig(found, files, source, hash_files(read, result.parent, hashes))
+    document = describe_rig(calibration, files, source, hash_files(read, result.parent, hashes))
     write_text(document_text(document, "yaml"), result)
 
 
-def _lines(found: RigCalibration, result: Path) -> list[str]:
+def _lines(calibration: RigCalibration, result: Path) -> list[str]:
     """Describe the result of the whole rig."""
-    num_frames = sum(len(each.input.frames) for each in found.cameras.values())
+    num_frames = sum(len(each.input.frames) for each in calibration.cameras.values())
     return [
-        *(line for pair in found.pairs for line in _pair_lines(pair)),
-        labelled("sweeps", f"{found.num_sweeps:,} for {num_frames:,} frames"),
-        *(line for note in found.notes for line in wrapped("note", note)),
+        *(line for pair in calibration.pairs for line in _pair_lines(pair)),
+        labelled("sweeps", f"{calibration.num_sweeps:,} for {num_frames:,} frames"),
+        *(line for note in calibration.notes for line in wrapped("note", note)),
         labelled("written to", str(result)),
     ]
 
@@ -159,11 +159,15 @@ def _pair_lines(pair: Pair) -> list[str]:
     return lines
 
 
-def _print_verdict(found: RigCalibration, terminal: Terminal) -> None:
+def _print_verdict(calibration: RigCalibration, terminal: Terminal) -> None:
     """Print the verdict on a rig, with the cameras that caused it."""
-    if found.status == "trusted":
+    if calibration.status == "trusted":
         terminal.print_verdict(labelled("rig", "trusted"), "trusted")
         return
-    worst = found.failures or [name for name, each in found.cameras.items() if each.status == found.status]
-    lines = wrapped("rig", f"{found.status.replace('_', ' ')}: {', '.join(worst)}")
-    terminal.print_verdict("\n".join(lines), "not_trusted" if found.status == "failed" else found.status)
+    worst = calibration.failures or [
+        name for name, each in calibration.cameras.items() if each.status == calibration.status
+    ]
+    lines = wrapped("rig", f"{calibration.status.replace('_', ' ')}: {', '.join(worst)}")
+    terminal.print_verdict(
+        "\n".join(lines), "not_trusted" if calibration.status == "failed" else calibration.status
+    )

@@ -72,7 +72,7 @@ def verdict_lines(calibration: CalibrationDocument) -> list[str]:
 
 
 def figures(calibration: CalibrationDocument) -> str:
-    """Say how many doubts there are about a calibration, or else its interval; empty if that is not known."""
+    """Describe how many doubts there are about a calibration, or else its interval; empty if that is not known."""
     if calibration.status == "not_trusted":
         return counted(len(calibration.reasons), "doubt")
     known = calibration.believed_uncertainty
@@ -128,13 +128,17 @@ def _camera_rows(calibration: CalibrationDocument) -> Rows:
     return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock))]
 
 
-def _repeatability_rows(found: Repeatability | None) -> Rows:
-    if found is None or found.spread_camera_center_m is None or found.spread_rotation_deg is None:
+def _repeatability_rows(repeatability: Repeatability | None) -> Rows:
+    if (
+        repeatability is None
+        or repeatability.spread_camera_center_m is None
+        or repeatability.spread_rotation_deg is None
+    ):
         return []
-    center = [1000.0 * x for x in found.spread_camera_center_m]
+    center = [1000.0 * x for x in repeatability.spread_camera_center_m]
     return [
-        (f"{found.num_seeds} seeds", f"camera centre x y z    {row(center, 2)} mm"),
-        ("", f"rotation about them    {row(found.spread_rotation_deg, 4)} deg"),
+        (f"{repeatability.num_seeds} seeds", f"camera centre x y z    {row(center, 2)} mm"),
+        ("", f"rotation about them    {row(repeatability.spread_rotation_deg, 4)} deg"),
         ("", "standard deviations"),
     ]
 

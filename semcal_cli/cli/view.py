@@ -127,7 +127,7 @@ def _session(
 
 
 def _missing_labels(drive: Drive, sweeps: Sweeps) -> str:
-    """Say which labels a drive lacks; empty if it has all."""
+    """Name the labels that a drive lacks; empty if it has all."""
     from semcal_cli.errors import InputError
     from semcal_cli.observations.reading import check_labelled, read_clouds
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from semcal_cli.documentation import entry_address
 from semcal_cli.fleet import fleet_verdict as words
 from semcal_cli.fleet.fleet_result import Fleet
-from semcal_cli.fleet.timeline import Kind, course_of, course_plots, kind_of
+from semcal_cli.fleet.timeline import Kind, kind_of, timeline_of, timeline_plots
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.pipeline.verdict import VERDICTS
 from semcal_cli.report.notations import T_notation, notations
@@ -31,7 +31,7 @@ def page_html(fleet: Fleet, given: str) -> str:
         fleet: The combined result.
         given: Names of the inputs that it was computed from.
     """
-    course, scatter = course_of(fleet), intervals(fleet.scatter.tolist())
+    timeline, scatter = timeline_of(fleet), intervals(fleet.scatter.tolist())
     known = fleet.parts[-1].half_widths.tolist()
     checks = sorted(fleet.checks, key=lambda check: VERDICTS.index(check.verdict))
     drives = sorted(enumerate(fleet.drives, start=1), key=lambda drive: list(KINDS).index(kind_of(drive[1])))
@@ -54,8 +54,8 @@ def page_html(fleet: Fleet, given: str) -> str:
         known=intervals(known),
         scatter=scatter,
         is_scattered=scatter != intervals([0.0] * 6),  # after rounding
-        course=course,
-        plots=course_plots(course),
+        timeline=timeline,
+        plots=timeline_plots(timeline),
         kinds=KINDS,
         kind_of=kind_of,
         notations=notations(fleet.T_camera_lidar),

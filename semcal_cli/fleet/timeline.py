@@ -77,7 +77,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Course:
+class Timeline:
     """What the plots of a fleet show: poses along and about the camera's axes, millimetres and degrees.
 
     Poses are relative to the pose at the last drive.
@@ -104,7 +104,7 @@ class Course:
     changes: list[Change]
 
 
-def course_of(fleet: Fleet) -> Course:
+def timeline_of(fleet: Fleet) -> Timeline:
     """Choose what to draw of a fleet: all drives that disagree, and evenly spaced ones of many others."""
     kinds = [kind_of(drive) for drive in fleet.drives]
     agreeing = evenly_spaced([i for i, kind in enumerate(kinds) if kind == "agrees"], MAX_DRAWN)
@@ -115,7 +115,7 @@ def course_of(fleet: Fleet) -> Course:
     drives, names = [fleet.drives[i] for i in chosen], _names(fleet)
     expected = UNITS * np.array([drive.expected for drive in drives])
     labels, title = _labels(fleet, drives, [names[i] for i in chosen])
-    return Course(
+    return Timeline(
         times=np.array([drive.time for drive in drives]),
         labels=labels,
         title=title,
@@ -174,25 +174,25 @@ def _changes(fleet: Fleet, names: Sequence[str]) -> list[Change]:
     return found
 
 
-def course_plots(course: Course) -> list[Plot]:
+def timeline_plots(timeline: Timeline) -> list[Plot]:
     """Plot the drives along and about each axis for a page."""
     return [
-        Plot(name, page_svg(f"{name}: each drive over time", SIZE, partial(_draw, course, i), TOP))
+        Plot(name, page_svg(f"{name}: each drive over time", SIZE, partial(_draw, timeline, i), TOP))
         for i, name in enumerate(NAMES)
     ]
 
 
 def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
     """Plot the drives with 95 % intervals and the rig's pose over time, relative to the pose at the last drive."""
-    course = course_of(fleet)
+    timeline = timeline_of(fleet)
 
     def draw(figure: Figure) -> None:
         all_axes = figure.subplots(3, 2).T.ravel()
         for axes, name in zip(all_axes, NAMES, strict=True):
-            axes.set_title(name, loc="left", pad=2.0 + ROW * NUM_ROWS * bool(course.changes))
+            axes.set_title(name, loc="left", pad=2.0 + ROW * NUM_ROWS * bool(timeline.changes))
         figure.draw_without_rendering()  # names are placed relative to the axes
         for i, axes in enumerate(all_axes):
-            _draw(course, i, axes)
+            _draw(timeline, i, axes)
         handles, labels = all_axes[0].get_legend_handles_labels()
         once = dict(zip(labels, handles, strict=True))
         figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5)
@@ -200,45 +200,45 @@ def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
     return figure_file(draw, IMAGE_SIZE, format)
 
 
-def _draw(course: Course, axis: int, axes: Axes) -> None:
+def _draw(timeline: Timeline, axis: int, axes: Axes) -> None:
     """Draw one axis of the camera: the rig's pose, the limits about it, the drives, and the changes."""
-    beside = BESIDE * float(np.ptp(course.times)) or 0.5
-    axes.set_xlim(course.times[0] - beside, course.times[-1] + beside)
-    axes.set(ylim=_range(course, axis), xlabel=course.title)
+    beside = BESIDE * float(np.ptp(timeline.times)) or 0.5
+    axes.set_xlim(timeline.times[0] - beside, timeline.times[-1] + beside)
+    axes.set(ylim=_range(timeline, axis), xlabel=timeline.title)
     axes.locator_params(axis="y", nbins=6)
     axes.grid(visible=False, axis="x")
-    for part in range(int(course.parts[-1]) + 1):
-        mine = course.parts == part
-        times, expected = course.times[mine], course.expected[mine, axis]
+    for part in range(int(timeline.parts[-1]) + 1):
+        mine = timeline.parts == part
+        times, expected = timeline.times[mine], timeline.expected[mine, axis]
         times = np.array([times[0] - beside / 2.0, *times, times[-1] + beside / 2.0])
         expected = np.array([expected[0], *expected, expected[-1]])
-        low, high = expected - course.allowed[axis], expected + course.allowed[axis]
+        low, high = expected - timeline.allowed[axis], expected + timeline.allowed[axis]
         axes.fill_between(times, low, high, color=INK, alpha=0.08, linewidth=0.0, label="allowed")
         axes.plot(times, expected, color=INK, linewidth=1.5, label="rig's pose")
     for kind, (color, marker, label) in STYLES.items():
-        if (chosen := course.kinds == kind).any():
-            where = course.times[chosen], course.found[chosen, axis], course.half_widths[chosen, axis]
-            is_crowded = kind == "agrees" and len(course.times) > MANY
+        if (chosen := timeline.kinds == kind).any():
+            where = timeline.times[chosen], timeline.found[chosen, axis], timeline.half_widths[chosen, axis]
+            is_crowded = kind == "agrees" and len(timeline.times) > MANY
             draw_intervals(axes, *where, color, marker=marker, label=label, is_crowded=is_crowded)
-    _draw_changes(axes, course, axis)
-    name_places(axes, course.times, course.labels)
+    _draw_changes(axes, timeline, axis)
+    name_places(axes, timeline.times, timeline.labels)
 
 
-def _range(course: Course, axis: int) -> tuple[float, float]:
+def _range(timeline: Timeline, axis: int) -> tuple[float, float]:
     """Choose the range of the y axis: all drives and the rig's pose, with wide intervals cut off.
 
     The limits may reach farther: including them would flatten drives that agree much better than they need to.
     """
-    found, expected = course.found[:, axis], course.expected[:, axis]
-    span = max(float(np.ptp([*found, *expected])), LEAST_RANGE * float(course.allowed[axis]))
-    half = np.minimum(course.half_widths[:, axis], WIDEST_INTERVAL * span)
+    found, expected = timeline.found[:, axis], timeline.expected[:, axis]
+    span = max(float(np.ptp([*found, *expected])), LEAST_RANGE * float(timeline.allowed[axis]))
+    half = np.minimum(timeline.half_widths[:, axis], WIDEST_INTERVAL * span)
     low = min(float(expected.min()), float((found - half).min()))
     high = max(float(expected.max()), float((found + half).max()))
     margin = HEADROOM * max(high - low, span)
     return low - margin, high + margin
 
 
-def _draw_changes(axes: Axes, course: Course, axis: int) -> None:
+def _draw_changes(axes: Axes, timeline: Timeline, axis: int) -> None:
     """Draw each change as a line, labelled with the first drive after it and its size on this axis.
 
     Labels are above the axes in two rows; where they would overlap, only the line is drawn.
@@ -246,7 +246,7 @@ def _draw_changes(axes: Axes, course: Course, axis: int) -> None:
     box = axes.get_window_extent()
     scale = POINTS_PER_INCH / axes.figure.dpi
     taken = [box.x0 * scale] * NUM_ROWS
-    for change in course.changes:
+    for change in timeline.changes:
         axes.axvline(change.time, color=SOFT, linestyle="--", linewidth=1.2, gid="change")
         text = f"{change.name}: {change.sizes[axis]}" if change.sizes[axis] else change.name
         at, width = axes.transData.transform((change.time, 0.0))[0] * scale, LETTER * len(text) + 6.0

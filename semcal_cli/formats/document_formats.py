@@ -13,7 +13,7 @@ from semcal_cli.errors import InputError, listed
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.frame_names import CAMERA
 from semcal_cli.formats.node import Node
-from semcal_cli.formats.pose import PLACE, WXYZ, XYZW, Matrix, Notation, Numbers, checked, transform
+from semcal_cli.formats.pose import PLACE, WXYZ, XYZW, Matrix, Notation, Numbers, checked_pose, transform
 from semcal_cli.geometry.arrays import Pose
 from semcal_cli.geometry.poses import inverse
 
@@ -191,7 +191,7 @@ class _RotationAndPlace:
 
     def read(self, node: Node, options: FormatOptions) -> Pose:
         R = node.at("Rcl")
-        return checked(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
+        return checked_pose(R.where, transform(R.matrix(3, 3), node.at("Pcl").numbers(3)), options)
 
     def put(self, entry: dict[Any, Any], T: Pose) -> None:
         entry["Rcl"], entry["Pcl"] = T[:3, :3].ravel().tolist(), T[:3, 3].tolist()

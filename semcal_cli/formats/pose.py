@@ -156,7 +156,7 @@ def rotation(node: Node, options: FormatOptions | None = None) -> Pose:
     Raises:
         InputError: the numbers are not a rotation.
     """
-    return checked(node.where, transform(node.matrix(3, 3)), options)
+    return checked_pose(node.where, transform(node.matrix(3, 3)), options)
 
 
 def from_rows(
@@ -172,10 +172,10 @@ def from_rows(
     """
     rows = np.array(values, np.float64).reshape(-1, 4)
     last = rows[3:] if len(rows) == 4 else [[0.0, 0.0, 0.0, 1.0]]
-    return checked(where, np.vstack([rows[:3], last]), options, farthest_m)
+    return checked_pose(where, np.vstack([rows[:3], last]), options, farthest_m)
 
 
-def checked(where: str, T: Pose, options: FormatOptions | None, farthest_m: float = MAX_MOUNT_M) -> Pose:
+def checked_pose(where: str, T: Pose, options: FormatOptions | None, farthest_m: float = MAX_MOUNT_M) -> Pose:
     """Check a transform that a file states, and remove its rounding; if repairs are allowed, use the nearest rotation.
 
     Raises:

@@ -173,7 +173,9 @@ class Recording:
     """Placeholder of the values of --point-labels and --image-labels in messages; None if `semcal label` makes them."""
 
 
-def checked(recording: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]) -> Recording:
+def checked_recording(
+    recording: object, guarded: Callable[[Callable[[], Cloud]], Callable[[], Cloud]]
+) -> Recording:
     """Check a recording whose types no type checker has seen.
 
     Args:

@@ -56,10 +56,10 @@ def calibrate_as_published(
     T_init, device = initial.T_camera_lidar, config.refinement.device
 
     def ascend() -> Refinement:
-        found = refine(observations, T_init, paper, config.seed, device)
-        details = f"mine, {found.details}, bound {found.bound_nats:.4f} nats"
-        settings = {**found.settings, "paper": {"mine": asdict(paper.mine), "device": device}}
-        return replace(found, details=details, settings=settings)
+        refinement = refine(observations, T_init, paper, config.seed, device)
+        details = f"mine, {refinement.details}, bound {refinement.bound_nats:.4f} nats"
+        settings = {**refinement.settings, "paper": {"mine": asdict(paper.mine), "device": device}}
+        return replace(refinement, details=details, settings=settings)
 
     refined = announced("refined", "ascending the bound", ascend, on_event, T_init)
     of_comparison: tuple[Finding, ...] = ()

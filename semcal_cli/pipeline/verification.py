@@ -241,8 +241,8 @@ def _made_from(drive: Drive, record: CalibrationDocument) -> Finding | None:
     num_own = sum(hash_named(drive, frame.points) in known for frame in drive.frames)
     if 2 * num_own <= min(len(record.input.frames), len(drive.frames)):
         return None
-    found = f"the transform was calibrated from {num_own} of these {len(drive.frames)} sweeps"
-    return OWN_DRIVE.finding(found)
+    sentence = f"the transform was calibrated from {num_own} of these {len(drive.frames)} sweeps"
+    return OWN_DRIVE.finding(sentence)
 
 
 def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Check, list[str]]:

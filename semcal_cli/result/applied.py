@@ -32,7 +32,7 @@ class Applied(NamedTuple):
 
 
 def apply_result(record: CalibrationDocument | None, drive: Drive, name: str) -> Applied:
-    """Give a drive the camera and the clock that a result estimated together with its transform.
+    """Return a drive with the camera and the clock that a result estimated together with its transform.
 
     An estimated camera with another lens or image size belongs to other images; the drive then keeps its own camera and
     clock. It also keeps both if the result estimated none, or did not keep them.
@@ -71,7 +71,7 @@ def cues_applied(
 
 
 def _camera_line(record: CalibrationDocument, drive: Drive, name: str) -> str | None:
-    """Say which camera is used if the result and the drive have different ones."""
+    """Describe which camera is used if the result and the drive have different ones."""
     used, own = record.used_camera, drive.camera
     if not _is_of_same_images(used, own):
         kind = f"{used.model} of {used.width} x {used.height} pixels"
@@ -84,7 +84,7 @@ def _camera_line(record: CalibrationDocument, drive: Drive, name: str) -> str | 
 
 
 def _clock_line(record: CalibrationDocument, drive: Drive, name: str) -> str | None:
-    """Say which clock is used if that of the result is known and differs from the drive's."""
+    """Describe which clock is used if that of the result is known and differs from the drive's."""
     used_s, own_s = record.used_offset_s, drive.time_offset_s
     if drive.motion is None or used_s is None or used_s == own_s:
         return None
@@ -94,7 +94,7 @@ def _clock_line(record: CalibrationDocument, drive: Drive, name: str) -> str | N
 
 
 def as_begun(record: CalibrationDocument | None, drive: Drive) -> Drive:
-    """Give a drive the camera and the clock of a result before the joint estimate.
+    """Return a drive with the camera and the clock of a result before the joint estimate.
 
     The clock is that of the drive if the result does not state the one that it started with.
 

@@ -211,7 +211,7 @@ class CalibrationDocument(StrictModel):
         return self.clock.time_offset_s if self.clock.is_kept else self.clock.given_s
 
     def applied_to(self, drive: Drive) -> Drive:
-        """Give a drive the camera and the clock that were estimated together with the transform."""
+        """Return a drive with the camera and the clock that were estimated together with the transform."""
         camera = self.used_camera if self.has_found_camera else None
         return with_estimates(drive, camera, self.used_offset_s if self.has_found_clock else None)
 
@@ -236,7 +236,7 @@ class CalibrationDocument(StrictModel):
 
 
 def with_estimates(drive: Drive, camera: Camera | None, time_offset_s: float | None) -> Drive:
-    """Give a drive another camera with the shutter of its own, and another time offset, where they are not None."""
+    """Return a drive with another camera, but its own shutter, and another time offset, where they are not None."""
     changes: dict[str, object] = {}
     if camera is not None:
         shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}

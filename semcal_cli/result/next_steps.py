@@ -40,7 +40,7 @@ def after_import(drive: Drive) -> str:
 
 
 def after_calibration(calibration: CalibrationDocument, result: Path) -> Rows:
-    """Say what to do with a calibration that was written to a file.
+    """Describe what to do with a calibration that was written to a file.
 
     A trusted result is looked at, converted for a robot, and verified later.
     """

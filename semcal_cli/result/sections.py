@@ -192,13 +192,15 @@ class Movement(StrictModel):
 
     @property
     def words(self) -> str:
-        """Say how far the camera turned and moved, where either is more than chance."""
+        """Describe how far the camera turned and moved, where either is more than chance."""
         turned = _words(self.rotation_deg, self.half_width_95_rotation_deg)
         moved = _words(self.camera_center_m, self.half_width_95_camera_center_m)
-        found = [f"turned by {turned[0]:.2f} +- {turned[1]:.2f} degrees about {turned[2]}"] if turned else []
+        movements = (
+            [f"turned by {turned[0]:.2f} +- {turned[1]:.2f} degrees about {turned[2]}"] if turned else []
+        )
         if moved:
-            found.append(f"moved by {100 * moved[0]:.1f} +- {100 * moved[1]:.1f} cm along {moved[2]}")
-        return " and ".join(found) or "turned or moved"
+            movements.append(f"moved by {100 * moved[0]:.1f} +- {100 * moved[1]:.1f} cm along {moved[2]}")
+        return " and ".join(movements) or "turned or moved"
 
 
 class DrivePart(StrictModel):

@@ -57,16 +57,16 @@ class UnknownClock(NamedTuple):
             return None
         if motion.speed_m_s is not None:
             level = adjoint(T_camera_lidar)[:, :2] * motion.speed_m_s
-            found = cls(0.0, stated_s, False, stated_s == 0.0, level, motion.speed_m_s)
-            return found if motion.speed_m_s > 0.0 else None
+            clock = cls(0.0, stated_s, False, stated_s == 0.0, level, motion.speed_m_s)
+            return clock if motion.speed_m_s > 0.0 else None
         twists = twists_per_s(data.first_cue)
         if twists is None or not np.any(twists):
             return None
         mean = np.mean(twists, axis=0)
-        told = _told(data, T_camera_lidar, polish) if differs(twists) else None
-        offset_s, sigma_s = told or (0.0, stated_s)
+        estimate = _estimate_offset(data, T_camera_lidar, polish) if differs(twists) else None
+        offset_s, sigma_s = estimate or (0.0, stated_s)
         shifts, speed_m_s = adjoint(T_camera_lidar) @ mean[:, None], float(np.linalg.norm(mean[:3]))
-        return cls(offset_s, sigma_s, told is not None, stated_s == 0.0, shifts, speed_m_s)
+        return cls(offset_s, sigma_s, estimate is not None, stated_s == 0.0, shifts, speed_m_s)
 
     def covariance(self, label_gain: Matrix | None = None) -> Matrix | None:
         """Compute the covariance (6, 6) of a pose from errors of the clock; None if the clock is exact.
@@ -82,7 +82,9 @@ class UnknownClock(NamedTuple):
         return np.asarray((self.offset_s**2 + self.sigma_s**2) * shifts @ shifts.T)
 
 
-def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tuple[float, float] | None:
+def _estimate_offset(
+    data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig
+) -> tuple[float, float] | None:
     """Estimate the offset and its standard error from the frames; None if they do not determine it."""
     few, sigma_s = few_frames(data.observations, NUM_FRAMES), data.drive.time_offset_sigma_s
     known = AdjustmentConfig(with_delay=True, delay_sigma_s=sigma_s or DEFAULT_CLOCK_SIGMA_S)
@@ -93,7 +95,7 @@ def _told(data: LoadedDrive, T_camera_lidar: Pose, polish: PolishConfig) -> tupl
 
 
 def notes_on_clock(data: LoadedDrive, clock: UnknownClock | None) -> tuple[str, ...]:
-    """Say what the frames show of the clock, or that it was not checked, and what that may cost."""
+    """Describe what the frames show of the clock, or that it was not checked, and what that may cost."""
     motion = data.drive.motion
     if motion is None:
         note = "the clock was not checked: the drive gives no motion"

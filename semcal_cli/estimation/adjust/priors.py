@@ -48,7 +48,7 @@ LONGEST_STEP_PX = 2.0
 """Largest movement of the points in one round, in pixels, root mean square; the curvature holds about that far."""
 SETTLED_PX = 0.1
 """Movement of the points below which the rounds end, in pixels, root mean square, as `PolishConfig.settled_px`."""
-LEAST_INFORMATION = 1e-13
+MIN_INFORMATION = 1e-13
 """Smallest information along a direction, relative to the best known direction. Less is rounding."""
 UNSETTLED = FUSION_NOT_SETTLED.finding(
     f"the pose from labels and priors had not settled after {MAX_ROUNDS} rounds"
@@ -278,7 +278,7 @@ def _solve(
     # The basis is scaled so that each direction moves the points by the same number of pixels.
     free = free / np.sqrt(np.diag(free.T @ motions @ free))
     weights, directions = np.linalg.eigh(free.T @ information @ free)
-    closed = weights > LEAST_INFORMATION * weights[-1]
+    closed = weights > MIN_INFORMATION * weights[-1]
     basis = free @ directions[:, closed]
     covariance = basis / weights[closed] @ basis.T
     return to_exact + covariance @ (pull - information @ to_exact), covariance, bool(closed.all())
@@ -300,12 +300,12 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
     far = _length(int(np.flatnonzero(np.isfinite(prior.sigmas))[worst]), float(off[worst]))
-    found_chi2, most_chi2 = told_apart(chi2, most)
-    found = (
-        f"{prior.name} is {far} from the pose that labels alone give, chi-square {found_chi2} with "
+    chi2_text, most_chi2 = told_apart(chi2, most)
+    sentence = (
+        f"{prior.name} is {far} from the pose that labels alone give, chi-square {chi2_text} with "
         f"{counted(num_axes, 'degree')} of freedom, needed at most {most_chi2}"
     )
-    return [PRIOR.finding(found)]
+    return [PRIOR.finding(sentence)]
 
 
 def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
@@ -313,11 +313,11 @@ def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     deviations = np.abs(residual) / np.maximum(prior.sigmas, EXACT)
     worst, farthest = int(deviations.argmax()), float(deviations.max())
     off, most = told_apart(farthest, PRIOR.limit("one axis"), 1)
-    found = (
+    sentence = (
         f"{prior.name} is {_length(worst, residual[worst])} from the pose that everything else gives, {off} standard "
         f"deviations, needed at most {most}"
     )
-    return [*PRIOR.measured(farthest, found, "one axis").findings]
+    return [*PRIOR.measured(farthest, sentence, "one axis").findings]
 
 
 def _length(axis: int, off: float) -> str:

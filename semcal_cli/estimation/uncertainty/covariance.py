@@ -45,12 +45,12 @@ CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 def undetermined(uncertainty: Uncertainty, advice: str | None = None) -> tuple[Finding, ...]:
     """Report the directions that the data do not determine well enough, with advice if it is not more frames."""
     center, rotation = wide_directions(uncertainty.half_widths, MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
-    found = [f"{half:.2f} m {name}" for name, half in center]
-    found += [f"{half:.1f} degrees {name}" for name, half in rotation]
-    if not found:
+    widths = [f"{half:.2f} m {name}" for name, half in center]
+    widths += [f"{half:.1f} degrees {name}" for name, half in rotation]
+    if not widths:
         return ()
     needed = f"needed at most {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
-    sentence = f"the interval is too wide, +- {', +- '.join(found)} (95 %), {needed}"
+    sentence = f"the interval is too wide, +- {', +- '.join(widths)} (95 %), {needed}"
     finding = WIDE_INTERVAL.finding(sentence)
     return (finding if advice is None else finding._replace(advice=advice),)
 
@@ -74,29 +74,29 @@ def estimate_uncertainty(
     Returns:
         The uncertainty; None if the labels do not determine the pose.
     """
-    # Cues with many tops are rough at full resolution, where tops are as wide as a pixel.
+    # Cues with many maxima are rough at full resolution, where maxima are as wide as a pixel.
     measure = sensitivity if observations.starts is None else determined_sensitivity
     around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     if around is None or not around.is_determined:
         return None
     scatter = around.scatter(around.influence)
-    found = Uncertainty.from_covariance(T_camera_lidar, scatter.covariance, scatter.degrees_of_freedom)
-    return with_others(found, T_camera_lidar, of_others)
+    uncertainty = Uncertainty.from_covariance(T_camera_lidar, scatter.covariance, scatter.degrees_of_freedom)
+    return with_others(uncertainty, T_camera_lidar, of_others)
 
 
-def with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
+def with_others(uncertainty: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
     """Add the covariance (6, 6) of the pose (4, 4) from errors of what keeps the drive's values.
 
     Weak directions stay those that more frames would improve.
     """
     if of_others is None or not of_others.any():
-        return found
-    covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)
+        return uncertainty
+    covariance, freedom = np.array(uncertainty.covariance), np.array(uncertainty.degrees_of_freedom)
     wider = 1.0 + np.diag(of_others) / np.diag(covariance)
     together = Uncertainty.from_covariance(
         T_camera_lidar, covariance + of_others, np.minimum(freedom * wider**2, MANY)
     )
-    return together.model_copy(update={"weak_directions": found.weak_directions})
+    return together.model_copy(update={"weak_directions": uncertainty.weak_directions})
 
 
 def label_bleed(

@@ -28,7 +28,7 @@ of the displacement of the points, as in full resolution; the small effect of fy
 AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2, edge_band_px=0)
 """The same for edges and intensity, whose levels blocks of four pixels wash out. With these, one good calibration of
 five on a real jam was reported to have wrong intrinsics; with blocks of two pixels, none of nine on three drives."""
-LEAST_FALL = 0.2
+MIN_FALL = 0.2
 """Curvature floor along a change of the intrinsics in pixels, relative to the median of the pose's six curvatures.
 Along some changes the information hardly falls, or even rises, and an undamped step would be arbitrarily long."""
 FEW_FRAMES = 4
@@ -40,7 +40,7 @@ SHARED_FRAMES = 24.0
 the points of a class share in its place, and with errors that K may have, a limit that none of 72 good runs exceeds
 found a focal length that is 1 % off in 0 and 6 % of the runs of 5 and 20 frames, instead of 19 and 11 %: few classes
 bound the score."""
-LEAST_PX = 3.0
+MIN_PX = 3.0
 """Smallest limit of the movement of the points by freed intrinsics, in pixels, because blocks of pixels leave a bias of
 about one pixel."""
 MAX_DECENTRED = 0.04
@@ -118,21 +118,21 @@ def implausible_intrinsics(camera: Camera) -> dict[str, str]:
     if camera.model == "equirectangular":
         return {}  # Its principal point may be anywhere in a full turn.
     (fx, _, cx), (_, fy, cy), _ = camera.K
-    found = {}
+    sentences = {}
     for name, center, size in (("cx", cx, camera.width), ("cy", cy, camera.height)):
         share = abs(center - 0.5 * (size - 1)) / max(camera.width, camera.height)
         if share > MAX_DECENTRED:
-            found[name] = (
+            sentences[name] = (
                 f"{name} in K is {center:g} in an image of {size}, {share:.0%} of the longer side from the "
                 f"middle, usually at most {MAX_DECENTRED:.0%}: K may belong to images of another size, or "
                 "the images are cropped"
             )
     if abs(fx / fy - 1.0) > MAX_ASPECT:
-        found["fx"] = (
+        sentences["fx"] = (
             f"fx in K is {fx / fy:.3f} times fy, usually 1 within {MAX_ASPECT:.0%}: K may belong to "
             "images that were resized differently"
         )
-    return found
+    return sentences
 
 
 def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[str, ...]:
@@ -174,19 +174,19 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera, num_scenes: int
     deviations = np.abs(np.linalg.lstsq(curvature, score)[0]) / sigmas
     scale = 1.0 / np.sqrt(np.diag(motions)[pose])
     usual = float(np.median(np.linalg.eigvalsh(H[pose, pose] * np.outer(scale, scale))))
-    moved_px = _damped_px(score, curvature, jacobian.T @ motions @ jacobian, LEAST_FALL * usual)
+    moved_px = _damped_px(score, curvature, jacobian.T @ motions @ jacobian, MIN_FALL * usual)
     limit = WRONG_INTRINSICS.limit("chi-square") * (1.0 + FEW_FRAMES / max(num_scenes, FEW_FRAMES))
-    limit_px = max(WRONG_INTRINSICS.limit("movement") * camera.width, LEAST_PX)
+    limit_px = max(WRONG_INTRINSICS.limit("movement") * camera.width, MIN_PX)
     changes = [
         f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, deviations, strict=True) if each > 2.0
     ]
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
-    found_chi2, most = told_apart(chi2, limit)
-    found = (
+    chi2_text, most = told_apart(chi2, limit)
+    sentence = (
         f"the intrinsics look wrong{which}, since freeing them would move points by {moved_px:.0f} pixels or more, "
-        f"chi-square {found_chi2} with 5 degrees of freedom, needed at most {most}"
+        f"chi-square {chi2_text} with 5 degrees of freedom, needed at most {most}"
     )
-    return (WRONG_INTRINSICS.measured(min(chi2 / limit, moved_px / limit_px), found),)
+    return (WRONG_INTRINSICS.measured(min(chi2 / limit, moved_px / limit_px), sentence),)
 
 
 def _damped_px(score: Matrix, curvature: Matrix, motions: Matrix, least: float) -> float:

@@ -84,7 +84,7 @@ def on_cluster(
 
 
 def worker_of_thread() -> Worker:
-    """Give the process of this thread of a worker of the cluster, which stays for the next item."""
+    """Return the process of this thread of a worker of the cluster, which stays for the next item."""
     # Dask's nannies make workers daemons, which must not have child processes; ours end with their worker.
     multiprocessing.current_process().daemon = False
     if not hasattr(_of_thread, "process"):

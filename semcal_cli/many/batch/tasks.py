@@ -40,7 +40,7 @@ def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
         InputError: no drives are named, a pattern matches nothing, a list cannot be read, or a name or the working
             folder is not one line of UTF-8 text.
     """
-    _checked(str(Path.cwd()))
+    _one_line(str(Path.cwd()))
     found: dict[str, str] = {}
     for argument in arguments:
         for name in _expanded(argument, stdin):
@@ -69,7 +69,7 @@ def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
     path = Path(argument)
     if path.suffix.lower() in LISTS and not is_folder(path):
         return _listed(read_start(path, MAX_DOCUMENT_BYTES + 1), argument)
-    return [_checked(name) for name in _matches(argument)]
+    return [_one_line(name) for name in _matches(argument)]
 
 
 def _listed(content: bytes, source: str) -> list[str]:
@@ -79,13 +79,13 @@ def _listed(content: bytes, source: str) -> list[str]:
     names = []
     for number, line in enumerate(content.removeprefix(codecs.BOM_UTF8).splitlines(), start=1):
         where = f"{source}: line {number}: "
-        name = _checked(line.strip().decode(errors="surrogateescape"), where)
+        name = _one_line(line.strip().decode(errors="surrogateescape"), where)
         if name and not name.startswith("#"):
-            names += [_checked(found, where) for found in _matches(name)]
+            names += [_one_line(found, where) for found in _matches(name)]
     return names
 
 
-def _checked(name: str, where: str = "") -> str:
+def _one_line(name: str, where: str = "") -> str:
     """Check that a name fits in one line of the summary and of the terminal."""
     text = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
     if (

@@ -208,20 +208,20 @@ def make_pair(
 
 
 def describe_rig(
-    found: RigCalibration, files: Mapping[str, str], source: str, hashes: Mapping[str, str]
+    rig_calibration: RigCalibration, files: Mapping[str, str], source: str, hashes: Mapping[str, str]
 ) -> dict[str, Any]:
     """Make the document of a rig's calibration.
 
     Args:
-        found: Calibrations of the rig.
+        rig_calibration: Calibrations of the rig.
         files: File of each camera's calibration, relative to this document.
         source: The rig.yaml, relative to this document.
         hashes: SHA-256 of the rig.yaml and of the drive.yaml of each camera.
     """
     cameras: dict[str, Any] = {
-        name: {"status": "failed", "reasons": [reason]} for name, reason in found.failures.items()
+        name: {"status": "failed", "reasons": [reason]} for name, reason in rig_calibration.failures.items()
     }
-    for name, calibration in found.cameras.items():
+    for name, calibration in rig_calibration.cameras.items():
         cameras[name] = {
             "status": calibration.status,
             "reasons": list(calibration.reasons),
@@ -230,12 +230,12 @@ def describe_rig(
         }
     return {
         "semcal_rig_calibration": 1,
-        "status": found.status,
-        "reasons": list(found.reasons),
-        "notes": list(found.notes),
+        "status": rig_calibration.status,
+        "reasons": list(rig_calibration.reasons),
+        "notes": list(rig_calibration.notes),
         "cameras": cameras,
-        "pairs": [pair.describe() for pair in found.pairs],
-        "num_sweeps": found.num_sweeps,
+        "pairs": [pair.describe() for pair in rig_calibration.pairs],
+        "num_sweeps": rig_calibration.num_sweeps,
         "input": {"rig": source, "sha256": dict(hashes)},
         "versions": versions(),
     }

@@ -121,7 +121,7 @@ def _statuses(found: RigCalibration) -> dict[str, str]:
 
 
 def _how_sure(calibration: CalibrationDocument) -> str:
-    """Say how accurate the transform of a camera is."""
+    """Describe how accurate the transform of a camera is."""
     if calibration.believed_uncertainty is not None:
         return f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
     return "Its error is unknown." if calibration.uncertainty is None else NOT_BELIEVED
