@@ -63,9 +63,9 @@ def rig_page_html(
     progress("writing the page")
     cloud = _rig_cloud(views)
     return render_page(
-        "rig/page.html",
+        "many/rig/page.html",
         ("report/cloud.js",),
-        "rig/rig.css",
+        "many/rig/rig.css",
         given=given,
         verdict=rig_verdict(found),
         notices=found.notes,
